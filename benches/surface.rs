@@ -4,8 +4,8 @@ use artitwin::internal::{
     capture::{NoiseConfig, RgbdFrame},
     geometry::{Grid3, Intrinsics, Pose},
     surface::{
-        DistanceOptions, MeshDistance, PixelRole, RenderItem, TsdfView, TsdfVolume, marching_cubes, render,
-        sample_surface, signed_distance, simplify,
+        DistanceOptions, MeshDistance, Paint, PixelRole, RenderItem, TsdfView, TsdfVolume, marching_cubes,
+        render, sample_surface, signed_distance, simplify,
     },
 };
 use nalgebra::{Point3, Vector3};
@@ -84,7 +84,7 @@ fn tsdf_frame_nodes(bencher: divan::Bencher, nodes: usize) {
 fn render_350k_triangles(bencher: divan::Bencher) {
     let mesh = marching_cubes(&field(256), 0.0);
     let intrinsics = view().intrinsics;
-    let item = RenderItem { mesh: &mesh, world_from_mesh: Pose::identity(), tint: None };
+    let item = RenderItem { mesh: &mesh, world_from_mesh: Pose::identity(), paint: Paint::Vertices };
     bencher.bench_local(|| render(&[item], &intrinsics, &Pose::translation(0.0, 0.0, -2.5), true));
 }
 

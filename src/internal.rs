@@ -119,7 +119,7 @@ pub mod run {
 }
 pub mod surface {
     pub use crate::surface::{
-        DistanceOptions, MeshDistance, PixelRole, RenderItem, TriangleMesh, TsdfView, TsdfVolume,
+        DistanceOptions, MeshDistance, Paint, PixelRole, RenderItem, TriangleMesh, TsdfView, TsdfVolume,
         marching_cubes, merge, render, sample_surface, signed_distance, simplify,
     };
 }

@@ -216,7 +216,7 @@ mod tests {
             "joint.refine.reach=0",
             "model.density_kg_m3=0",
             "export.prefix=2_",
-            "export.license= ",
+            "export.license=''",
             "export.maintainer=me",
         ] {
             let message = refused(assignment);

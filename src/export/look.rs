@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 use nalgebra::Vector3;
+use rand_core::SeedableRng as _;
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -11,13 +12,19 @@ use crate::{
     geometry::Pose,
     model::ArticulatedModel,
     statistics::median,
-    surface::{BakeView, RenderItem, TriangleMesh, bake, keep_components, render, simplify, unwrap},
+    surface::{
+        BakeView, Paint, RenderItem, Shown, Texture, TriangleMesh, bake, exposures, keep_components, render,
+        shown, simplify, unwrap,
+    },
 };
 
 /// Components of a visual mesh with a smaller share of the largest one's triangles are loose fragments.
 const MIN_COMPONENT: f64 = 0.01;
 /// Texels per pixel of the photos, as lengths on the surface.
 const TEXEL_SHARE: f64 = 0.8;
+/// Spots of a mesh at which photos are compared for their exposure.
+/// derived: a hundred for each of thirty photos
+const SPOTS: usize = 3000;
 /// Texels across a mesh without photos.
 const PLAIN_TEXELS: f64 = 400.0;
 
@@ -66,6 +73,20 @@ pub struct Look {
 }
 
 impl Look {
+    /// The mesh with one vertex a corner, as a renderer takes it, and the places of these in the texture.
+    #[must_use]
+    pub fn unwelded(&self) -> (TriangleMesh, Vec<[f64; 2]>) {
+        let vertices = self.corners.iter().map(|c| self.mesh.vertices[c.vertex as usize]).collect();
+        let mesh = TriangleMesh { vertices, triangles: self.triangles.clone(), ..TriangleMesh::default() };
+        (mesh, self.corners.iter().map(|c| c.uv).collect())
+    }
+
+    /// Its texture over places of vertices.
+    #[must_use]
+    pub fn texture_at<'a>(&'a self, uv: &'a [[f64; 2]]) -> Texture<'a> {
+        Texture { uv, size_px: self.size_px, pixels: &self.texture }
+    }
+
     /// The texture as a PNG; empty for a texture without pixels.
     #[must_use]
     pub fn png(&self) -> Vec<u8> {
@@ -86,8 +107,11 @@ pub fn looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -
     let meshes: Vec<TriangleMesh> = model.links.iter().map(|l| reduced(&l.visual, config)).collect();
     let mut depths: Vec<Vec<Vec<f32>>> = Vec::new();
     for (frames, positions) in capture.states.iter().zip(&model.states) {
-        let item =
-            |(i, mesh)| RenderItem { mesh, world_from_mesh: model.world_from_link(i, positions), tint: None };
+        let item = |(i, mesh)| RenderItem {
+            mesh,
+            world_from_mesh: model.world_from_link(i, positions),
+            paint: Paint::Vertices,
+        };
         // All parts together: a texel that another part hides takes no color from that photo.
         let items: Vec<RenderItem> = meshes.iter().enumerate().map(item).collect();
         depths.push(
@@ -97,16 +121,25 @@ pub fn looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -
                 .collect(),
         );
     }
-    let look_of = |(i, mesh): (usize, TriangleMesh)| {
+    let views_of = |(i, _): (usize, &TriangleMesh)| {
         let mut views = Vec::new();
         for (state, positions) in model.states.iter().enumerate().take(capture.states.len()) {
             let world_from_mesh: Pose = model.world_from_link(i, positions);
             let all = capture.states[state].iter().zip(&depths[state]);
-            views.extend(all.map(|(frame, depth_m)| BakeView { frame, world_from_mesh, depth_m }));
+            let gain = Vector3::repeat(1.0);
+            views.extend(all.map(|(frame, depth_m)| BakeView { frame, world_from_mesh, depth_m, gain }));
         }
-        painted(mesh, &views, config)
+        views
     };
-    meshes.into_iter().enumerate().map(look_of).collect()
+    let mut views: Vec<Vec<BakeView>> = meshes.iter().enumerate().map(views_of).collect();
+    // Every link has the views of all states, in one order.
+    let photos = views.first().map_or(0, Vec::len);
+    let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(0);
+    let spots: Vec<Vec<Shown>> =
+        meshes.iter().zip(&views).flat_map(|(mesh, views)| shown(mesh, views, SPOTS, &mut rng)).collect();
+    let gains = exposures(&spots, photos);
+    views.iter_mut().for_each(|v| v.iter_mut().zip(&gains).for_each(|(view, gain)| view.gain = *gain));
+    meshes.into_iter().zip(views).map(|(mesh, views)| painted(mesh, &views, config)).collect()
 }
 
 /// The look of one mesh from some views; without any its own colors are the texture.

@@ -46,7 +46,7 @@ pub use diagnosis_page::{DiagnosisFacts, diagnosis_page};
 pub use guide::screw_notes;
 #[cfg(test)]
 pub use look::look;
-pub use look::{LookConfig, looks};
+pub use look::{Look, LookConfig, looks};
 #[cfg(test)]
 pub use obj::textured_obj;
 pub use package::{ExportFile, package, urdf_package};

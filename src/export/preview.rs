@@ -11,7 +11,7 @@ use crate::{
     geometry::Intrinsics,
     model::ArticulatedModel,
     surface::TriangleMesh,
-    surface::{RenderItem, render, simplify},
+    surface::{Paint, RenderItem, render, simplify},
 };
 
 /// Sides of the thumbnail, pixels.
@@ -116,7 +116,7 @@ fn view(
     let items: Vec<RenderItem> = posed
         .iter()
         .zip(meshes)
-        .map(|((_, pose, _), mesh)| RenderItem { mesh, world_from_mesh: *pose, tint: None })
+        .map(|((_, pose, _), mesh)| RenderItem { mesh, world_from_mesh: *pose, paint: Paint::Vertices })
         .collect();
     render(&items, &intrinsics, &world_from_camera, true).rgb
 }

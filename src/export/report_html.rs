@@ -212,13 +212,15 @@ fn push_links(out: &mut String, report: &Report) {
         writeln!(
             rows,
             "<tr><td>{}{}</td><td class=\"number\">{}</td><td class=\"number\">{}{}</td><td \
-             class=\"number\">{}<br><span class=\"soft\">{}</span></td></tr>",
+             class=\"number\">{}<br><span class=\"soft\">{} to {}</span><br><span class=\"soft\">{}</span></td></tr>",
             dot(i),
             escape(&link.name),
             link.triangles,
             unit(&decimal(link.area_m2, 3), "m\u{b2}"),
             assumed(link),
             unit(&significant(link.mass_kg, 3), "kg"),
+            significant(link.mass_range_kg[0], 2),
+            significant(link.mass_range_kg[1], 2),
             escape(&link.assumption)
         )
         .ok();
@@ -422,8 +424,8 @@ mod tests {
                 Some(SeatReport { position: -0.03, std: 0.001, contact_share: 0.12 });
         });
         for text in [
-            "object found in a box of 0.40 \u{d7} 0.50 \u{d7} 0.60 m",
-            "closed at \u{2212}30.00 mm, where 12 % of the face meets its seat",
+            "object found in a box of 0.4 \u{d7} 0.5 \u{d7} 0.6 m",
+            "closed at \u{2212}30 mm, where 12 % of the face meets its seat",
         ] {
             assert!(html.contains(text), "'{text}' is not in {html}");
         }

@@ -165,6 +165,8 @@ fn push_visual(text: &mut String, model: &str, link: &Link, look: &Look) {
         uv,
         " (\n                interpolation = \"faceVarying\"\n            )",
     );
+    // A seen surface is open: from behind its walls it is drawn, too.
+    text.push_str("            uniform bool doubleSided = 1\n");
     writeln!(text, "            rel material:binding = </{model}/Looks/{name}>\n        }}").ok();
 }
 

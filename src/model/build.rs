@@ -251,11 +251,14 @@ fn inertial(link: &Link, walls: &Walls, part: usize, config: &ModelConfig) -> In
         return link.inertial.clone();
     };
     let wall_mm = 1e3 * config.wall_thickness_m;
+    let assumed = walls.assumed_share();
     let assumption = format!(
-        "walls of the seen surface ({wall_mm} mm where the other side was not seen; flat walls of moving \
-         parts go on where no view looked), {density}"
+        "walls of the seen surface ({wall_mm} mm where the other side was not seen, {:.0} % of the mass; flat \
+         walls of moving parts go on where no view looked), {density}",
+        100.0 * assumed
     );
-    // Half to twice the assumed wall, lightest to heaviest kind of the material.
-    let mass_range_kg = [0.5 * mass_kg * lowest / usual, 2.0 * mass_kg * highest / usual];
+    // Half to twice the assumed walls, lightest to heaviest kind of the material.
+    let mass_range_kg =
+        [mass_kg * (1.0 - 0.5 * assumed) * lowest / usual, mass_kg * (1.0 + assumed) * highest / usual];
     Inertial { mass_kg, center_of_mass, inertia, assumption, mass_range_kg }
 }

@@ -159,10 +159,14 @@ impl Ways {
     fn face<'a>(&'a self, steps: &'a [Step], peak: usize) -> Face<'a> {
         let most = steps[peak].met;
         let holds = |s: &&Step| (0.5 * most..=most).contains(&s.met);
-        let first = steps[..peak].iter().rev().take_while(holds).last().unwrap_or(&steps[peak]);
-        let last = steps[peak..].iter().take_while(holds).last().unwrap_or(&steps[peak]);
-        let [from, to] = [first.way, last.way].map(|way| self.left.partition_point(|w| w[0] < way));
-        let cells = &self.left[from..=to.min(self.left.len() - 1)];
+        let before = steps[..peak].iter().rev().take_while(holds).count();
+        let after = steps[peak..].iter().take_while(holds).count();
+        let first = &steps[peak - before];
+        let from = self.left.partition_point(|w| w[0] < first.way);
+        // A step reaches to the next one.
+        let next = steps.get(peak + after);
+        let to = next.map_or(self.left.len(), |s| self.left.partition_point(|w| w[0] < s.way));
+        let cells = &self.left[from..to];
         Face { first, cells, weight: cells.iter().map(|w| weight(w[1])).sum() }
     }
 

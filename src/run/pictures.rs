@@ -3,30 +3,38 @@
 use crate::{
     capture::{Capture, RgbdFrame},
     export::{
-        PhotoAndTwin, Picture, PictureKind, RecordedCamera, ReportPictures, Window, axis_arrows, cutout_png,
-        part_color,
+        Look, PhotoAndTwin, Picture, PictureKind, RecordedCamera, ReportPictures, Window, axis_arrows,
+        cutout_png, part_color,
     },
-    model::{ArticulatedModel, Link},
-    surface::{RenderItem, render},
+    model::ArticulatedModel,
+    surface::{Paint, RenderItem, TriangleMesh, render},
 };
 
 /// Views shown of each state.
 const VIEWS: usize = 2;
 
-/// All pictures of the report.
-pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel) -> ReportPictures {
+/// All pictures of the report; `looks` in the order of the links.
+pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel, looks: &[Look]) -> ReportPictures {
     let mut out = ReportPictures::default();
+    let unwelded: Vec<_> = looks.iter().map(Look::unwelded).collect();
+    let seen: Vec<(&TriangleMesh, Paint)> = looks
+        .iter()
+        .zip(&unwelded)
+        .map(|(look, (mesh, uv))| (mesh, Paint::Texture(look.texture_at(uv))))
+        .collect();
+    let tinted: Vec<(&TriangleMesh, Paint)> =
+        model.links.iter().enumerate().map(|(i, l)| (&l.visual, Paint::Tint(part_color(i)))).collect();
     for (state, frames) in capture.states.iter().enumerate() {
         for (view, frame) in best_views(frames).into_iter().enumerate() {
             let caption = |what: &str| format!("state {state}, {what}, view {}", frame.id);
             // Cropped alike, so that photo and twin can be compared pixel by pixel.
             let window = window(frame, &[]);
-            let mut twin = draw(model, state, frame, false, caption("twin"));
+            let mut twin = draw(model, state, frame, &seen, caption("twin"));
             let psnr_db = psnr_db(frame, &twin.rgb);
             if let Some(db) = psnr_db {
                 twin.caption = format!("{}, {db:.1} dB", twin.caption);
             }
-            let seen = photo(frame, false, caption("photo")).cropped(&window);
+            let recorded = photo(frame, false, caption("photo")).cropped(&window);
             let cutout = frame.mask.is_some().then(|| {
                 let (k, is_object) = (frame.intrinsics, |i| frame.is_object(i));
                 (
@@ -38,12 +46,12 @@ pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel) -> ReportPic
                 state,
                 view: frame.id.clone(),
                 psnr_db,
-                photo: seen,
+                photo: recorded,
                 twin: twin.cropped(&window),
                 cutout,
             });
             if view == 0 {
-                let mut parts = draw(model, state, frame, true, caption("parts and axes"));
+                let mut parts = draw(model, state, frame, &tinted, caption("parts and axes"));
                 parts.arrows = axis_arrows(model, state, &frame.intrinsics, &frame.world_from_camera);
                 let ends: Vec<[f64; 2]> = parts.arrows.iter().flat_map(|a| [a.from, a.to]).collect();
                 out.parts.push(parts.cropped(&self::window(frame, &ends)));
@@ -120,23 +128,28 @@ fn photo(frame: &RgbdFrame, only_object: bool, caption: String) -> Picture {
     }
 }
 
-fn draw<'a>(
-    model: &'a ArticulatedModel,
+/// The links in a state as a view saw them; tinted ones are shaded.
+fn draw(
+    model: &ArticulatedModel,
     state: usize,
     frame: &RgbdFrame,
-    tinted: bool,
+    painted: &[(&TriangleMesh, Paint)],
     caption: String,
 ) -> Picture {
     let positions = &model.states[state];
-    let item = |(i, link): (usize, &'a Link)| RenderItem {
-        mesh: &link.visual,
-        world_from_mesh: model.world_from_link(i, positions),
-        tint: tinted.then(|| part_color(i)),
-    };
-    let items: Vec<RenderItem> = model.links.iter().enumerate().map(item).collect();
-    let view = render(&items, &frame.intrinsics, &frame.world_from_camera, tinted);
+    let items: Vec<RenderItem> = painted
+        .iter()
+        .enumerate()
+        .map(|(i, &(mesh, paint))| RenderItem {
+            mesh,
+            world_from_mesh: model.world_from_link(i, positions),
+            paint,
+        })
+        .collect();
+    let is_tinted = items.iter().any(|i| matches!(i.paint, Paint::Tint(_)));
+    let view = render(&items, &frame.intrinsics, &frame.world_from_camera, is_tinted);
     let rgb = view.rgb.into_iter().flatten().collect();
-    let kind = if tinted { PictureKind::Drawing } else { PictureKind::Photo };
+    let kind = if is_tinted { PictureKind::Drawing } else { PictureKind::Photo };
     Picture {
         width: frame.intrinsics.width,
         height: frame.intrinsics.height,

@@ -55,11 +55,14 @@ fn reconstruct_files(
     capture.warnings.iter().for_each(|w| monitor.warn(w));
     // Frames to a model.
     let twin = reconstruct_twin(name, &mut capture, matcher, config, &mut stages)?;
-    let images = stages.run("pictures", None, |_| Ok::<_, RunError>(pictures(&capture, &twin.model)))?;
-    // The model to files in memory.
-    let files = stages.kept("export", None, |_| {
-        Ok::<_, RunError>(package(&twin.model, &looks(&twin.model, &capture, &config.look), &config.export))
+    let (looks, images) = stages.run("pictures", None, |_| {
+        let looks = looks(&twin.model, &capture, &config.look);
+        let images = pictures(&capture, &twin.model, &looks);
+        Ok::<_, RunError>((looks, images))
     })?;
+    // The model to files in memory.
+    let files =
+        stages.kept("export", None, |_| Ok::<_, RunError>(package(&twin.model, &looks, &config.export)))?;
     // The files as a simulator would read them.
     let found = stages.run("check", None, |_| {
         Ok::<_, RunError>(check_folder(&files.iter().map(|f| (f.path.clone(), f.bytes.clone())).collect()))

@@ -1,9 +1,10 @@
 //! Photos painted into a texture.
 
 use nalgebra::{Point3, Vector3};
+use rand_core::Rng;
 use rayon::prelude::*;
 
-use super::{Atlas, TriangleMesh};
+use super::{Atlas, Shown, TriangleMesh, sample_surface};
 use crate::{capture::RgbdFrame, geometry::Pose};
 
 /// A point this share of its depth behind what a view shows is hidden there.
@@ -28,6 +29,22 @@ pub struct BakeView<'a> {
     pub world_from_mesh: Pose,
     /// z-depth of the whole object from that camera, meters; 0 where there is none.
     pub depth_m: &'a [f32],
+    /// How much brighter than others the photo is, by channel.
+    pub gain: Vector3<f32>,
+}
+
+/// What the photos show of `count` spots of a mesh, in the order of the views.
+#[must_use]
+pub fn shown(mesh: &TriangleMesh, views: &[BakeView], count: usize, rng: &mut impl Rng) -> Vec<Vec<Shown>> {
+    let spots = sample_surface(mesh, count, rng);
+    let shown = |(point, normal): (&Point3<f32>, &Vector3<f32>)| {
+        let (point, normal) = (point.cast(), normal.cast());
+        let of = |(photo, view)| {
+            sample(&point, &normal, view).map(|(weight, color)| Shown { photo, weight, color })
+        };
+        views.iter().enumerate().filter_map(of).collect()
+    };
+    spots.points.par_iter().zip(&spots.normals).with_min_len(64).map(shown).collect()
 }
 
 /// A texel on the surface.
@@ -102,7 +119,8 @@ fn texels(mesh: &TriangleMesh, atlas: &Atlas) -> Vec<Texel> {
 
 /// What the views show of a texel; `None` where none sees it.
 fn seen(texel: &Texel, views: &[BakeView]) -> Option<[u8; 3]> {
-    let samples: Vec<(f32, Vector3<f32>)> = views.iter().filter_map(|v| sample(texel, v)).collect();
+    let samples: Vec<(f32, Vector3<f32>)> =
+        views.iter().filter_map(|v| sample(&texel.point, &texel.normal, v)).collect();
     let mean = |weight: &dyn Fn(&(f32, Vector3<f32>)) -> f32| {
         let total: f32 = samples.iter().map(weight).sum();
         (total > 0.0).then(|| samples.iter().map(|s| s.1 * weight(s)).sum::<Vector3<f32>>() / total)
@@ -116,11 +134,11 @@ fn seen(texel: &Texel, views: &[BakeView]) -> Option<[u8; 3]> {
     Some(agreed.map(|c| c.round().clamp(0.0, 255.0) as u8).into())
 }
 
-/// Weight and color of a texel in a view.
-fn sample(texel: &Texel, view: &BakeView) -> Option<(f32, Vector3<f32>)> {
+/// Weight and color of a place on the mesh in a view.
+fn sample(point: &Point3<f64>, normal: &Vector3<f64>, view: &BakeView) -> Option<(f32, Vector3<f32>)> {
     let frame = view.frame;
     let k = &frame.intrinsics;
-    let world = view.world_from_mesh * texel.point;
+    let world = view.world_from_mesh * point;
     let p = frame.in_camera(&world);
     let (u, v) = k.project(&p)?;
     if !(u >= BORDER_PX
@@ -130,7 +148,7 @@ fn sample(texel: &Texel, view: &BakeView) -> Option<(f32, Vector3<f32>)> {
     {
         return None;
     }
-    let normal = frame.world_from_camera.rotation.inverse() * (view.world_from_mesh.rotation * texel.normal);
+    let normal = frame.world_from_camera.rotation.inverse() * (view.world_from_mesh.rotation * normal);
     let cosine = -normal.dot(&p.coords) / p.coords.norm();
     let pixel = v.round() as usize * k.width + u.round() as usize;
     let (model, measured) = (f64::from(view.depth_m[pixel]), f64::from(frame.depth_m[pixel]));
@@ -147,7 +165,7 @@ fn sample(texel: &Texel, view: &BakeView) -> Option<(f32, Vector3<f32>)> {
     };
     let color =
         (at(0, 0) * (1.0 - fx) + at(1, 0) * fx) * (1.0 - fy) + (at(0, 1) * (1.0 - fx) + at(1, 1) * fx) * fy;
-    Some(((cosine / p.z).powi(SHARPNESS) as f32, color))
+    Some(((cosine / p.z).powi(SHARPNESS) as f32, color.component_div(&view.gain)))
 }
 
 /// Empty texels take the mean of the filled ones around them.
@@ -177,7 +195,7 @@ mod tests {
     use crate::{
         geometry::Intrinsics,
         surface::{
-            RenderItem, render,
+            Paint, RenderItem, render,
             shapes::{box_mesh, color_of, cuboid, looking_at_origin, view_of},
             unwrap,
         },
@@ -192,13 +210,14 @@ mod tests {
         let eyes = [Point3::new(0.3, 0.2, 1.0), Point3::new(-0.3, -0.1, 1.1)];
         let shape = cuboid(half);
         let frames: Vec<_> = eyes.iter().map(|e| view_of(&shape, k, looking_at_origin(*e))).collect();
-        let item = RenderItem { mesh: &mesh, world_from_mesh: Pose::identity(), tint: None };
+        let item = RenderItem { mesh: &mesh, world_from_mesh: Pose::identity(), paint: Paint::Vertices };
         let depths: Vec<_> =
             frames.iter().map(|f| render(&[item], &k, &f.world_from_camera, false).depth_m).collect();
         let view = |(frame, depth_m): (_, &'static Vec<f32>)| BakeView {
             frame,
             world_from_mesh: Pose::identity(),
             depth_m,
+            gain: Vector3::repeat(1.0),
         };
         let depths: &'static Vec<Vec<f32>> = Box::leak(Box::new(depths));
         let views: Vec<BakeView> = frames.iter().zip(depths).map(view).collect();

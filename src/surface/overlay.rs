@@ -132,7 +132,7 @@ mod tests {
     use super::*;
     use crate::{
         geometry::{Intrinsics, Pose},
-        surface::{RenderItem, render, shapes::box_mesh},
+        surface::{Paint, RenderItem, render, shapes::box_mesh},
     };
 
     const K: Intrinsics = Intrinsics { width: 160, height: 120, fx: 150.0, fy: 150.0, cx: 80.0, cy: 60.0 };
@@ -141,7 +141,11 @@ mod tests {
     /// A box 0.5 m ahead with a line 1 m ahead behind it, from left to right.
     fn drawn(occlusion: Occlusion) -> Rendered {
         let mesh = box_mesh(Vector3::new(0.1, 0.1, 0.1));
-        let item = RenderItem { mesh: &mesh, world_from_mesh: Pose::translation(0.0, 0.0, 0.6), tint: None };
+        let item = RenderItem {
+            mesh: &mesh,
+            world_from_mesh: Pose::translation(0.0, 0.0, 0.6),
+            paint: Paint::Vertices,
+        };
         let mut image = render(&[item], &K, &Pose::identity(), false);
         let style = LineStyle { color: RED, width_px: 3.0, occlusion };
         image.draw_line(&Point3::new(-0.4, 0.0, 1.0), &Point3::new(0.4, 0.0, 1.0), &style);

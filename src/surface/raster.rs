@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 
-use super::{TriangleMesh, vertex_normals};
+use super::{Texture, TriangleMesh, vertex_normals};
 use crate::geometry::{Intrinsics, Pose};
 
 /// Nothing nearer than this is drawn, meters.
@@ -29,8 +29,20 @@ pub struct RenderItem<'a> {
     pub mesh: &'a TriangleMesh,
     /// Where it stands.
     pub world_from_mesh: Pose,
-    /// Color that its own colors are mixed with.
-    pub tint: Option<[u8; 3]>,
+    /// What it shows.
+    pub paint: Paint<'a>,
+}
+
+/// What is drawn on a mesh.
+#[derive(Clone, Copy, Default)]
+pub enum Paint<'a> {
+    /// The colors of its vertices.
+    #[default]
+    Vertices,
+    /// These, mixed with one color.
+    Tint([u8; 3]),
+    /// A texture; never shaded.
+    Texture(Texture<'a>),
 }
 
 /// An image with depth; all lists are row-major, one value a pixel.
@@ -48,7 +60,8 @@ pub struct Rendered {
     pub item: Vec<Option<u16>>,
 }
 
-/// A corner in the image. `inverse` is 1/z; `color` is divided by z, which makes both linear in the image.
+/// A corner in the image. `inverse` is 1/z; `color` (of a texture the place in it, pixels) is divided by z, which
+/// makes both linear in the image.
 #[derive(Clone, Copy)]
 struct Corner {
     u: f32,
@@ -110,8 +123,13 @@ pub fn render(
         let mut inverse = vec![0.0; rgb.len()];
         for f in band {
             let facet = &facets[f as usize];
+            let paint = items[usize::from(facet.item)].paint;
             fill(facet, width, task * ROWS_PER_TASK, &mut inverse, |i, near, color| {
-                rgb[i] = color.map(|c| (c / near).round().clamp(0.0, 255.0) as u8).into();
+                let color = match paint {
+                    Paint::Texture(texture) => texture.color(color.xy() / near),
+                    Paint::Vertices | Paint::Tint(_) => color / near,
+                };
+                rgb[i] = color.map(|c| c.round().clamp(0.0, 255.0) as u8).into();
                 depth_m[i] = 1.0 / near;
                 item[i] = Some(facet.item);
             });
@@ -135,7 +153,11 @@ fn facets(
     let normals = if shading { vertex_normals(mesh) } else { Vec::new() };
     let color = |i: usize| {
         let own = Vector3::from(mesh.colors.get(i).copied().unwrap_or(PLAIN).map(f32::from));
-        let mixed = item.tint.map_or(own, |t| own.lerp(&Vector3::from(t.map(f32::from)), TINT_SHARE));
+        let mixed = match item.paint {
+            Paint::Vertices => own,
+            Paint::Tint(t) => own.lerp(&Vector3::from(t.map(f32::from)), TINT_SHARE),
+            Paint::Texture(texture) => return texture.place_px(i).push(0.0),
+        };
         let light = if shading {
             let cosine =
                 (camera_from_mesh * normals[i]).dot(&positions[i]).abs() / positions[i].norm().max(1e-9);
@@ -237,7 +259,7 @@ mod tests {
     const K: Intrinsics = Intrinsics { width: 160, height: 120, fx: 150.0, fy: 148.0, cx: 80.3, cy: 58.9 };
 
     fn item(mesh: &TriangleMesh) -> RenderItem<'_> {
-        RenderItem { mesh, world_from_mesh: Pose::identity(), tint: None }
+        RenderItem { mesh, world_from_mesh: Pose::identity(), paint: Paint::Vertices }
     }
 
     #[test]
@@ -299,7 +321,7 @@ mod tests {
         let at = |z: f64, tint: [u8; 3]| RenderItem {
             mesh: &mesh,
             world_from_mesh: Pose::translation(0.0, 0.0, z),
-            tint: Some(tint),
+            paint: Paint::Tint(tint),
         };
         let pose = Pose::identity();
         let (near, far) = (at(0.6, [255, 0, 0]), at(1.5, [0, 0, 255]));

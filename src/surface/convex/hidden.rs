@@ -51,6 +51,7 @@ fn closed(
         front: corners.iter().map(|p| flat.place(p, 0.0).coords).collect(),
         back,
         share_m: wall_m,
+        is_assumed: true,
     };
     raster.closed_rectangles(RECTANGLES).iter().map(piece).collect()
 }

@@ -30,6 +30,8 @@ pub(super) struct Piece {
     pub back: Vector3<f64>,
     /// What of the wall is this side's, meters: half of it where its other side was seen.
     pub share_m: f64,
+    /// Its other side was not seen.
+    pub is_assumed: bool,
 }
 
 impl Piece {
@@ -170,7 +172,8 @@ pub(super) fn seen(
             let depth_m = depths[t as usize];
             let share_m = if depth_m.is_finite() { 0.5 * depth_m.max(thin_m) } else { wall_m };
             let back = -patch.normal * depth_m.clamp(thin_m, wall_m.max(thin_m));
-            seen.pieces.push(Piece { front: corners.to_vec(), back, share_m });
+            let is_assumed = !depth_m.is_finite();
+            seen.pieces.push(Piece { front: corners.to_vec(), back, share_m, is_assumed });
             // A regular grid of barycentric places.
             let n = (area / each).sqrt().ceil().max(1.0) as usize;
             let places = (0..n).flat_map(|i| (0..n).map(move |j| (i, j)));

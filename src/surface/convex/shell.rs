@@ -83,6 +83,18 @@ impl Walls {
         let plates = self.seen.pieces.iter().flat_map(Piece::plates);
         plates_inertia(plates, density_kg_m3)
     }
+
+    /// Share of that mass which walls have whose thickness is assumed, as their other side was not seen; 0
+    /// without area.
+    #[must_use]
+    pub fn assumed_share(&self) -> f64 {
+        let volume = |is_counted: fn(&Piece) -> bool| -> f64 {
+            let plates = self.seen.pieces.iter().filter(|p| is_counted(p)).flat_map(Piece::plates);
+            plates.map(|([a, b, c], thick_m)| 0.5 * (b - a).cross(&(c - a)).norm() * thick_m).sum()
+        };
+        let all = volume(|_| true);
+        if all > 0.0 { volume(|p| p.is_assumed) / all } else { 0.0 }
+    }
 }
 
 #[cfg(test)]

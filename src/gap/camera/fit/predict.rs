@@ -6,7 +6,7 @@ use crate::{
         record::frames::FrameRun,
     },
     geometry::Pose,
-    surface::{RenderItem, Rendered, render},
+    surface::{Paint, RenderItem, Rendered, render},
 };
 
 /// Pose of the true camera of a frame under a hypothesis of its errors.
@@ -32,7 +32,7 @@ pub fn predict(
         .parts
         .iter()
         .zip(poses)
-        .map(|(p, pose)| RenderItem { mesh: &p.mesh, world_from_mesh: *pose, tint: None })
+        .map(|(p, pose)| RenderItem { mesh: &p.mesh, world_from_mesh: *pose, paint: Paint::Vertices })
         .collect();
     render(&items, intrinsics, camera, shading)
 }

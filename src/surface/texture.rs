@@ -1,0 +1,52 @@
+//! Pixels laid over a mesh.
+
+use nalgebra::{Vector2, Vector3};
+
+/// A square picture and where the vertices of a mesh stand in it.
+#[derive(Clone, Copy)]
+pub struct Texture<'a> {
+    /// Place of every vertex in `[0, 1]`, v up.
+    pub uv: &'a [[f64; 2]],
+    /// Side, pixels.
+    pub size_px: usize,
+    /// `size_px * size_px` sRGB pixels, row by row from the top.
+    pub pixels: &'a [[u8; 3]],
+}
+
+impl Texture<'_> {
+    /// Place of a vertex, pixels from the middle of the upper left one.
+    pub(super) fn place_px(&self, vertex: usize) -> Vector2<f32> {
+        let ([u, v], size) = (self.uv[vertex], self.size_px as f64);
+        Vector2::new((u * size - 0.5) as f32, ((1.0 - v) * size - 0.5) as f32)
+    }
+
+    /// Color at a place between four pixels, levels.
+    pub(super) fn color(&self, place_px: Vector2<f32>) -> Vector3<f32> {
+        let last = self.size_px - 1;
+        let [x, y] = [place_px.x, place_px.y].map(|p| p.clamp(0.0, last as f32));
+        let (column, row) = (x as usize, y as usize);
+        let (fx, fy) = (x - column as f32, y - row as f32);
+        let at = |dx: usize, dy: usize| {
+            let i = (row + dy).min(last) * self.size_px + (column + dx).min(last);
+            Vector3::from(self.pixels[i].map(f32::from))
+        };
+        at(0, 0).lerp(&at(1, 0), fx).lerp(&at(0, 1).lerp(&at(1, 1), fx), fy)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colors_between_pixels_are_their_mean() {
+        let pixels = [[0, 0, 0], [100, 0, 0], [0, 200, 0], [100, 200, 0]];
+        let uv = [[0.25, 0.75], [0.5, 0.5], [1.0, 0.0]];
+        let texture = Texture { uv: &uv, size_px: 2, pixels: &pixels };
+        let color = |vertex| texture.color(texture.place_px(vertex));
+        assert_eq!(color(0), Vector3::zeros());
+        assert_eq!(color(1), Vector3::new(50.0, 100.0, 0.0));
+        // Outside of all middles the nearest pixel counts.
+        assert_eq!(color(2), Vector3::new(100.0, 200.0, 0.0));
+    }
+}
