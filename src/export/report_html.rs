@@ -212,7 +212,7 @@ fn push_links(out: &mut String, report: &Report) {
         writeln!(
             rows,
             "<tr><td>{}{}</td><td class=\"number\">{}</td><td class=\"number\">{}{}</td><td \
-             class=\"number\">{}<br><span class=\"soft\">{} to {}</span><br><span class=\"soft\">{}</span></td></tr>",
+             class=\"number\">{}<br><span class=\"soft\">{} to {}<br>{}</span></td></tr>",
             dot(i),
             escape(&link.name),
             link.triangles,

@@ -94,13 +94,22 @@ fn cell<T>(grid: &Grid3<T>, point: &Point3<f64>) -> ([usize; 3], [f32; 3], [bool
     (base, frac, inside)
 }
 
+impl<T> Grid3<T> {
+    /// Whether all eight nodes of the cell around a point do; not so outside the grid.
+    #[must_use]
+    pub fn all_around(&self, point: &Point3<f64>, does: impl Fn(&T) -> bool) -> bool {
+        let ([x, y, z], _, inside) = cell(self, point);
+        let corner = |k: usize| self.index(x + (k & 1), y + (k >> 1 & 1), z + (k >> 2));
+        let inside = inside == [true; 3] && self.dims.iter().all(|&n| n > 1);
+        inside && (0..8).all(|k| does(&self.values[corner(k)]))
+    }
+}
+
 impl Grid3<bool> {
     /// Whether all eight nodes of the cell around a point hold; not so outside the grid.
     #[must_use]
     pub fn holds_around(&self, point: &Point3<f64>) -> bool {
-        let ([x, y, z], _, inside) = cell(self, point);
-        let corner = |k: usize| self.index(x + (k & 1), y + (k >> 1 & 1), z + (k >> 2));
-        inside == [true; 3] && self.dims.iter().all(|&n| n > 1) && (0..8).all(|k| self.values[corner(k)])
+        self.all_around(point, |holds| *holds)
     }
 }
 

@@ -253,8 +253,8 @@ fn inertial(link: &Link, walls: &Walls, part: usize, config: &ModelConfig) -> In
     let wall_mm = 1e3 * config.wall_thickness_m;
     let assumed = walls.assumed_share();
     let assumption = format!(
-        "walls of the seen surface ({wall_mm} mm where the other side was not seen, {:.0} % of the mass; flat \
-         walls of moving parts go on where no view looked), {density}",
+        "walls of the seen surface ({wall_mm} mm where the other side was not seen, {:.0} % of the mass; \
+         flat walls of moving parts go on where no view looked), {density}",
         100.0 * assumed
     );
     // Half to twice the assumed walls, lightest to heaviest kind of the material.

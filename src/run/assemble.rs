@@ -14,7 +14,7 @@ use crate::{
     articulate::{JointEstimate, LabelledState, NO_LABEL, TreeJointEstimate, label_grid, part_tsdf},
     geometry::{Grid3, NearestPoints, Pose},
     model::{ArticulatedModel, MovingPart, build},
-    surface::{Mended, TriangleMesh, keep_components, marching_cubes, mend_borders},
+    surface::{DepthView, Mended, Readings, TriangleMesh, keep_components, marching_cubes, mend_borders},
 };
 
 /// The model: a surface for every part from all states, links, joints.
@@ -35,7 +35,7 @@ pub(super) fn assemble(
         let labels = label_grid(tsdf, &samples.points, &parts.labels, 0.999 * truncation_m);
         LabelledState { tsdf: tsdf.clone(), weight: weight.clone(), labels, truncation_m }
     };
-    let free: Vec<&Grid3<bool>> = states.iter().map(|s| &s.surface.free).collect();
+    let observed = states;
     let colors: Vec<ColorLookup> = states.iter().map(|s| ColorLookup::new(&s.surface)).collect();
     let states: Vec<LabelledState> = states.iter().zip(&articulation.states).map(labelled).collect();
     let part_surface = |part: usize, motions: &[Pose]| {
@@ -43,7 +43,7 @@ pub(super) fn assemble(
         // (9.1)
         let field = part_tsdf(part as u8, &motions, &states);
         let raw = keep_components(&marching_cubes(&field, 0.0), scene.config.surface.min_component);
-        let Mended { mut mesh, assumed_m2, .. } = mended(raw, &field, &motions, &free, scene);
+        let Mended { mut mesh, assumed_m2, .. } = mended(raw, &field, &motions, observed, scene);
         if mesh.is_empty() {
             let message = format!(
                 "part {part} has no surface: nothing was seen of it; ask for fewer parts or record more \
@@ -88,7 +88,7 @@ fn mended(
     mesh: TriangleMesh,
     field: &Grid3<f32>,
     motions: &[Pose],
-    free: &[&Grid3<bool>],
+    states: &[State],
     scene: &Scene,
 ) -> Mended {
     let config = &scene.config.surface;
@@ -96,12 +96,19 @@ fn mended(
         return Mended { mesh, holes: 0, assumed_m2: 0.0 };
     }
     let far_m = 0.5 * scene.band.truncation_m as f32;
-    let is_empty = |p: &Point3<f64>| is_seen_empty(p, field, far_m, motions, free);
-    mend_borders(&mesh, field.spacing_m, config.close_holes, &is_empty)
+    let free: Vec<&Grid3<bool>> = states.iter().map(|s| &s.surface.free).collect();
+    let is_seen_empty = |p: &Point3<f64>| is_seen_empty(p, field, far_m, motions, &free);
+    let mut views = Vec::new();
+    for (state, (observed, motion)) in states.iter().zip(motions).enumerate() {
+        let frames = observed.frames.iter();
+        views.extend(frames.map(|frame| DepthView { frame, world_from_mesh: *motion, state }));
+    }
+    let readings = Readings { views: &views, noise: scene.noise, is_seen_empty: &is_seen_empty };
+    mend_borders(&mesh, field.spacing_m, config.close_holes, &readings)
 }
 
 /// Whether views saw that nothing of a part is at a place: all nodes about it are certainly empty in a state,
-/// or the part's field is beyond `far_m`, which also says that another part stands there.
+/// or the part's field is beyond `far_m` at all of them, which also says that another part stands there.
 fn is_seen_empty(
     place: &Point3<f64>,
     field: &Grid3<f32>,
@@ -109,7 +116,7 @@ fn is_seen_empty(
     motions: &[Pose],
     free: &[&Grid3<bool>],
 ) -> bool {
-    field.nearest(place).is_some_and(|i| field.values[i] > far_m)
+    field.all_around(place, |m| *m > far_m)
         || motions.iter().zip(free).any(|(motion, free)| free.holds_around(&(motion * place)))
 }
 

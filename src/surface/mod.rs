@@ -34,7 +34,7 @@ mod weld;
 
 pub use atlas::{Atlas, unwrap};
 pub use bake::{BakeView, bake, shown};
-pub use borders::{Mended, mend_borders};
+pub use borders::{DepthView, Mended, Readings, mend_borders};
 pub use closest::MeshDistance;
 pub use color_field::{ColorField, ColorSample};
 pub use components::keep_components;

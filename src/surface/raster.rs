@@ -60,8 +60,8 @@ pub struct Rendered {
     pub item: Vec<Option<u16>>,
 }
 
-/// A corner in the image. `inverse` is 1/z; `color` (of a texture the place in it, pixels) is divided by z, which
-/// makes both linear in the image.
+/// A corner in the image. `inverse` is 1/z; `color` (of a texture the place in it, pixels) is divided by z,
+/// which makes both linear in the image.
 #[derive(Clone, Copy)]
 struct Corner {
     u: f32,

@@ -1,7 +1,8 @@
-//! Borders of an open mesh mended: shreds taken off, small holes closed, rims straightened. See
-//! docs/method.md 9.1.
+//! Borders of an open mesh mended: shreds taken off, small holes closed, rims drawn out to where the readings
+//! end and straightened. See docs/method.md 9.1.
 
 mod bays;
+mod drawn;
 mod face;
 mod fill;
 mod holes;
@@ -17,8 +18,6 @@ mod teeth;
 #[cfg(test)]
 mod tests;
 
-use nalgebra::Point3;
-
 use self::{
     holes::close_holes,
     loops::border_loops,
@@ -27,6 +26,8 @@ use self::{
     teeth::{drop_hanging, drop_shreds, drop_teeth},
 };
 use super::TriangleMesh;
+
+pub use self::drawn::{DepthView, Readings};
 
 /// A mesh with mended borders.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,16 +45,11 @@ pub struct Mended {
 const ROUNDS: usize = 2;
 
 /// The mesh with mended borders: triangles and strips that hang loose are taken off, with `close` small holes
-/// in flat faces are closed unless `is_seen_empty` says of a point of the fill (same frame, meters) that
-/// views saw through it, rims become straight or smooth. `voxel_m` is the spacing of the grid that the mesh
-/// comes from, meters. A mesh without a border, or without a clear one, comes back as it is.
+/// in flat faces are closed unless views saw through them, rims become straight or smooth where the
+/// `readings` end. `voxel_m` is the spacing of the grid that the mesh comes from, meters. A mesh without a border, or
+/// without a clear one, comes back as it is.
 #[must_use]
-pub fn mend_borders(
-    mesh: &TriangleMesh,
-    voxel_m: f64,
-    close: bool,
-    is_seen_empty: &dyn Fn(&Point3<f64>) -> bool,
-) -> Mended {
+pub fn mend_borders(mesh: &TriangleMesh, voxel_m: f64, close: bool, readings: &Readings<'_>) -> Mended {
     if border_loops(mesh).is_none_or(|loops| loops.is_empty()) {
         return Mended { mesh: mesh.clone(), holes: 0, assumed_m2: 0.0 };
     }
@@ -63,12 +59,12 @@ pub fn mend_borders(
     for _ in 0..ROUNDS {
         drop_hanging(&mut sheet);
         if close {
-            holes += close_holes(&mut sheet, voxel_m, is_seen_empty);
+            holes += close_holes(&mut sheet, voxel_m, readings.is_seen_empty);
         }
         drop_teeth(&mut sheet, voxel_m);
     }
     drop_hanging(&mut sheet);
     drop_shreds(&mut sheet, voxel_m);
-    sheet.mesh = straighten(&sheet.mesh, voxel_m);
+    sheet.mesh = straighten(&sheet.mesh, voxel_m, readings);
     Mended { mesh: sheet.finish(), holes, assumed_m2: sheet.assumed_m2() }
 }

@@ -5,6 +5,8 @@ use nalgebra::{Matrix3, Point3, SMatrix, SVector, Vector3};
 /// A closed rim with positions along it.
 pub(super) struct Rim<'a> {
     points: &'a [Point3<f64>],
+    /// Whether each counts: others follow.
+    counts: Vec<bool>,
     /// Length along the rim up to each point, and the whole one at the end.
     length_m: Vec<f64>,
     voxel_m: f64,
@@ -19,14 +21,15 @@ const CORNER_COSINE: f64 = 0.77;
 const LINE: f64 = 1.25;
 
 impl<'a> Rim<'a> {
-    pub(super) fn new(points: &'a [Point3<f64>], voxel_m: f64) -> Self {
+    /// Of points of which some count.
+    pub(super) fn new(points: &'a [Point3<f64>], counts: Vec<bool>, voxel_m: f64) -> Self {
         let mut length_m = vec![0.0];
         let mut sum = 0.0;
         for k in 0..points.len() {
             sum += (points[(k + 1) % points.len()] - points[k]).norm();
             length_m.push(sum);
         }
-        Self { points, length_m, voxel_m }
+        Self { points, counts, length_m, voxel_m }
     }
 
     fn whole_m(&self) -> f64 {
@@ -115,9 +118,12 @@ impl<'a> Rim<'a> {
         (spread > 0.0).then(|| product * weight - mean * sums[0])?.try_normalize(0.0)
     }
 
-    /// Half the length of both sides at a point: what it stands for.
+    /// Half the length of both sides at a point: what it stands for; 0 where it does not count.
     fn share_m(&self, k: usize) -> f64 {
         let n = self.points.len();
+        if !self.counts[k] {
+            return 0.0;
+        }
         let before = (self.points[k] - self.points[(k + n - 1) % n]).norm();
         0.5 * (before + (self.points[(k + 1) % n] - self.points[k]).norm())
     }
@@ -125,7 +131,7 @@ impl<'a> Rim<'a> {
     /// The line of a piece of `count` sides from a corner, if it is one.
     fn line(&self, from: usize, count: usize) -> Option<Line> {
         let n = self.points.len();
-        let inner = || (1..count).map(|k| (from + k) % n);
+        let inner = || (1..count).map(|k| (from + k) % n).filter(|&k| self.counts[k]);
         let weight: f64 = inner().map(|k| self.share_m(k)).sum();
         if inner().count() < 2 || weight <= 0.0 {
             return None;
@@ -213,7 +219,7 @@ mod tests {
     #[test]
     fn a_toothed_square_has_four_corners_and_four_lines() {
         let points = toothed_square();
-        let rim = Rim::new(&points, 1.0);
+        let rim = Rim::new(&points, vec![true; points.len()], 1.0);
         assert_eq!(rim.corners().len(), 4);
         for p in rim.places().unwrap() {
             assert!((p.x.abs().max(p.y.abs()) - 20.0).abs() < 0.1, "{p}");
@@ -228,7 +234,7 @@ mod tests {
         let points: Vec<_> = (0..720)
             .map(|k| Point3::new(radius(k) * angle(k).cos(), radius(k) * angle(k).sin(), 1.0))
             .collect();
-        let rim = Rim::new(&points, 1.0);
+        let rim = Rim::new(&points, vec![true; points.len()], 1.0);
         assert!(rim.corners().is_empty());
         for p in rim.places().unwrap() {
             assert!((p.coords.xy().norm() - 30.0).abs() < 0.15, "{}", p.coords.xy().norm());
@@ -238,6 +244,6 @@ mod tests {
     #[test]
     fn a_short_rim_has_no_direction() {
         let points = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(Point3::from);
-        assert_eq!(Rim::new(&points, 1.0).places(), None);
+        assert_eq!(Rim::new(&points, vec![true; points.len()], 1.0).places(), None);
     }
 }

@@ -3,14 +3,20 @@
 use nalgebra::{Point3, Vector3};
 
 use super::{
+    Readings,
+    drawn::drawn_out,
     loops::border_loops,
     reach::{Neighbors, Reach},
     rim::Rim,
 };
 use crate::surface::{TriangleMesh, vertex_normals};
 
-/// A vertex moves no farther than this, voxels: derived, a rim's place is known to a voxel.
+/// A vertex moves no farther than this from where the readings end, voxels: derived, a rim's place is known
+/// to a voxel.
 pub(super) const MAX_MOVE: f64 = 1.0;
+/// A vertex whose end no reading shows follows its rim by at most this, voxels: derived, as far as ends are
+/// looked for.
+const FOLLOWS_BY: f64 = 3.0;
 /// Vertices up to here from a rim follow it, voxels: tuned; moves of one voxel spread over four compress
 /// triangles by a quarter.
 const FOLLOWING: f64 = 4.0;
@@ -23,8 +29,8 @@ const HALVINGS: usize = 6;
 const MIN_COSINE: f32 = 0.5;
 const MIN_AREA: f32 = 0.1;
 
-/// The mesh with straight rims. No triangle turns over.
-pub(super) fn straighten(mesh: &TriangleMesh, voxel_m: f64) -> TriangleMesh {
+/// The mesh with straight rims where the readings end. No triangle turns over.
+pub(super) fn straighten(mesh: &TriangleMesh, voxel_m: f64, readings: &Readings<'_>) -> TriangleMesh {
     let Some(loops) = border_loops(mesh) else { return mesh.clone() };
     let normals: Vec<Vector3<f64>> = vertex_normals(mesh).iter().map(|n| n.cast()).collect();
     let within = |v: u32, d: Vector3<f64>| d - normals[v as usize] * normals[v as usize].dot(&d);
@@ -32,14 +38,21 @@ pub(super) fn straighten(mesh: &TriangleMesh, voxel_m: f64) -> TriangleMesh {
     let mut moves = vec![Vector3::zeros(); mesh.vertices.len()];
     let mut passes = vec![0_u8; mesh.vertices.len()];
     loops.iter().flatten().for_each(|&v| passes[v as usize] = passes[v as usize].saturating_add(1));
-    for rim in &loops {
-        let points: Vec<Point3<f64>> = rim.iter().map(|&v| position(v)).collect();
-        let Some(places) = Rim::new(&points, voxel_m).places() else { continue };
-        for ((&v, p), place) in rim.iter().zip(&points).zip(places) {
+    let drawn = drawn_out(mesh, &normals, &loops, voxel_m, readings);
+    for (rim, drawn) in loops.iter().zip(drawn) {
+        // Where most of a rim is known by readings, the rest follows it; else all of it counts as it is.
+        let is_drawn = 2 * drawn.iter().flatten().count() > rim.len();
+        let drawn = drawn.iter().map(|d| d.filter(|_| is_drawn));
+        let counts: Vec<bool> = drawn.clone().map(|d| d.is_some() || !is_drawn).collect();
+        let drawn: Vec<Vector3<f64>> = drawn.map(Option::unwrap_or_default).collect();
+        let points: Vec<Point3<f64>> = rim.iter().zip(&drawn).map(|(&v, d)| position(v) + d).collect();
+        let Some(places) = Rim::new(&points, counts.clone(), voxel_m).places() else { continue };
+        for (k, (&v, place)) in rim.iter().zip(places).enumerate() {
             // Where loops touch, what is right for one is wrong for the other.
             if passes[v as usize] == 1 {
-                let d = within(v, place - p);
-                moves[v as usize] = d * (MAX_MOVE * voxel_m / d.norm()).min(1.0);
+                let most_m = if counts[k] { MAX_MOVE } else { FOLLOWS_BY } * voxel_m;
+                let d = within(v, place - points[k]);
+                moves[v as usize] = drawn[k] + d * (most_m / d.norm()).min(1.0);
             }
         }
     }

@@ -1,0 +1,190 @@
+//! Rims drawn out to where the depth readings of a surface end.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::reach::{Neighbors, Reach};
+use crate::{
+    capture::{NoiseConfig, RgbdFrame},
+    geometry::Pose,
+    surface::TriangleMesh,
+};
+
+/// A rim is looked for from here within the surface to there beyond it, voxels.
+/// derived: marching cubes want eight known corners, so that a surface ends up to two voxels before its
+/// readings do, and a node is known up to one beyond them
+const SEARCH: [f64; 2] = [-1.5, 3.0];
+/// Steps of that, voxels.
+/// derived: finer than half a pixel of usual recordings
+const STEP: f64 = 0.25;
+/// Surface around a vertex that its outward direction is taken from, voxels: tuned, more than a tooth.
+const AROUND: f64 = 3.0;
+/// Readings at a smaller cosine say little of where a surface ends.
+/// derived: their pixels are twice as long on the surface
+const MIN_COSINE: f64 = 0.5;
+/// Deviations of a reading up to which it is of the surface.
+/// derived: one in 370 of a normal distribution is farther
+const OF_SURFACE: f64 = 3.0;
+
+/// Depth of a state, and where the mesh stood in it.
+#[derive(Clone, Copy)]
+pub struct DepthView<'a> {
+    /// Depth, mask and camera.
+    pub frame: &'a RgbdFrame,
+    /// Where the mesh stood in the world.
+    pub world_from_mesh: Pose,
+    /// State that the frame is of: what one state saw end, ends.
+    pub state: usize,
+}
+
+/// What a recording says of places around a mesh.
+pub struct Readings<'a> {
+    /// Frames of all states, those of a state together.
+    pub views: &'a [DepthView<'a>],
+    /// Noise of their depth.
+    pub noise: NoiseConfig,
+    /// Whether views saw that nothing of the mesh is at a place (frame of the mesh, meters).
+    pub is_seen_empty: &'a (dyn Fn(&Point3<f64>) -> bool + Sync),
+}
+
+/// Moves of the vertices of all loops to where the readings end, within the surface; `None` where no reading
+/// shows an end.
+pub(super) fn drawn_out(
+    mesh: &TriangleMesh,
+    normals: &[Vector3<f64>],
+    loops: &[Vec<u32>],
+    voxel_m: f64,
+    readings: &Readings<'_>,
+) -> Vec<Vec<Option<Vector3<f64>>>> {
+    if readings.views.is_empty() {
+        return loops.iter().map(|rim| vec![None; rim.len()]).collect();
+    }
+    let neighbors = Neighbors::of(mesh);
+    let mut reach = Reach::new(mesh, &neighbors);
+    let mut outward = |v: u32| {
+        let (mut middle, mut normal) = (Vector3::zeros(), Vector3::zeros());
+        let around = reach.from(&[(v, 0.0)], AROUND * voxel_m);
+        for &n in around {
+            middle += mesh.vertices[n as usize].coords.cast::<f64>() / around.len() as f64;
+            normal += normals[n as usize];
+        }
+        let normal = normal.try_normalize(0.0)?;
+        let away = mesh.vertices[v as usize].coords.cast::<f64>() - middle;
+        Some((normal, (away - normal * normal.dot(&away)).try_normalize(1e-3 * voxel_m)?))
+    };
+    let moves = |rim: &Vec<u32>| {
+        let frames: Vec<_> = rim.iter().map(|&v| outward(v)).collect();
+        let to_end = |(&v, frame): (&u32, &Option<(Vector3<f64>, Vector3<f64>)>)| {
+            let place = mesh.vertices[v as usize].cast();
+            let (normal, outward) = (*frame)?;
+            let way = Way { place, outward, normal, voxel_m };
+            Some(outward * readings.end_m(&way)?)
+        };
+        rim.par_iter().zip(&frames).with_min_len(16).map(to_end).collect()
+    };
+    loops.iter().map(moves).collect()
+}
+
+/// A way out of a surface, within its plane.
+struct Way {
+    place: Point3<f64>,
+    outward: Vector3<f64>,
+    normal: Vector3<f64>,
+    voxel_m: f64,
+}
+
+impl Readings<'_> {
+    /// Distance along the way at which the surface ends in every state that shows it end, meters: the middle
+    /// of a state's views, the nearest of the states.
+    fn end_m(&self, way: &Way) -> Option<f64> {
+        let mut end_m = f64::INFINITY;
+        for state in self.views.chunk_by(|a, b| a.state == b.state) {
+            let mut ends: Vec<f64> = state.iter().filter_map(|v| self.end_of_view_m(v, way)).collect();
+            if !ends.is_empty() {
+                ends.sort_by(f64::total_cmp);
+                end_m = end_m.min(ends[ends.len() / 2]);
+            }
+        }
+        if !end_m.is_finite() {
+            return None;
+        }
+        // Not into what is empty or another part's.
+        let step_m = STEP * way.voxel_m;
+        let steps = (1..).map(|k| f64::from(k) * step_m).take_while(|s| *s <= end_m);
+        let free = steps.take_while(|s| !(self.is_seen_empty)(&(way.place + way.outward * *s))).last();
+        Some(if end_m > 0.0 { end_m.min(free.unwrap_or(0.0) + 0.5 * step_m) } else { end_m })
+    }
+
+    /// The same in one view: infinite where its readings go on, `None` where it does not show the surface.
+    fn end_of_view_m(&self, view: &DepthView, way: &Way) -> Option<f64> {
+        let (frame, k) = (view.frame, &view.frame.intrinsics);
+        let camera_from_mesh = frame.world_from_camera.inverse() * view.world_from_mesh;
+        let [place, outward, normal] = [way.place.coords, way.outward, way.normal];
+        let (place, outward, normal) =
+            (camera_from_mesh * Point3::from(place), camera_from_mesh * outward, camera_from_mesh * normal);
+        if -normal.dot(&place.coords) < MIN_COSINE * place.coords.norm() {
+            return None;
+        }
+        let is_of_surface = |s: f64| {
+            let p = place + outward * s;
+            let Some((u, v)) = k.project(&p) else { return false };
+            let (u, v) = (u.round(), v.round());
+            if !(u >= 0.0 && v >= 0.0 && u < k.width as f64 && v < k.height as f64) {
+                return false;
+            }
+            let pixel = v as usize * k.width + u as usize;
+            let measured_m = f64::from(frame.depth_m[pixel]);
+            let slack_m = OF_SURFACE * frame.sigma_m(pixel, &self.noise) + 0.5 * way.voxel_m;
+            frame.is_object(pixel) && measured_m > 0.0 && (measured_m - p.z).abs() <= slack_m
+        };
+        let [from, to] = SEARCH.map(|s| s * way.voxel_m);
+        let step_m = STEP * way.voxel_m;
+        let count = ((to - from) / step_m).round() as usize;
+        let first = (0..=count).find(|i| !is_of_surface(from + *i as f64 * step_m));
+        match first {
+            Some(0) => None,
+            Some(i) => Some(from + (i as f64 - 0.5) * step_m),
+            None => Some(f64::INFINITY),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        geometry::Intrinsics,
+        surface::{
+            borders::{mend_borders, plates::plate},
+            shapes::{cuboid, looking_at_origin, view_of},
+        },
+    };
+
+    /// A plate of 0.3 x 0.2 m, its top seen by three cameras; the mesh ends a voxel and a half before it.
+    #[test]
+    fn a_rim_is_drawn_out_to_where_readings_end() {
+        let voxel_m = 0.004;
+        let k = Intrinsics { width: 640, height: 480, fx: 600.0, fy: 600.0, cx: 319.5, cy: 239.5 };
+        let shape = cuboid(Vector3::new(0.15, 0.1, 0.01));
+        let eyes = [[0.1, 0.05, 0.6], [-0.15, 0.1, 0.55], [0.02, -0.2, 0.6]].map(Point3::from);
+        let frames = eyes.map(|e| view_of(&shape, k, looking_at_origin(e)));
+        let views =
+            frames.each_ref().map(|frame| DepthView { frame, world_from_mesh: Pose::identity(), state: 0 });
+        // Squares of half a voxel.
+        let mut mesh = plate(144, 94, |_, _| true);
+        for p in &mut mesh.vertices {
+            *p = Point3::new(p.x * 0.002 - 0.144, p.y * 0.002 - 0.094, 0.01);
+        }
+        let nothing = |_: &Point3<f64>| false;
+        let readings = Readings { views: &views, noise: NoiseConfig::default(), is_seen_empty: &nothing };
+        let (low, high) = mend_borders(&mesh, voxel_m, false, &readings).mesh.bounds().unwrap();
+        for (found, true_m) in [(low.x, -0.15), (high.x, 0.15), (low.y, -0.1), (high.y, 0.1)] {
+            assert!((found - true_m).abs() < 0.001, "{found} for {true_m}");
+        }
+        // What is seen empty stays so.
+        let right = |p: &Point3<f64>| p.x > 0.144;
+        let readings = Readings { is_seen_empty: &right, ..readings };
+        let (_, high) = mend_borders(&mesh, voxel_m, false, &readings).mesh.bounds().unwrap();
+        assert!((high.x - 0.144).abs() < 0.001 && (high.y - 0.1).abs() < 0.001, "{high}");
+    }
+}
