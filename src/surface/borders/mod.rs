@@ -46,8 +46,8 @@ const ROUNDS: usize = 2;
 
 /// The mesh with mended borders: triangles and strips that hang loose are taken off, with `close` small holes
 /// in flat faces are closed unless views saw through them, rims become straight or smooth where the
-/// `readings` end. `voxel_m` is the spacing of the grid that the mesh comes from, meters. A mesh without a border, or
-/// without a clear one, comes back as it is.
+/// `readings` end. `voxel_m` is the spacing of the grid that the mesh comes from, meters. A mesh without a
+/// border, or without a clear one, comes back as it is.
 #[must_use]
 pub fn mend_borders(mesh: &TriangleMesh, voxel_m: f64, close: bool, readings: &Readings<'_>) -> Mended {
     if border_loops(mesh).is_none_or(|loops| loops.is_empty()) {
