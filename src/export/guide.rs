@@ -14,9 +14,9 @@ use crate::{
 };
 
 /// What the frames at places to grasp are.
-const GRASPS: &str = "\nSites (MJCF), frames (SDF, xacro) and Xforms (USD) named `PART_grasp_K` are where a parallel \
-    gripper can take a part: the origin lies between the fingertips, x is the closing direction, z the \
-    approach. Widths are in report.json.\n";
+const GRASPS: &str = "\nSites (MJCF), frames (SDF, xacro) and Xforms (USD) named `PART_grasp_K` are places \
+    where a parallel gripper can take a part: the origin lies between the fingertips, x is the closing \
+    direction, z the approach. Widths are in report.json.\n";
 
 /// The text.
 #[must_use]

@@ -165,13 +165,13 @@ pub struct Inertial {
 /// A place where a parallel gripper can take a part.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Grasp {
-    /// Pose of the hand in the link frame: x is the closing direction, z the approach, the origin lies between
-    /// the fingertips.
+    /// Pose of the hand in the link frame: x is the closing direction, z the approach, the origin lies
+    /// between the fingertips.
     pub link_from_grasp: Pose,
     /// Width of the part there, meters.
     pub width_m: f64,
-    /// Angle between the closing direction and the normals of the faces that the pads meet, the worse of both,
-    /// radians.
+    /// Angle between the closing direction and the normals of the faces that the pads meet, the worse of
+    /// both, radians.
     pub off_rad: f64,
     /// Whether views saw both faces; else one stands where a wall of the assumed thickness ends.
     pub is_seen: bool,

@@ -41,17 +41,24 @@ const POSITIONS: usize = 8;
 const MOST: usize = 3;
 /// Least distance of two of them, meters. derived: two fingers side by side
 const APART_M: f64 = 0.04;
+/// Worth less than the best by which a place is left out. tuned: beside a handle no rim is needed
+const WORSE: f64 = 0.9;
+/// Largest cosine between the approach and the way that the part opens. derived: behind it is what it closes,
+/// where views saw little
+const FROM_BEHIND: f64 = 0.5;
+/// Least width, meters. derived: a solid may stand 3 mm off the surface
+const LEAST_M: f64 = 0.003;
 /// Least lever as a share of the part's largest. tuned: near a hinge a door's rim is no handle
 const LEAST_LEVER: f64 = 0.3;
-/// What counts how much beside the lever. All of [`Weights`] are tuned: with those of `artitwin demo`, from
-/// which these are, 10 of 10 handles were opened.
+/// What counts how much beside the lever. tuned: near the weights of `artitwin demo`, by which 10 of 10
+/// handles were opened
 const WEIGHTS: Weights = Weights {
     handle: 1.4,
     touch: 1.0,
     shape: 0.3,
     face: 1.0,
     straight: 0.3,
-    narrow_per_m: 12.0,
+    narrow_per_m: 4.0,
     middle_per_m: 0.5,
 };
 /// Depth behind the foremost place of a part over which the worth of a handle fades, meters. tuned: that of
@@ -77,8 +84,8 @@ struct Weights {
 }
 
 /// Places to grasp a joint's child, best first; none where no hand fits. The hand is free of all solids where
-/// the twin is closed (in state 0 where no closed end is known), on its way there, and with the joint anywhere
-/// between its limits; and it stays above the lowest solid, on which the object stands.
+/// the twin is closed (in state 0 where no closed end is known), on its way there, and with the joint
+/// anywhere between its limits; and it stays above the lowest solid, on which the object stands.
 #[must_use]
 pub fn grasps(model: &ArticulatedModel, j: usize) -> Vec<Grasp> {
     let Some(scene) = Scene::of(model, j) else { return Vec::new() };
@@ -91,18 +98,18 @@ pub fn grasps(model: &ArticulatedModel, j: usize) -> Vec<Grasp> {
     // Equal ones stay in order: rounding does not choose among them.
     let rank = |value: f64| (1e6 * value).round();
     found.sort_by(|a, b| rank(b.0).total_cmp(&rank(a.0)));
-    let mut kept: Vec<Grasp> = Vec::new();
-    for (_, grasp) in found {
-        let at = |g: &Grasp| g.link_from_grasp.translation.vector;
-        let is_new = kept.iter().all(|k| (at(k) - at(&grasp)).norm() >= APART_M);
-        if is_new && scene.is_free_on_the_way(&grasp) {
-            kept.push(grasp);
-        }
-        if kept.len() == MOST {
+    let mut kept: Vec<(f64, Grasp)> = Vec::new();
+    for (worth, grasp) in found {
+        if kept.len() == MOST || kept.first().is_some_and(|best| worth < best.0 - WORSE) {
             break;
         }
+        let at = |g: &Grasp| g.link_from_grasp.translation.vector;
+        let is_new = kept.iter().all(|(_, k)| (at(k) - at(&grasp)).norm() >= APART_M);
+        if is_new && scene.is_free_on_the_way(&grasp) {
+            kept.push((worth, grasp));
+        }
     }
-    kept
+    kept.into_iter().map(|(_, grasp)| grasp).collect()
 }
 
 /// A place on a face of a part, in its frame.
@@ -175,8 +182,8 @@ struct Scene<'a> {
     moved: Vec<Surroundings>,
     /// Largest lever of a corner of the part, meters.
     reach_m: f64,
-    /// Sign of the opening direction.
-    opens: f64,
+    /// Signs of the direction in which the joint may open: both where no closed end is known.
+    opens: Vec<f64>,
 }
 
 impl<'a> Scene<'a> {
@@ -202,7 +209,7 @@ impl<'a> Scene<'a> {
         let Limit { lower, upper, .. } = joint.limit;
         let moved =
             (0..=POSITIONS).map(|k| at(lower + (upper - lower) * k as f64 / POSITIONS as f64)).collect();
-        let opens = if upper - closed[j] >= closed[j] - lower { 1.0 } else { -1.0 };
+        let opens = joint.limit.closed.map_or(vec![1.0, -1.0], |s| vec![if s.above { -1.0 } else { 1.0 }]);
         let axes = axes(&model.links[joint.child].collision)?;
         let closed = at(closed[j]);
         let seen = Seen::of(&model.links[joint.child].visual);
@@ -229,12 +236,15 @@ impl<'a> Scene<'a> {
             0 => return Vec::new(),
             ends => ends == 2,
         };
+        let way = self.way(&middle);
         let of = |approach: Vector3<f64>| {
             // How deep the middle of the pads is in the part.
             let rise_m = self.part.through(&middle, &-approach, ROOM_M)?.ends_m[1];
             let pose = pose(&closing, &approach, &(middle + approach * PAD_M));
             let grasp = Grasp { link_from_grasp: pose, width_m, off_rad, is_seen };
-            let fits = rise_m <= FINGER_M[2] - PAD_M && self.is_free(&grasp);
+            let from_behind =
+                way.is_some_and(|w| self.opens.iter().all(|s| s * w.dot(&approach) > FROM_BEHIND));
+            let fits = rise_m <= FINGER_M[2] - PAD_M && !from_behind && self.is_free(&grasp);
             fits.then(|| (self.worth(seed, &grasp, &(middle - approach * rise_m)), grasp))
         };
         self.approaches(&closing).filter_map(of).collect()
@@ -243,7 +253,7 @@ impl<'a> Scene<'a> {
     /// The part under a place where it is narrower than the hand opens: closing direction, the piece of the
     /// line along it, the middle of that.
     fn narrow(&self, seed: &Seed) -> Option<(Vector3<f64>, Span, Point3<f64>)> {
-        let fits = |s: &Span| s.length_m() <= GAP_M - 2.0 * ROOM_M;
+        let fits = |s: &Span| (LEAST_M..=GAP_M - 2.0 * ROOM_M).contains(&s.length_m());
         let first = self.part.through(&seed.at, &-seed.normal, ROOM_M).filter(fits)?;
         // A place within the part is none.
         if first.ends_m[0] < -1e-6 {
@@ -306,11 +316,12 @@ impl<'a> Scene<'a> {
         };
         let touch = (-4..=4).map(seen_ends).sum::<usize>() as f64 / 18.0;
         let (way, lever) = (self.way(&middle), self.lever_m(&middle) / self.reach_m);
-        let stands_out = way.map_or(0.0, |w| (-self.ahead_m(front, &w) / HANDLE_M).exp());
+        let ahead_m = |w: Vector3<f64>| self.opens.iter().map(move |s| self.ahead_m(front, &(w * *s)));
+        let ahead_m = way.into_iter().flat_map(ahead_m).fold(f64::INFINITY, f64::min);
         let straight = self.axes.iter().map(|a| a.dot(&approach).abs()).fold(0.0, f64::max);
         // docs/method.md (10.6).
         lever
-            + WEIGHTS.handle * stands_out
+            + WEIGHTS.handle * (-ahead_m / HANDLE_M).exp()
             + WEIGHTS.touch * touch
             + WEIGHTS.shape * way.map_or(0.0, |w| w.dot(&closing).abs())
             + WEIGHTS.face * grasp.off_rad.cos()
@@ -324,14 +335,14 @@ impl<'a> Scene<'a> {
         if self.joint.kind.turns() { p.coords.cross(&self.joint.axis).norm() } else { 1.0 }
     }
 
-    /// Unit direction in which a point of the part opens; `None` on the axis of a turn.
+    /// Unit direction in which a point of the part moves; `None` on the axis of a turn.
     fn way(&self, p: &Point3<f64>) -> Option<Vector3<f64>> {
         let axis = self.joint.axis.into_inner();
         let way = match self.joint.kind.pitch_m_per_rad() {
             _ if !self.joint.kind.turns() => axis,
             pitch => axis.cross(&p.coords) + axis * pitch.unwrap_or(0.0),
         };
-        Some(self.opens * way.try_normalize(1e-3)?)
+        way.try_normalize(1e-3)
     }
 
     /// How far the part reaches beyond a place the way it opens, along the nearest of its axes, meters.

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
 use super::{
-    ArticulatedModel, Grasp, JointKind,
+    ArticulatedModel, Grasp, JointKind, Seat,
     example::{box_mesh, cabinet},
     grasp::grasps,
 };
@@ -157,6 +157,16 @@ fn the_hand_must_be_free_over_all_of_the_motion() {
     let mut model = drawer(&[BODY, wall], &with_bar());
     model.joints[0].limit.upper = 0.1;
     assert_eq!(grasps(&model, 0), free);
+}
+
+#[test]
+fn no_hand_comes_from_behind_what_closes() {
+    // A fin on the back of a front, with nothing else there.
+    let fin = [[0.15, -0.2, 0.3], [0.2, 0.2, 0.31]];
+    let mut model = drawer(&[[[-0.2, 0.3, 0.0], [0.2, 0.32, 0.6]]], &[PLATE, fin]);
+    assert!(grasps(&model, 0).iter().any(|g| pads(&model, g)[2].x > 0.999));
+    model.joints[0].limit.closed = Some(Seat { position: 0.0, std: 1e-3, contact_share: 0.3, above: false });
+    assert!(grasps(&model, 0).iter().all(|g| pads(&model, g)[2].x < 0.51));
 }
 
 #[test]
