@@ -1,7 +1,5 @@
 //! What a grasp is looked for in: convex solids, lines through them, blocks among them.
 
-use std::collections::BTreeSet;
-
 use nalgebra::{Point3, Vector3};
 
 use crate::{
@@ -74,20 +72,22 @@ impl Block {
 }
 
 /// The cells that a surface passes through, in its frame.
-pub(super) struct Seen(BTreeSet<[i32; 3]>);
+pub(super) struct Seen(Vec<[i32; 3]>);
 
 impl Seen {
     pub fn of(surface: &TriangleMesh) -> Self {
-        let mut cells = BTreeSet::new();
+        let mut cells = Vec::new();
         for t in 0..surface.triangles.len() {
             let [a, b, c] = surface.corners(t).map(|p| p.cast::<f64>());
             let longest_m = (b - a).norm().max((c - b).norm()).max((a - c).norm());
             let n = (longest_m / NEAR_M).ceil().max(1.0) as u32;
             for (i, k) in (0..=n).flat_map(|i| (0..=n - i).map(move |k| (i, k))) {
                 let share = |x: u32| f64::from(x) / f64::from(n);
-                cells.insert(cell(&(a + (b - a) * share(i) + (c - a) * share(k))));
+                cells.push(cell(&(a + (b - a) * share(i) + (c - a) * share(k))));
             }
         }
+        cells.sort_unstable();
+        cells.dedup();
         Self(cells)
     }
 
@@ -95,7 +95,7 @@ impl Seen {
     pub fn is_near(&self, p: &Point3<f64>) -> bool {
         let [x, y, z] = cell(p);
         let beside = |x: i32| x.saturating_sub(1)..=x.saturating_add(1);
-        beside(x).any(|x| beside(y).any(|y| beside(z).any(|z| self.0.contains(&[x, y, z]))))
+        beside(x).any(|x| beside(y).any(|y| beside(z).any(|z| self.0.binary_search(&[x, y, z]).is_ok())))
     }
 }
 
@@ -132,9 +132,12 @@ impl Solid {
             let (end, t) = (usize::from(toward > 0.0), room_m / toward);
             if (end == 0 && t > span.ends_m[0]) || (end == 1 && t < span.ends_m[1]) {
                 (span.ends_m[end], span.normals[end]) = (t, plane.normal);
+                if span.ends_m[0] >= span.ends_m[1] {
+                    return None;
+                }
             }
         }
-        (span.ends_m[0] < span.ends_m[1]).then_some(span)
+        Some(span)
     }
 
     /// Whether no face of either holds it and a box apart. Boxes that only two edges hold apart count as
