@@ -13,6 +13,11 @@ use crate::{
     note::{Note, NoteCode},
 };
 
+/// What the frames at places to grasp are.
+const GRASPS: &str = "\nSites (MJCF), frames (SDF, xacro) and Xforms (USD) named `PART_grasp_K` are places \
+    where a parallel gripper can take a part: the origin lies between the fingertips, x is the closing \
+    direction, z the approach. Widths are in report.json.\n";
+
 /// The text.
 #[must_use]
 pub fn guide(model: &ArticulatedModel, config: &ExportConfig) -> String {
@@ -49,6 +54,9 @@ pub fn guide(model: &ArticulatedModel, config: &ExportConfig) -> String {
          simulator decides."
     )
     .ok();
+    if model.links.iter().any(|l| !l.grasps.is_empty()) {
+        text.push_str(GRASPS);
+    }
     screw_notes(model, config).iter().for_each(|n| writeln!(text, "\n{n}.").unwrap_or_default());
     text
 }

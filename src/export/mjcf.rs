@@ -8,7 +8,7 @@ use nalgebra::{Quaternion, UnitQuaternion};
 use super::{
     config::{Base, ExportConfig},
     number::decimal,
-    urdf::{advance_limit, short, solid_name, solid_path, triple, visual_path},
+    urdf::{advance_limit, grasp_name, short, solid_name, solid_path, triple, visual_path},
 };
 use crate::{
     geometry::Pose,
@@ -175,6 +175,11 @@ fn push_body(
     for k in 0..link.collision.len() {
         let solid = escape(&solid_name(link, k));
         writeln!(text, "{pad}  <geom class=\"{prefix}collision\" name=\"{solid}\" mesh=\"{solid}\"/>").ok();
+    }
+    for (k, grasp) in link.grasps.iter().enumerate() {
+        // Group 4 is not drawn unless it is asked for.
+        let (site, place) = (escape(&grasp_name(link, k)), place(&grasp.link_from_grasp));
+        writeln!(text, "{pad}  <site name=\"{site}\" {place} size=\"0.005\" group=\"4\"/>").ok();
     }
     // In the order of `joint_order`, which the keyframes have.
     for below in model.joints.iter().filter(|j| j.parent == index) {

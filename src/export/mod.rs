@@ -8,6 +8,8 @@ mod config;
 mod contact_sheet;
 pub mod diagnosed;
 mod diagnosis_page;
+#[cfg(test)]
+mod grasp_tests;
 mod guide;
 mod limit_report;
 mod look;

@@ -211,10 +211,11 @@ fn push_links(out: &mut String, report: &Report) {
     for (i, link) in report.links.iter().enumerate() {
         writeln!(
             rows,
-            "<tr><td>{}{}</td><td class=\"number\">{}</td><td class=\"number\">{}{}</td><td \
+            "<tr><td>{}{}{}</td><td class=\"number\">{}</td><td class=\"number\">{}{}</td><td \
              class=\"number\">{}<br><span class=\"soft\">{} to {}<br>{}</span></td></tr>",
             dot(i),
             escape(&link.name),
+            grasps(link),
             link.triangles,
             unit(&decimal(link.area_m2, 3), "m\u{b2}"),
             assumed(link),
@@ -226,6 +227,19 @@ fn push_links(out: &mut String, report: &Report) {
         .ok();
     }
     push_table(out, "Parts", &["Part", "Triangles", "Area", "Mass (assumed)"], &rows);
+}
+
+/// Where a gripper can take a link, for its name's cell.
+fn grasps(link: &LinkReport) -> String {
+    let widths: Vec<String> = link.grasps.iter().map(|g| decimal(g.width_mm, 0)).collect();
+    match widths.split_last() {
+        None => String::new(),
+        Some((last, others)) => {
+            let and = if others.is_empty() { String::new() } else { format!("{} and ", others.join(", ")) };
+            let places = count(widths.len(), "place");
+            format!("<br><span class=\"soft\">{places} to grasp, {and}{last} mm wide</span>")
+        }
+    }
 }
 
 /// How much of a link's surface no view saw, for its area's cell.

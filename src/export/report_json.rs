@@ -8,13 +8,15 @@ use serde::{Deserialize, Serialize};
 use super::{
     camera_poses::{CameraPosesReport, CameraTrackingReport, DepthSensorReport, WorldFrameReport},
     limit_report::LimitReport,
+    mjcf::quaternion,
     number::round_significant,
     part_count::PartCountReport,
     start::InitialMotion,
+    urdf::grasp_name,
 };
 use crate::{
     geometry::{Intrinsics, Pose},
-    model::{ArticulatedModel, Deviations, Joint, JointKind, ParentScore},
+    model::{ArticulatedModel, Deviations, Grasp, Joint, JointKind, ParentScore},
     note::Note,
 };
 
@@ -198,6 +200,26 @@ pub struct LinkReport {
     pub vertices: usize,
     /// Triangles of the mesh.
     pub triangles: usize,
+    /// Where a parallel gripper can take it, best first.
+    #[serde(default)]
+    pub grasps: Vec<GraspReport>,
+}
+
+/// A place to grasp a link.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GraspReport {
+    /// Name of its site or frame.
+    pub name: String,
+    /// Place between the fingertips in the link frame, meters.
+    pub position: [f64; 3],
+    /// Turn of the hand in the link frame, w first: x is the closing direction, z the approach.
+    pub quaternion: [f64; 4],
+    /// Width of the part there, millimeters.
+    pub width_mm: f64,
+    /// Angle between the closing direction and the normals of the faces, the worse of both, degrees.
+    pub off_deg: f64,
+    /// Whether views saw both faces.
+    pub seen: bool,
 }
 
 /// What is known about a run beside its model.
@@ -333,6 +355,7 @@ impl Report {
             assumed_area_m2: round_significant(l.assumed_m2, DIGITS),
             vertices: l.visual.vertices.len(),
             triangles: l.visual.triangles.len(),
+            grasps: l.grasps.iter().enumerate().map(|(k, g)| grasp_report(grasp_name(l, k), g)).collect(),
         };
         Self {
             format: REPORT_FORMAT.to_owned(),
@@ -438,6 +461,17 @@ fn positions(model: &ArticulatedModel, joint: usize) -> Vec<PositionReport> {
         std: std(state),
     };
     model.states.iter().enumerate().map(of).collect()
+}
+
+fn grasp_report(name: String, grasp: &Grasp) -> GraspReport {
+    GraspReport {
+        name,
+        position: round3(grasp.link_from_grasp.translation.vector.into()),
+        quaternion: quaternion(&grasp.link_from_grasp.rotation).map(|x| round_significant(x, DIGITS)),
+        width_mm: round_significant(1e3 * grasp.width_m, 4),
+        off_deg: round_significant(grasp.off_rad.to_degrees(), 4),
+        seen: grasp.is_seen,
+    }
 }
 
 fn parent_report(score: &ParentScore) -> ParentReport {

@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use super::{
     config::{Base, ExportConfig},
     urdf::{
-        CARRIER_KG, CARRIER_KG_M2, advance_limit, carrier_name, origin, short, solid_name, solid_path,
-        triple, visual_path,
+        CARRIER_KG, CARRIER_KG_M2, advance_limit, carrier_name, grasp_name, origin, short, solid_name,
+        solid_path, triple, visual_path,
     },
 };
 use crate::{
@@ -78,6 +78,9 @@ fn text_of(model: &ArticulatedModel, config: &ExportConfig, screws: Screws) -> S
             thread => push_joint(&mut text, joint, thread, model),
         }
     }
+    for link in &model.links {
+        push_grasps(&mut text, link);
+    }
     text.push_str("  </model>\n</sdf>\n");
     text
 }
@@ -125,6 +128,15 @@ fn push_link(text: &mut String, link: &Link, model_from_link: &Pose) {
         push_geometry(text, "collision", &solid_name(link, k), &solid_path(link, k));
     }
     text.push_str("    </link>\n");
+}
+
+/// Places to grasp a link, as frames on it.
+fn push_grasps(text: &mut String, link: &Link) {
+    for (k, grasp) in link.grasps.iter().enumerate() {
+        let (name, on) = (escape(&grasp_name(link, k)), escape(&link.name));
+        writeln!(text, "    <frame name=\"{name}\" attached_to=\"{on}\">").ok();
+        writeln!(text, "      <pose>{}</pose>\n    </frame>", pose(&grasp.link_from_grasp)).ok();
+    }
 }
 
 fn push_geometry(text: &mut String, tag: &str, name: &str, path: &str) {

@@ -125,6 +125,12 @@ pub fn solid_name(link: &Link, solid: usize) -> String {
     format!("{}_solid_{solid}", link.name)
 }
 
+/// Name of a place to grasp a link in all formats, counted from 1.
+#[must_use]
+pub fn grasp_name(link: &Link, grasp: usize) -> String {
+    format!("{}_grasp_{}", link.name, grasp + 1)
+}
+
 /// Path of a link's collision solid, relative to the URDF's folder.
 #[must_use]
 pub fn solid_path(link: &Link, solid: usize) -> String {

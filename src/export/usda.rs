@@ -12,9 +12,10 @@ use super::{
     look::Look,
     mjcf::quaternion,
     number::{decimal, significant},
-    urdf::{solid_name, visual_path},
+    urdf::{grasp_name, solid_name, visual_path},
 };
 use crate::{
+    geometry::Pose,
     model::{ArticulatedModel, Inertial, Joint, Link, identifier},
     surface::TriangleMesh,
 };
@@ -48,15 +49,19 @@ pub fn usda(model: &ArticulatedModel, looks: &[Look], base: Base) -> String {
             identifier(&link.name)
         )
         .ok();
-        writeln!(text, "        double3 xformOp:translate = {}", tuple(&pose.translation.vector)).ok();
-        writeln!(text, "        quatf xformOp:orient = {}", turn(&pose.rotation)).ok();
-        text.push_str("        uniform token[] xformOpOrder = [\"xformOp:translate\", \"xformOp:orient\"]\n");
+        push_place(&mut text, &pose, "        ");
         push_mass(&mut text, &link.inertial);
         if let Some(look) = looks.get(i).filter(|_| !link.visual.is_empty()) {
             push_visual(&mut text, name, link, look);
         }
         for (k, solid) in link.collision.iter().enumerate() {
             push_collider(&mut text, name, &solid_name(link, k), &solid.mesh());
+        }
+        for (k, grasp) in link.grasps.iter().enumerate() {
+            let name = grasp_name(link, k);
+            writeln!(text, "        def Xform \"{}\"\n        {{", identifier(&name)).ok();
+            push_place(&mut text, &grasp.link_from_grasp, "            ");
+            text.push_str("        }\n");
         }
         text.push_str("    }\n");
     }
@@ -76,6 +81,14 @@ pub fn usda(model: &ArticulatedModel, looks: &[Look], base: Base) -> String {
     }
     text.push_str("    }\n}\n");
     text
+}
+
+/// Where a prim stands in its parent.
+fn push_place(text: &mut String, pose: &Pose, pad: &str) {
+    let (translate, orient) = (tuple(&pose.translation.vector), turn(&pose.rotation));
+    writeln!(text, "{pad}double3 xformOp:translate = {translate}").ok();
+    writeln!(text, "{pad}quatf xformOp:orient = {orient}").ok();
+    writeln!(text, "{pad}uniform token[] xformOpOrder = [\"xformOp:translate\", \"xformOp:orient\"]").ok();
 }
 
 /// Friction between surfaces: assumed, like wood on wood.

@@ -5,9 +5,9 @@ use std::fmt::Write as _;
 
 use super::{
     config::UrdfScrew,
-    urdf::{Form, advance_limit, push_elements, short},
+    urdf::{Form, advance_limit, grasp_name, origin, push_elements, short},
 };
-use crate::model::{ArticulatedModel, Joint, Limit, escape_xml as escape, identifier};
+use crate::model::{ArticulatedModel, Joint, Limit, Link, escape_xml as escape, identifier};
 
 /// Xacro's namespace.
 const SPACE: &str = "xmlns:xacro=\"http://www.ros.org/wiki/xacro\"";
@@ -32,6 +32,7 @@ pub fn macros(model: &ArticulatedModel, screws: UrdfScrew) -> String {
          <xacro:macro name=\"{name}\" params=\"prefix:='' parent:='' xyz:='0 0 0' rpy:='0 0 0'\">\n"
     );
     push_elements(&mut text, model, Form { paths: &paths, names: "${prefix}", screws, gazebo: true });
+    model.links.iter().for_each(|link| push_grasps(&mut text, link));
     let root = model.links.first().map_or(String::new(), |l| escape(&l.name));
     write!(
         text,
@@ -44,6 +45,22 @@ pub fn macros(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     push_control(&mut text, model, screws, &name);
     text.push_str("</robot>\n");
     text
+}
+
+/// Places to grasp a link, as frames on it: links without mass, which `robot_state_publisher` takes. A
+/// simulator would give each a mass of its own, so no other URDF has them.
+fn push_grasps(text: &mut String, link: &Link) {
+    for (k, grasp) in link.grasps.iter().enumerate() {
+        let (name, on) = (escape(&grasp_name(link, k)), escape(&link.name));
+        let (xyz, rpy) = origin(&grasp.link_from_grasp);
+        writeln!(
+            text,
+            "  <link name=\"${{prefix}}{name}\"/>\n  <joint name=\"${{prefix}}{name}_fixed\" \
+             type=\"fixed\">\n    <origin xyz=\"{xyz}\" rpy=\"{rpy}\"/>\n    \
+             <parent link=\"${{prefix}}{on}\"/>\n    <child link=\"${{prefix}}{name}\"/>\n  </joint>"
+        )
+        .ok();
+    }
 }
 
 /// The twin by itself, made by the macros.

@@ -162,6 +162,21 @@ pub struct Inertial {
     pub mass_range_kg: [f64; 2],
 }
 
+/// A place where a parallel gripper can take a part.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Grasp {
+    /// Pose of the hand in the link frame: x is the closing direction, z the approach, the origin lies
+    /// between the fingertips.
+    pub link_from_grasp: Pose,
+    /// Width of the part there, meters.
+    pub width_m: f64,
+    /// Angle between the closing direction and the normals of the faces that the pads meet, the worse of
+    /// both, radians.
+    pub off_rad: f64,
+    /// Whether views saw both faces; else one stands where a wall of the assumed thickness ends.
+    pub is_seen: bool,
+}
+
 /// A rigid part.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Link {
@@ -175,6 +190,9 @@ pub struct Link {
     pub collision: Vec<ConvexSolid>,
     /// Mass properties.
     pub inertial: Inertial,
+    /// Where a gripper can take it, best first; none of what does not move.
+    #[serde(default)]
+    pub grasps: Vec<Grasp>,
 }
 
 /// How well a link would carry a part.

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link,
-    Material, assumed_dynamics, clear_paths, seat, swept_interval,
+    Material, assumed_dynamics, clear_paths, grasps, seat, swept_interval,
 };
 use crate::{
     geometry::{Grid3, Pose},
@@ -112,7 +112,7 @@ pub struct MovingPart {
 
 /// Builds the model: the moving parts in a tree from the static one. Position 0 is state 0. Collision solids
 /// follow the surfaces and leave the paths within the limits free; masses come from the surfaces; the limits
-/// are those of the policy.
+/// are those of the policy. Grasps are found last, from solids and limits.
 #[must_use]
 pub fn build(
     name: &str,
@@ -154,6 +154,10 @@ pub fn build(
             ([limit.lower, limit.upper], limit.source) = (swept, LimitSource::Swept);
         }
         model.joints[j].dynamics = assumed_dynamics(&model, j);
+    }
+    for j in 0..model.joints.len() {
+        let found = grasps(&model, j);
+        model.links[model.joints[j].child].grasps = found;
     }
     model
 }
@@ -241,7 +245,7 @@ fn link(name: String, visual: TriangleMesh) -> Link {
         assumption: String::new(),
         mass_range_kg: [0.0; 2],
     };
-    Link { name, visual, assumed_m2: 0.0, collision: Vec::new(), inertial }
+    Link { name, visual, assumed_m2: 0.0, collision: Vec::new(), inertial, grasps: Vec::new() }
 }
 
 /// Mass properties of a link's walls. Without area the mass stays 0, which validation refuses.

@@ -7,6 +7,10 @@ mod deviation;
 mod dynamics;
 #[cfg(test)]
 pub(crate) mod example;
+mod grasp;
+mod grasp_space;
+#[cfg(test)]
+mod grasp_tests;
 mod joint_family;
 mod material;
 mod names;
@@ -17,12 +21,13 @@ mod tree;
 mod validate;
 
 pub use articulated::{
-    ArticulatedModel, AxisAlone, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit,
+    ArticulatedModel, AxisAlone, Grasp, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit,
     LimitSource, Link, ParentScore, Seat,
 };
 pub use build::{LimitPolicy, ModelConfig, MovingPart, build, link_name};
 pub use deviation::Deviations;
 pub use dynamics::{JointLoad, assumed_dynamics, joint_load};
+pub use grasp::grasps;
 pub use joint_family::{JointFamily, TypeScores};
 pub use material::Material;
 #[cfg(test)]

@@ -236,6 +236,7 @@ mod tests {
             assumed_m2: 0.0,
             collision: vec![],
             inertial,
+            grasps: vec![],
         }
     }
 

@@ -62,12 +62,19 @@ impl ConvexSolid {
         self.faces.iter().filter_map(|f| self.plane(f)).collect()
     }
 
-    fn plane(&self, face: &[u32]) -> Option<Plane> {
+    /// The plane of a face; `None` of one without area.
+    pub(crate) fn plane(&self, face: &[u32]) -> Option<Plane> {
         let normal = self.twice_area(face).try_normalize(1e-16)?;
         let heights = face.iter().map(|&i| normal.dot(&self.vertices[i as usize].coords));
         // Rounding leaves the corners of a cut face beside its plane: their mean is nearest to all.
         let offset_m = heights.sum::<f64>() / face.len() as f64;
         Some(Plane { normal, offset_m })
+    }
+
+    /// Unit normal and area of every face that has one, square meters.
+    pub(crate) fn areas(&self) -> impl Iterator<Item = (Vector3<f64>, f64)> + '_ {
+        let of = |f: &Vec<u32>| Some((self.plane(f)?.normal, 0.5 * self.twice_area(f).norm()));
+        self.faces.iter().filter_map(of)
     }
 
     /// Twice the area of a face along its normal.

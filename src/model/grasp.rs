@@ -1,0 +1,402 @@
+//! Where a parallel gripper can take a moving part: something narrow of it stands between two free slots
+//! (docs/method.md 10.5).
+
+use std::f64::consts::FRAC_PI_4;
+
+use nalgebra::{Matrix3, Point3, Rotation3, Unit, UnitQuaternion, Vector3};
+
+use super::{
+    ArticulatedModel, Grasp, Joint, Limit,
+    grasp_space::{Block, Seen, Shape, Span},
+};
+use crate::{
+    geometry::Pose,
+    surface::{ConvexSolid, Plane},
+};
+
+/// Widest opening, meters. derived: data sheet of the Franka Hand, a usual parallel hand
+const GAP_M: f64 = 0.08;
+/// A finger: thickness along the closing direction, width across it, length, meters. derived: boxes about
+/// those of the Franka Hand, as in `run/demonstrate/panda.py`
+const FINGER_M: [f64; 3] = [0.012, 0.02, 0.045];
+/// Half the palm along the closing direction and across it, and its whole depth, meters. derived: as
+/// [`FINGER_M`]
+const PALM_M: [f64; 3] = [0.1, 0.03, 0.06];
+/// Way of the hand to the grasp, meters. tuned: that of `artitwin demo`
+const APPROACH_M: f64 = 0.08;
+/// Least room about a finger, meters; so much may the part bulge under it. derived: a solid may stand 3 mm
+/// off the surface
+const ROOM_M: f64 = 0.003;
+/// From the fingertips back to the middle of the pads, meters. tuned: that of `artitwin demo`
+const PAD_M: f64 = 0.008;
+/// Friction between pad and part. derived: rubber on wood or paint
+const FRICTION: f64 = 1.0;
+/// Distance of places tried on a face, and of the outermost from its rim, meters. derived: half a finger
+const STEP_M: f64 = 0.01;
+/// Most places along a face beside the first.
+const MOST_STEPS: usize = 24;
+/// Positions of the joint between its limits at which the hand must be free, less one.
+const POSITIONS: usize = 8;
+/// Most grasps of a part.
+const MOST: usize = 3;
+/// Least distance of two of them, meters. derived: two fingers side by side
+const APART_M: f64 = 0.04;
+/// Worth less than the best by which a place is left out. tuned: beside a handle no rim is needed
+const WORSE: f64 = 0.9;
+/// Largest cosine between the approach and the way that the part opens. derived: behind it is what it closes,
+/// where views saw little
+const FROM_BEHIND: f64 = 0.5;
+/// Least width, meters. derived: a solid may stand 3 mm off the surface
+const LEAST_M: f64 = 0.003;
+/// Least lever as a share of the part's largest. tuned: near a hinge a door's rim is no handle
+const LEAST_LEVER: f64 = 0.3;
+/// What counts how much beside the lever. tuned: near the weights of `artitwin demo`, by which 10 of 10
+/// handles were opened
+const WEIGHTS: Weights = Weights {
+    handle: 1.4,
+    touch: 1.0,
+    shape: 0.3,
+    face: 1.0,
+    straight: 0.3,
+    narrow_per_m: 4.0,
+    middle_per_m: 0.5,
+};
+/// Depth behind the foremost place of a part over which the worth of a handle fades, meters. tuned: that of
+/// `artitwin demo`
+const HANDLE_M: f64 = 0.015;
+
+/// Weights of a grasp's worth.
+struct Weights {
+    /// Stands out of the part's face.
+    handle: f64,
+    /// Share of both pads, twice as wide as they are, that meets seen surface: not at an end of it.
+    touch: f64,
+    /// The part moves the way the fingers close: a finger drags it along.
+    shape: f64,
+    /// Faces square to the closing direction.
+    face: f64,
+    /// Approach along an axis of the part.
+    straight: f64,
+    /// Width, per meter.
+    narrow_per_m: f64,
+    /// Distance from the middle of the face, per meter.
+    middle_per_m: f64,
+}
+
+/// Places to grasp a joint's child, best first; none where no hand fits. The hand is free of all solids where
+/// the twin is closed (in state 0 where no closed end is known), on its way there, and with the joint
+/// anywhere between its limits; and it stays above the lowest solid, on which the object stands.
+#[must_use]
+pub fn grasps(model: &ArticulatedModel, j: usize) -> Vec<Grasp> {
+    let Some(scene) = Scene::of(model, j) else { return Vec::new() };
+    let mut found: Vec<(f64, Grasp)> = model.links[model.joints[j].child]
+        .collision
+        .iter()
+        .flat_map(seeds)
+        .flat_map(|s| scene.at(&s))
+        .collect();
+    // Equal ones stay in order: rounding does not choose among them.
+    let rank = |value: f64| (1e6 * value).round();
+    found.sort_by(|a, b| rank(b.0).total_cmp(&rank(a.0)));
+    let mut kept: Vec<(f64, Grasp)> = Vec::new();
+    for (worth, grasp) in found {
+        if kept.len() == MOST || kept.first().is_some_and(|best| worth < best.0 - WORSE) {
+            break;
+        }
+        let at = |g: &Grasp| g.link_from_grasp.translation.vector;
+        let is_new = kept.iter().all(|(_, k)| (at(k) - at(&grasp)).norm() >= APART_M);
+        if is_new && scene.is_free_on_the_way(&grasp) {
+            kept.push((worth, grasp));
+        }
+    }
+    kept.into_iter().map(|(_, grasp)| grasp).collect()
+}
+
+/// A place on a face of a part, in its frame.
+struct Seed {
+    at: Point3<f64>,
+    normal: Vector3<f64>,
+    /// Distance from the middle of the face, meters.
+    off_middle_m: f64,
+}
+
+/// Places on the faces of a solid, evenly about the middle of each face.
+fn seeds(solid: &ConvexSolid) -> Vec<Seed> {
+    let planes = solid.planes();
+    let is_inside = |p: &Point3<f64>| planes.iter().all(|q| q.distance_m(p) < 1e-6);
+    let of_face = |face: &Vec<u32>| {
+        let normal = solid.plane(face)?.normal;
+        let corner = |k: usize| solid.vertices[face[k % face.len()] as usize];
+        let sides = (0..face.len()).map(|k| corner(k + 1) - corner(k));
+        let longest = sides.reduce(|a, b| if b.norm() > a.norm() + 1e-9 { b } else { a })?;
+        let along = (longest - normal * normal.dot(&longest)).try_normalize(1e-12)?;
+        let across = normal.cross(&along);
+        let range = |axis: &Vector3<f64>| {
+            let all = (0..face.len()).map(|k| axis.dot(&corner(k).coords));
+            all.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], x| [lo.min(x), hi.max(x)])
+        };
+        let ([a, b], [c, d], height) = (range(&along), range(&across), normal.dot(&corner(0).coords));
+        let middle = Point3::from(along * (0.5 * (a + b)) + across * (0.5 * (c + d)) + normal * height);
+        let places =
+            stations(b - a).into_iter().flat_map(|u| stations(d - c).into_iter().map(move |v| (u, v)));
+        let seed = |(u, v): (f64, f64)| Seed {
+            at: middle + along * u + across * v,
+            normal,
+            off_middle_m: u.hypot(v),
+        };
+        Some(places.map(seed).filter(|s| is_inside(&s.at)).collect::<Vec<_>>())
+    };
+    solid.faces.iter().filter_map(of_face).flatten().collect()
+}
+
+/// Places along a length, meters from its middle; the middle is one.
+fn stations(length_m: f64) -> Vec<f64> {
+    let free_m = length_m - 2.0 * STEP_M;
+    if free_m <= 0.0 {
+        return vec![0.0];
+    }
+    let steps = (2 * (0.5 * free_m / STEP_M).ceil() as usize).min(MOST_STEPS);
+    (0..=steps).map(|k| free_m * (k as f64 / steps as f64 - 0.5)).collect()
+}
+
+/// All other links about the part at a position of its joint.
+struct Surroundings {
+    /// Index of a link, and its frame from the part's.
+    others: Vec<(usize, Pose)>,
+    /// The half space above the object's lowest solid, in the part's frame.
+    above_ground: Plane,
+}
+
+/// A moving part and all else.
+struct Scene<'a> {
+    joint: &'a Joint,
+    part: Shape,
+    /// Its visual surface.
+    seen: Seen,
+    /// Solids of every link.
+    shapes: Vec<Shape>,
+    /// Three square axes of the part, in its frame.
+    axes: [Vector3<f64>; 3],
+    /// Where the joint is closed, then over its limits.
+    closed: Surroundings,
+    moved: Vec<Surroundings>,
+    /// Largest lever of a corner of the part, meters.
+    reach_m: f64,
+    /// Signs of the direction in which the joint may open: both where no closed end is known.
+    opens: Vec<f64>,
+}
+
+impl<'a> Scene<'a> {
+    fn of(model: &'a ArticulatedModel, j: usize) -> Option<Self> {
+        let joint = &model.joints[j];
+        let part = Shape::of(&model.links[joint.child].collision);
+        let shapes: Vec<Shape> = model.links.iter().map(|l| Shape::of(&l.collision)).collect();
+        let closed = model.closed_state().or_else(|| model.states.first().cloned())?;
+        let at = |q: f64| {
+            let mut state = closed.clone();
+            state[j] = q;
+            let world_from: Vec<Pose> =
+                (0..model.links.len()).map(|l| model.world_from_link(l, &state)).collect();
+            let part_from_world = world_from[joint.child].inverse();
+            let others = (0..world_from.len()).filter(|l| *l != joint.child);
+            let others = others.map(|l| (l, world_from[l].inverse() * world_from[joint.child])).collect();
+            let heights =
+                shapes.iter().zip(&world_from).flat_map(|(s, w)| s.vertices().map(move |v| (w * v).z));
+            let ground = part_from_world * Point3::new(0.0, 0.0, heights.fold(f64::INFINITY, f64::min));
+            let normal = part_from_world.rotation * -Vector3::z();
+            Surroundings { others, above_ground: Plane { normal, offset_m: normal.dot(&ground.coords) } }
+        };
+        let Limit { lower, upper, .. } = joint.limit;
+        let moved =
+            (0..=POSITIONS).map(|k| at(lower + (upper - lower) * k as f64 / POSITIONS as f64)).collect();
+        let opens = joint.limit.closed.map_or(vec![1.0, -1.0], |s| vec![if s.above { -1.0 } else { 1.0 }]);
+        let axes = axes(&model.links[joint.child].collision)?;
+        let closed = at(closed[j]);
+        let seen = Seen::of(&model.links[joint.child].visual);
+        let mut scene = Self { joint, part, seen, shapes, axes, closed, moved, reach_m: 0.0, opens };
+        scene.reach_m = scene.part.vertices().map(|v| scene.lever_m(v)).fold(1e-9, f64::max);
+        Some(scene)
+    }
+
+    /// Grasps at a place, with what each is worth.
+    fn at(&self, seed: &Seed) -> Vec<(f64, Grasp)> {
+        let Some((closing, span, middle)) = self.narrow(seed) else { return Vec::new() };
+        let off_rad =
+            closing.dot(&-span.normals[0]).min(closing.dot(&span.normals[1])).clamp(-1.0, 1.0).acos();
+        if off_rad > FRICTION.atan() {
+            return Vec::new();
+        }
+        let (width_m, lever_m) = (span.length_m(), self.lever_m(&middle));
+        // Beside the axis a hold moves little; about it a hand turns the part.
+        if lever_m < LEAST_LEVER * self.reach_m && lever_m > 0.5 * width_m {
+            return Vec::new();
+        }
+        let is_seen = match self.seen_ends(&middle, &closing, &span) {
+            // The solid fills what is empty.
+            0 => return Vec::new(),
+            ends => ends == 2,
+        };
+        let way = self.way(&middle);
+        let of = |approach: Vector3<f64>| {
+            // How deep the middle of the pads is in the part.
+            let rise_m = self.part.through(&middle, &-approach, ROOM_M)?.ends_m[1];
+            let pose = pose(&closing, &approach, &(middle + approach * PAD_M));
+            let grasp = Grasp { link_from_grasp: pose, width_m, off_rad, is_seen };
+            let from_behind =
+                way.is_some_and(|w| self.opens.iter().all(|s| s * w.dot(&approach) > FROM_BEHIND));
+            let fits = rise_m <= FINGER_M[2] - PAD_M && !from_behind && self.is_free(&grasp);
+            fits.then(|| (self.worth(seed, &grasp, &(middle - approach * rise_m)), grasp))
+        };
+        self.approaches(&closing).filter_map(of).collect()
+    }
+
+    /// The part under a place where it is narrower than the hand opens: closing direction, the piece of the
+    /// line along it, the middle of that.
+    fn narrow(&self, seed: &Seed) -> Option<(Vector3<f64>, Span, Point3<f64>)> {
+        let fits = |s: &Span| (LEAST_M..=GAP_M - 2.0 * ROOM_M).contains(&s.length_m());
+        let first = self.part.through(&seed.at, &-seed.normal, ROOM_M).filter(fits)?;
+        // A place within the part is none.
+        if first.ends_m[0] < -1e-6 {
+            return None;
+        }
+        // Between both faces, which are then equally far from square.
+        let closing = (first.normals[1] - first.normals[0]).try_normalize(1e-6)?;
+        let inside = seed.at - seed.normal * (0.5 * first.length_m());
+        let span = self.part.through(&inside, &closing, ROOM_M).filter(fits)?;
+        let half_m = 0.5 * span.length_m();
+        let middle = inside + closing * (span.ends_m[1] - half_m);
+        Some((closing, Span { ends_m: [-half_m, half_m], ..span }, middle))
+    }
+
+    /// At how many ends of a piece of a line the visual surface is.
+    fn seen_ends(&self, at: &Point3<f64>, way: &Vector3<f64>, span: &Span) -> usize {
+        span.ends_m.iter().filter(|end| self.seen.is_near(&(at + way * **end))).count()
+    }
+
+    /// Eight directions about a closing direction, those along the part's axes first.
+    fn approaches(&self, closing: &Vector3<f64>) -> impl Iterator<Item = Vector3<f64>> + use<> {
+        let off = |a: &Vector3<f64>| a.dot(closing).abs();
+        let nearest = self.axes.iter().copied().reduce(|a, b| if off(&b) < off(&a) - 1e-6 { b } else { a });
+        let first = nearest.and_then(|a| (a - closing * a.dot(closing)).try_normalize(1e-6));
+        let about = Unit::new_unchecked(*closing);
+        let turn = move |k: u8| UnitQuaternion::from_axis_angle(&about, f64::from(k) * FRAC_PI_4);
+        first.into_iter().flat_map(move |a| [0, 2, 4, 6, 1, 3, 5, 7].map(|k| turn(k) * a))
+    }
+
+    /// Whether the hand and its way to the grasp are free where the twin is closed.
+    fn is_free(&self, grasp: &Grasp) -> bool {
+        let palm = palm(grasp, APPROACH_M);
+        fingers(grasp).iter().chain([&palm]).all(|b| !self.part.meets(b))
+            && [hold(grasp), palm].iter().all(|b| self.is_clear(b, &self.closed))
+    }
+
+    /// Whether the hand that holds is free over the joint's limits.
+    fn is_free_on_the_way(&self, grasp: &Grasp) -> bool {
+        let blocks = [hold(grasp), palm(grasp, 0.0)];
+        self.moved.iter().all(|s| blocks.iter().all(|b| self.is_clear(b, s)))
+    }
+
+    /// Whether a box, in the part's frame, is above ground and meets no other link.
+    fn is_clear(&self, block: &Block, about: &Surroundings) -> bool {
+        block.is_inside(&about.above_ground)
+            && !about.others.iter().any(|(l, pose)| self.shapes[*l].meets(&block.moved(pose)))
+    }
+
+    /// What a grasp is worth; `front` is where its approach enters the part.
+    fn worth(&self, seed: &Seed, grasp: &Grasp, front: &Point3<f64>) -> f64 {
+        let axes = grasp.link_from_grasp.rotation.to_rotation_matrix();
+        let column = |k: usize| axes.matrix().column(k).into_owned();
+        let (closing, across, approach) = (column(0), column(1), column(2));
+        let middle = grasp.link_from_grasp * Point3::new(0.0, 0.0, -PAD_M);
+        let seen_ends = |k: i8| {
+            let at = middle + across * (f64::from(k) * 0.25 * FINGER_M[1]);
+            let meets = |e: &f64| (e.abs() - 0.5 * grasp.width_m).abs() <= ROOM_M;
+            let span = self.part.through(&at, &closing, ROOM_M);
+            span.filter(|s| s.ends_m.iter().all(meets)).map_or(0, |s| self.seen_ends(&at, &closing, &s))
+        };
+        let touch = (-4..=4).map(seen_ends).sum::<usize>() as f64 / 18.0;
+        let (way, lever) = (self.way(&middle), self.lever_m(&middle) / self.reach_m);
+        let ahead_m = |w: Vector3<f64>| self.opens.iter().map(move |s| self.ahead_m(front, &(w * *s)));
+        let ahead_m = way.into_iter().flat_map(ahead_m).fold(f64::INFINITY, f64::min);
+        let straight = self.axes.iter().map(|a| a.dot(&approach).abs()).fold(0.0, f64::max);
+        // docs/method.md (10.6).
+        lever
+            + WEIGHTS.handle * (-ahead_m / HANDLE_M).exp()
+            + WEIGHTS.touch * touch
+            + WEIGHTS.shape * way.map_or(0.0, |w| w.dot(&closing).abs())
+            + WEIGHTS.face * grasp.off_rad.cos()
+            + WEIGHTS.straight * straight
+            - WEIGHTS.narrow_per_m * grasp.width_m
+            - WEIGHTS.middle_per_m * seed.off_middle_m
+    }
+
+    /// Lever of a place about the joint's axis, meters; 1 on a slide.
+    fn lever_m(&self, p: &Point3<f64>) -> f64 {
+        if self.joint.kind.turns() { p.coords.cross(&self.joint.axis).norm() } else { 1.0 }
+    }
+
+    /// Unit direction in which a point of the part moves; `None` on the axis of a turn.
+    fn way(&self, p: &Point3<f64>) -> Option<Vector3<f64>> {
+        let axis = self.joint.axis.into_inner();
+        let way = match self.joint.kind.pitch_m_per_rad() {
+            _ if !self.joint.kind.turns() => axis,
+            pitch => axis.cross(&p.coords) + axis * pitch.unwrap_or(0.0),
+        };
+        way.try_normalize(1e-3)
+    }
+
+    /// How far the part reaches beyond a place the way it opens, along the nearest of its axes, meters.
+    fn ahead_m(&self, place: &Point3<f64>, way: &Vector3<f64>) -> f64 {
+        let along = |a: &Vector3<f64>| a.dot(way).abs();
+        let face = self.axes.iter().copied().reduce(|a, b| if along(&b) > along(&a) { b } else { a });
+        let face = face.map_or(*way, |a| a * a.dot(way).signum());
+        self.part.vertices().map(|v| face.dot(&(v - place))).fold(0.0, f64::max)
+    }
+}
+
+/// Three square axes of a part: the normal of most area, and of what is left across it.
+fn axes(solids: &[ConvexSolid]) -> Option<[Vector3<f64>; 3]> {
+    let faces: Vec<(Vector3<f64>, f64)> = solids.iter().flat_map(ConvexSolid::areas).collect();
+    let most = |of: &dyn Fn(&Vector3<f64>) -> Vector3<f64>| {
+        // Faces that look the same way, or the other, count together.
+        let weight =
+            |n: &Vector3<f64>| faces.iter().map(|(m, area)| area * of(m).dot(n).powi(8)).sum::<f64>();
+        let best = faces.iter().filter_map(|(n, _)| of(n).try_normalize(0.5)).map(|n| (weight(&n), n));
+        best.reduce(|a, b| if b.0 > a.0 * (1.0 + 1e-9) { b } else { a }).map(|b| b.1)
+    };
+    let first = most(&|n| *n)?;
+    let second = most(&|n| n - first * first.dot(n))?;
+    Some([first, second, first.cross(&second)])
+}
+
+/// A hand's pose: x is the closing direction, z the approach.
+fn pose(closing: &Vector3<f64>, approach: &Vector3<f64>, tip: &Point3<f64>) -> Pose {
+    let axes = Matrix3::from_columns(&[*closing, approach.cross(closing), *approach]);
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+    Pose::from_parts(tip.coords.into(), rotation)
+}
+
+/// Both fingers with the room about them, open as far as the part is wide and may bulge.
+fn fingers(grasp: &Grasp) -> [Block; 2] {
+    let inner = 0.5 * grasp.width_m + ROOM_M;
+    let outer = inner + FINGER_M[0] + ROOM_M;
+    [[-outer, -inner], [inner, outer]].map(|[a, b]| of_fingers(grasp, a, b))
+}
+
+/// Both fingers and what is between them.
+fn hold(grasp: &Grasp) -> Block {
+    let outer = 0.5 * grasp.width_m + FINGER_M[0] + 2.0 * ROOM_M;
+    of_fingers(grasp, -outer, outer)
+}
+
+fn of_fingers(grasp: &Grasp, from_m: f64, to_m: f64) -> Block {
+    let half = 0.5 * FINGER_M[1] + ROOM_M;
+    Block::between(&grasp.link_from_grasp, [from_m, -half, -FINGER_M[2]], [to_m, half, ROOM_M])
+}
+
+/// The palm on its last way to the grasp.
+fn palm(grasp: &Grasp, way_m: f64) -> Block {
+    let [half, wide, deep] = PALM_M;
+    let back = -FINGER_M[2] - deep - way_m;
+    Block::between(&grasp.link_from_grasp, [-half, -wide, back], [half, wide, -FINGER_M[2]])
+}
