@@ -11,6 +11,9 @@ const TAKEN: f32 = 0.4;
 /// Cost of a place in space seen to be empty.
 /// tuned: shared/bags
 pub(crate) const FREE: f32 = 1.6;
+/// Cost of a place seen to be empty all around, as far as errors of depth and pose take it.
+/// derived: above the other by what decides no label, so that it can be recognized
+const ALL_FREE: f32 = 1.61;
 /// Squared mismatch in standard deviations at which half the cost of a missing surface is reached: half of it
 /// are the 3 nats of a unit of cost.
 /// derived: 2 * 3 nats, so that small deviations cost `z^2 / 2` nats (Geman-McClure)
@@ -48,6 +51,8 @@ pub(crate) struct Reprojection {
     pub partner: Option<(u32, f64, f64)>,
     /// Whether its place was seen empty, where that is known.
     pub free: Option<bool>,
+    /// Whether so were all places about it.
+    pub all_free: bool,
 }
 
 impl Reprojection {
@@ -67,6 +72,7 @@ impl Reprojection {
             (partner, None) => partner.unwrap_or(1.0),
             (Some(cost), _) if cost < EXPLAINED => cost,
             // A poor partner is not better than none.
+            (_, Some(true)) if self.all_free => ALL_FREE,
             (_, Some(true)) => FREE,
             _ => HIDDEN,
         }

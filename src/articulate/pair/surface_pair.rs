@@ -27,6 +27,9 @@ pub type FreeSpace<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);
 /// change.
 /// tuned: shared/bags
 const SHADING: f64 = 0.5;
+/// Errors of depth and pose take a sample by less than this share of the reach.
+/// derived: 2.5 deviations of a plane, which are a fifth of the reach at most
+const ERROR: f64 = 0.5;
 /// Samples beyond an edge by more than this many times their mean distance have no partner.
 /// derived: the diagonal of a square of samples
 pub(crate) const EDGE: f64 = std::f64::consts::SQRT_2;
@@ -135,6 +138,12 @@ impl<'a> SurfacePair<'a> {
         let point = other_from_this * these.points[sample];
         let normal = other_from_this * these.normals[sample];
         let free = self.free[1 - state].map(|is_free| is_free(&point));
+        let shift_m = ERROR * self.reach_m;
+        let all_free = free == Some(true)
+            && self.free[1 - state].is_some_and(|is_free| {
+                let shifts = (0..6).map(|k| Vector3::ith(k % 3, if k < 3 { shift_m } else { -shift_m }));
+                shifts.into_iter().all(|shift| is_free(&(point + shift)))
+            });
         let partner = self.indices[1 - state].nearest(&point, &normal).and_then(|j| {
             let (off_m, aside) = self.offset(1 - state, j, &point);
             // Space seen empty beside a surface is beyond its edge.
@@ -152,7 +161,7 @@ impl<'a> SurfacePair<'a> {
             let side = (point - others.points[j]).norm() / self.reach_m;
             Some((j as u32, plane * plane + bend * bend + side * side, color))
         });
-        Reprojection { partner, free }
+        Reprojection { partner, free, all_free }
     }
 
     /// Height of a point above a sample's plane, meters, and its distance along that plane in mean distances
@@ -325,7 +334,7 @@ mod tests {
             [20, 22].map(|column: usize| pair.shape_costs(0, &[Pose::identity()], None)[20 * column + 10])
         };
         let [near, far] = costs(Some(&beyond));
-        assert!(near < 0.5 && far == FREE, "{near} {far}");
+        assert!(near < 0.5 && far >= FREE, "{near} {far}");
         assert!(costs(None).iter().all(|c| *c < 0.5));
     }
 

@@ -24,10 +24,10 @@ const TEMPERATURE: f32 = 0.12;
 /// derived: odds of two to one at the temperature of the labels
 const EVIDENCE: f32 = TEMPERATURE * std::f32::consts::LN_2;
 /// A label of this cost is out of the question where another one leaves the sample hidden at worst, whatever
-/// is around: its motion takes the sample to a place that was seen empty.
+/// is around: its motion takes the sample to a place that was seen empty all around.
 ///
 /// derived: the cost of such places (docs/method.md 6.5)
-const EMPTY: f32 = 1.6 - 1e-4;
+const EMPTY: f32 = 1.61 - 1e-4;
 /// Cost of the best label up to which that holds.
 ///
 /// derived: the cost of hidden places (docs/method.md 6.5)
@@ -365,7 +365,7 @@ mod tests {
     #[test]
     fn labels_do_not_cross_to_samples_that_rule_them_out() {
         // The third and fourth are hidden under the last two motions and in empty space under the first.
-        let free = [1.6, 0.9, 0.9];
+        let free = [1.61, 0.9, 0.9];
         let costs = [[0.9, 0.0, 0.9], [0.9; 3], free, free, [0.0, 0.9, 0.9], [0.9; 3]].concat();
         let graph = chain();
         assert_eq!(graph.fill(graph.mean_field(&costs, 3), &costs, 3), vec![1, 1, 1, 1, 0, 0]);

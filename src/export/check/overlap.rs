@@ -277,6 +277,7 @@ mod tests {
                 found.all.len()
             );
         }
-        assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
+        // In all pairs it would take minutes.
+        assert!(begun.elapsed().as_secs() < 60, "{:?}", begun.elapsed());
     }
 }
