@@ -40,8 +40,9 @@ const RIVAL: f64 = 0.5;
 const MOST_TURN_RAD: f64 = std::f64::consts::PI;
 
 /// The closed end of a joint: where a broad face of its child meets a surface of its parent that looks
-/// against it, at or beyond the observed positions. `None` for screws, where no face meets one, and where
-/// both ends have such a seat. Faces meet that are nearer than `tolerance_m`.
+/// against it, at or beyond the observed positions, by no more than what these span: a recording shows more
+/// than half of the way. `None` for screws, where no face meets one, and where both ends have such a seat.
+/// Faces meet that are nearer than `tolerance_m`.
 #[must_use]
 pub fn seat(model: &ArticulatedModel, j: usize, tolerance_m: f64) -> Option<Seat> {
     let joint = &model.joints[j];
@@ -52,12 +53,11 @@ pub fn seat(model: &ArticulatedModel, j: usize, tolerance_m: f64) -> Option<Seat
     let blur_m = BLUR_SHARE * model.extent_m();
     let of = |above: bool| {
         let start = if above { upper } else { -lower };
-        Ways::of(model, joint, above, start, tolerance_m).seat(tolerance_m, blur_m).map(
-            |(way, std, share)| {
-                let position = if above { start + way } else { -(start + way) };
-                Seat { position, std, contact_share: share, above }
-            },
-        )
+        let found = Ways::of(model, joint, above, start, tolerance_m).seat(tolerance_m, blur_m);
+        found.filter(|(way, ..)| *way <= upper - lower).map(|(way, std, share)| {
+            let position = if above { start + way } else { -(start + way) };
+            Seat { position, std, contact_share: share, above }
+        })
     };
     let (a, b) = (of(false), of(true));
     let share = |s: &Option<Seat>| s.map_or(0.0, |s| s.contact_share);
@@ -348,10 +348,13 @@ mod tests {
     #[test]
     fn a_door_closes_where_it_lies_on_its_frame() {
         let mut model = door();
-        model.states = vec![vec![0.0], vec![-0.5]];
+        model.states = vec![vec![0.0], vec![-1.3]];
         let found = seat(&model, 0, TOLERANCE_M).unwrap();
         assert!((found.position - 1.2).abs() < 1e-3 && found.above, "{found:?}");
         assert!(found.contact_share > 0.9 && found.std < 0.01, "{found:?}");
+        // Of a door that was hardly moved nothing says where it closes.
+        model.states[1] = vec![-0.3];
+        assert_eq!(seat(&model, 0, TOLERANCE_M), None);
     }
 
     #[test]
