@@ -26,10 +26,10 @@ from PIL import Image
 MARK = '<section id="mujoco">'
 
 
-def rendered(folder, name, state, camera):
-    """RGB of the twin in an observed state."""
+def rendered(folder, name, state, camera, spec=None, shown=False):
+    """RGB of the twin in an observed state; of `spec`, if given; `shown`: the collision solids, too."""
     k = camera["intrinsics"]
-    spec = mujoco.MjSpec.from_file(str(folder / f"{name}.xml"))
+    spec = spec or mujoco.MjSpec.from_file(str(folder / f"{name}.xml"))
     spec.visual.global_.offwidth, spec.visual.global_.offheight = k["width"], k["height"]
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse, spec.visual.headlight.specular = [1] * 3, [0] * 3, [0] * 3
     spec.visual.map.znear = 0.001
@@ -41,7 +41,7 @@ def rendered(folder, name, state, camera):
         data.joint(joint).qpos[0] = position
     mujoco.mj_forward(model, data)
     options = mujoco.MjvOption()
-    collide = {int(g) for g, c in zip(model.geom_group, model.geom_contype) if c}
+    collide = set() if shown else {int(g) for g, c in zip(model.geom_group, model.geom_contype) if c}
     for group in collide:
         options.geomgroup[group] = 0
     with mujoco.Renderer(model, k["height"], k["width"]) as renderer:

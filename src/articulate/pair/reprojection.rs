@@ -11,7 +11,7 @@ const TAKEN: f32 = 0.4;
 /// Cost of a place in space seen to be empty.
 /// tuned: shared/bags
 pub(crate) const FREE: f32 = 1.6;
-/// Cost of a place seen to be empty all around, as far as errors of depth and pose take it.
+/// Cost of a place seen to be empty all around, as far as errors of the motion take it.
 /// derived: above the other by what decides no label, so that it can be recognized
 const ALL_FREE: f32 = 1.61;
 /// Squared mismatch in standard deviations at which half the cost of a missing surface is reached: half of it

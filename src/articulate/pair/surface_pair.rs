@@ -27,7 +27,7 @@ pub type FreeSpace<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);
 /// change.
 /// tuned: shared/bags
 const SHADING: f64 = 0.5;
-/// Errors of depth and pose take a sample by less than this share of the reach.
+/// Errors of a motion, with those of depth, take a sample by less than this share of the reach.
 /// derived: 2.5 deviations of a plane, which are a fifth of the reach at most
 const ERROR: f64 = 0.5;
 /// Samples beyond an edge by more than this many times their mean distance have no partner.
@@ -138,7 +138,8 @@ impl<'a> SurfacePair<'a> {
         let point = other_from_this * these.points[sample];
         let normal = other_from_this * these.normals[sample];
         let free = self.free[1 - state].map(|is_free| is_free(&point));
-        let shift_m = ERROR * self.reach_m;
+        // What stands still is known to: of motions there are errors.
+        let shift_m = if *other_from_this == Pose::identity() { 0.0 } else { ERROR * self.reach_m };
         let all_free = free == Some(true)
             && self.free[1 - state].is_some_and(|is_free| {
                 let shifts = (0..6).map(|k| Vector3::ith(k % 3, if k < 3 { shift_m } else { -shift_m }));

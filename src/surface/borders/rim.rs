@@ -105,6 +105,9 @@ impl<'a> Rim<'a> {
     fn direction(&self, k: usize, forward: bool) -> Option<Vector3<f64>> {
         let (mut sums, mut weight) = ([0.0; 2], 0.0);
         let (mut mean, mut product) = (Vector3::zeros(), Vector3::zeros());
+        if !self.is_known(self.window(k, forward)) {
+            return None;
+        }
         for j in self.window(k, forward) {
             let s = if forward { self.along(k, j) } else { -self.along(j, k) };
             let (w, p) = (self.share_m(j), self.points[j].coords - self.points[k].coords);
@@ -116,6 +119,12 @@ impl<'a> Rim<'a> {
         }
         let spread = sums[1] * weight - sums[0] * sums[0];
         (spread > 0.0).then(|| product * weight - mean * sums[0])?.try_normalize(0.0)
+    }
+
+    /// Whether most of some points count.
+    fn is_known(&self, points: impl Iterator<Item = usize>) -> bool {
+        let (known, all) = points.fold((0, 0), |(n, all), j| (n + usize::from(self.counts[j]), all + 1));
+        2 * known > all
     }
 
     /// Half the length of both sides at a point: what it stands for; 0 where it does not count.
@@ -155,6 +164,9 @@ impl<'a> Rim<'a> {
         let mut normal = SMatrix::<f64, 3, 3>::zeros();
         let mut right = SMatrix::<f64, 3, 3>::zeros();
         let reach = WINDOW * self.voxel_m;
+        if !self.is_known(self.window(k, false).chain(self.window(k, true))) {
+            return self.points[k];
+        }
         let ends = |j: usize| piece.is_some_and(|(from, count)| j == from || j == (from + count) % n);
         for forward in [false, true] {
             for j in self.window(k, forward).skip(usize::from(forward)) {
