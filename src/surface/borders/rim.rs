@@ -142,7 +142,7 @@ impl<'a> Rim<'a> {
         let n = self.points.len();
         let inner = || (1..count).map(|k| (from + k) % n).filter(|&k| self.counts[k]);
         let weight: f64 = inner().map(|k| self.share_m(k)).sum();
-        if inner().count() < 2 || weight <= 0.0 {
+        if inner().count() < 2 || weight <= 0.0 || !self.is_known((1..count).map(|k| (from + k) % n)) {
             return None;
         }
         let middle = inner().map(|k| self.points[k].coords * self.share_m(k)).sum::<Vector3<f64>>() / weight;
