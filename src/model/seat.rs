@@ -43,8 +43,8 @@ const FARTHEST: f64 = 2.0;
 const MOST_TURN_RAD: f64 = std::f64::consts::PI;
 
 /// The closed end of a joint: where a broad face of its child meets a surface of its parent that looks
-/// against it, at or beyond the observed positions. `None` for screws, where no face meets one, and where both
-/// ends have such a seat. Faces meet that are nearer than `tolerance_m`.
+/// against it, at or beyond the observed positions. `None` for screws, where no face meets one, and where
+/// both ends have such a seat. Faces meet that are nearer than `tolerance_m`.
 #[must_use]
 pub fn seat(model: &ArticulatedModel, j: usize, tolerance_m: f64) -> Option<Seat> {
     let joint = &model.joints[j];
