@@ -60,6 +60,17 @@ fn succeeded(folder: &Path, robot: &str) {
     let share = |way: &str| joint[way]["share"].as_f64().unwrap();
     assert!(share("open") > 0.95 && share("close").abs() < 0.05, "{text}");
     assert_eq!((&joint["ball"]["stayed"], &joint["success"]), (&true.into(), &true.into()), "{text}");
+    let truth = std::fs::read_to_string(twin().with_file_name("bag").join("truth.json")).unwrap();
+    let truth: serde_json::Value = serde_json::from_str(&truth).unwrap();
+    let (handle, part) = (&truth["handles"][0], &truth["parts"][1]);
+    let number = |v: &serde_json::Value| v.as_f64().unwrap();
+    // From the bar's middle where the drawer is closed; its frame is that of state 0.
+    let off = |k: usize| {
+        let closed = number(&handle["frame"][k][3]) - number(&part["q0"]) * number(&part["axis"][k]);
+        number(&joint["open"]["tip_m"][k]) - closed
+    };
+    let off_m = (0..3).map(off).map(|d| d * d).sum::<f64>().sqrt();
+    assert!(off_m < 0.5 * number(&handle["size"]["length_m"]) + 0.01, "held {off_m} m off the bar: {text}");
 }
 
 #[test]
