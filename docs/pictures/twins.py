@@ -29,9 +29,10 @@ def solids(folder, name, state, camera):
     for geom in list(spec.geoms):
         if geom.contype:
             geom.rgba, geom.group, geom.material = [*colors.uniform(0.35, 1, 3), 1], 0, ""
+            geom.contype = geom.conaffinity = 0
         else:
             spec.delete(geom)
-    return rendered(folder, name, state, camera, spec, shown=True)
+    return rendered(folder, name, state, camera, spec)
 
 
 def cropped(rgb, box):

@@ -26,8 +26,8 @@ from PIL import Image
 MARK = '<section id="mujoco">'
 
 
-def rendered(folder, name, state, camera, spec=None, shown=False):
-    """RGB of the twin in an observed state; of `spec`, if given; `shown`: the collision solids, too."""
+def rendered(folder, name, state, camera, spec=None):
+    """RGB of the twin in an observed state; of `spec` in place of the file's, if given. What collides is not drawn."""
     k = camera["intrinsics"]
     spec = spec or mujoco.MjSpec.from_file(str(folder / f"{name}.xml"))
     spec.visual.global_.offwidth, spec.visual.global_.offheight = k["width"], k["height"]
@@ -41,7 +41,7 @@ def rendered(folder, name, state, camera, spec=None, shown=False):
         data.joint(joint).qpos[0] = position
     mujoco.mj_forward(model, data)
     options = mujoco.MjvOption()
-    collide = set() if shown else {int(g) for g, c in zip(model.geom_group, model.geom_contype) if c}
+    collide = {int(g) for g, c in zip(model.geom_group, model.geom_contype) if c}
     for group in collide:
         options.geomgroup[group] = 0
     with mujoco.Renderer(model, k["height"], k["width"]) as renderer:
