@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 use rayon::prelude::*;
 
-use super::{Atlas, Shown, TriangleMesh, sample_surface};
+use super::{Atlas, Shown, TriangleMesh, sample_surface, texture::bilinear};
 use crate::{capture::RgbdFrame, geometry::Pose};
 
 /// A point this share of its depth behind what a view shows is hidden there.
@@ -160,11 +160,8 @@ fn sample(point: &Point3<f64>, normal: &Vector3<f64>, view: &BakeView) -> Option
     }
     let (x, y) = (u.floor(), v.floor());
     let (fx, fy) = ((u - x) as f32, (v - y) as f32);
-    let at = |dx: usize, dy: usize| {
-        Vector3::from(frame.rgb[(y as usize + dy) * k.width + x as usize + dx].map(f32::from))
-    };
-    let color =
-        (at(0, 0) * (1.0 - fx) + at(1, 0) * fx) * (1.0 - fy) + (at(0, 1) * (1.0 - fx) + at(1, 1) * fx) * fy;
+    let at = |dx: usize, dy: usize| frame.rgb[(y as usize + dy) * k.width + x as usize + dx];
+    let color = bilinear(at, [fx, fy]);
     Some(((cosine / p.z).powi(SHARPNESS) as f32, color.component_div(&view.gain)))
 }
 

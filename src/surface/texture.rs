@@ -26,12 +26,18 @@ impl Texture<'_> {
         let [x, y] = [place_px.x, place_px.y].map(|p| p.clamp(0.0, last as f32));
         let (column, row) = (x as usize, y as usize);
         let (fx, fy) = (x - column as f32, y - row as f32);
-        let at = |dx: usize, dy: usize| {
-            let i = (row + dy).min(last) * self.size_px + (column + dx).min(last);
-            Vector3::from(self.pixels[i].map(f32::from))
-        };
-        at(0, 0).lerp(&at(1, 0), fx).lerp(&at(0, 1).lerp(&at(1, 1), fx), fy)
+        let at =
+            |dx: usize, dy: usize| self.pixels[(row + dy).min(last) * self.size_px + (column + dx).min(last)];
+        bilinear(at, [fx, fy])
     }
+}
+
+/// Color between four pixels, levels; `at` gives that of a pixel by its steps to the right and down, `shares`
+/// how far it is to the right and down.
+pub(super) fn bilinear(at: impl Fn(usize, usize) -> [u8; 3], shares: [f32; 2]) -> Vector3<f32> {
+    let [fx, fy] = shares;
+    let at = |dx, dy| Vector3::from(at(dx, dy).map(f32::from));
+    (at(0, 0) * (1.0 - fx) + at(1, 0) * fx) * (1.0 - fy) + (at(0, 1) * (1.0 - fx) + at(1, 1) * fx) * fy
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ const TAKEN: f32 = 0.4;
 pub(crate) const FREE: f32 = 1.6;
 /// Cost of a place seen to be empty all around, as far as errors of the motion take it.
 /// derived: above the other by what decides no label, so that it can be recognized
-const ALL_FREE: f32 = 1.61;
+pub(crate) const ALL_FREE: f32 = 1.61;
 /// Squared mismatch in standard deviations at which half the cost of a missing surface is reached: half of it
 /// are the 3 nats of a unit of cost.
 /// derived: 2 * 3 nats, so that small deviations cost `z^2 / 2` nats (Geman-McClure)

@@ -13,7 +13,7 @@ use crate::{
 /// A rim is looked for from here within the surface to there beyond it, voxels.
 /// derived: marching cubes want eight known corners, so that a surface ends up to two voxels before its
 /// readings do, and a node is known up to one beyond them
-const SEARCH: [f64; 2] = [-1.5, 3.0];
+pub(super) const SEARCH: [f64; 2] = [-1.5, 3.0];
 /// Steps of that, voxels.
 /// derived: finer than half a pixel of usual recordings
 const STEP: f64 = 0.25;
@@ -116,7 +116,7 @@ impl Readings<'_> {
 
     /// The same in one view: infinite where its readings go on, `None` where it does not show the surface.
     fn end_of_view_m(&self, view: &DepthView, way: &Way) -> Option<f64> {
-        let (frame, k) = (view.frame, &view.frame.intrinsics);
+        let frame = view.frame;
         let camera_from_mesh = frame.world_from_camera.inverse() * view.world_from_mesh;
         let [place, outward, normal] = [way.place.coords, way.outward, way.normal];
         let (place, outward, normal) =
@@ -126,12 +126,7 @@ impl Readings<'_> {
         }
         let is_of_surface = |s: f64| {
             let p = place + outward * s;
-            let Some((u, v)) = k.project(&p) else { return false };
-            let (u, v) = (u.round(), v.round());
-            if !(u >= 0.0 && v >= 0.0 && u < k.width as f64 && v < k.height as f64) {
-                return false;
-            }
-            let pixel = v as usize * k.width + u as usize;
+            let Some(pixel) = frame.intrinsics.pixel(&p) else { return false };
             let measured_m = f64::from(frame.depth_m[pixel]);
             let slack_m = OF_SURFACE * frame.sigma_m(pixel, &self.noise) + 0.5 * way.voxel_m;
             frame.is_object(pixel) && measured_m > 0.0 && (measured_m - p.z).abs() <= slack_m

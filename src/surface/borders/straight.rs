@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::{
     Readings,
-    drawn::drawn_out,
+    drawn::{SEARCH, drawn_out},
     loops::border_loops,
     reach::{Neighbors, Reach},
     rim::Rim,
@@ -14,9 +14,6 @@ use crate::surface::{TriangleMesh, vertex_normals};
 /// A vertex moves no farther than this from where the readings end, voxels: derived, a rim's place is known
 /// to a voxel.
 pub(super) const MAX_MOVE: f64 = 1.0;
-/// A vertex whose end no reading shows follows its rim by at most this, voxels: derived, as far as ends are
-/// looked for.
-const FOLLOWS_BY: f64 = 3.0;
 /// Vertices up to here from a rim follow it, voxels: tuned; moves of one voxel spread over four compress
 /// triangles by a quarter.
 const FOLLOWING: f64 = 4.0;
@@ -50,7 +47,8 @@ pub(super) fn straighten(mesh: &TriangleMesh, voxel_m: f64, readings: &Readings<
         for (k, (&v, place)) in rim.iter().zip(places).enumerate() {
             // Where loops touch, what is right for one is wrong for the other.
             if passes[v as usize] == 1 {
-                let most_m = if counts[k] { MAX_MOVE } else { FOLLOWS_BY } * voxel_m;
+                // One whose end no reading shows follows as far as ends are looked for.
+                let most_m = if counts[k] { MAX_MOVE } else { SEARCH[1] } * voxel_m;
                 let d = within(v, place - points[k]);
                 moves[v as usize] = drawn[k] + d * (most_m / d.norm()).min(1.0);
             }
