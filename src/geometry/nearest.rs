@@ -1,5 +1,7 @@
 //! Nearest points in space.
 
+use std::num::NonZero;
+
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::Point3;
 
@@ -32,6 +34,15 @@ impl NearestPoints {
             .execute();
         Some((found.item as usize, found.distance.sqrt()))
     }
+
+    /// Indices of the `count` nearest points, or of all if there are fewer, nearest first.
+    #[must_use]
+    pub fn nearest_of(&self, point: &Point3<f64>, count: usize) -> Vec<usize> {
+        let (Some(tree), Some(count)) = (self.tree.as_ref(), NonZero::new(count)) else { return Vec::new() };
+        let found =
+            tree.query(&[point.x, point.y, point.z]).nearest_n::<SquaredEuclidean<f64>>(count).execute();
+        found.into_iter().map(|f| f.item as usize).collect()
+    }
 }
 
 #[cfg(test)]
@@ -49,7 +60,13 @@ mod tests {
             let best = points.iter().map(|p| (p - q).norm()).fold(f64::INFINITY, f64::min);
             let (found, distance) = tree.nearest(&q).unwrap();
             assert!((distance - best).abs() < 1e-9 && ((points[found] - q).norm() - best).abs() < 1e-9);
+            let mut all: Vec<f64> = points.iter().map(|p| (p - q).norm()).collect();
+            all.sort_by(f64::total_cmp);
+            let several = tree.nearest_of(&q, 9);
+            assert_eq!(several.len(), 9);
+            assert!(several.iter().zip(all).all(|(&i, d)| ((points[i] - q).norm() - d).abs() < 1e-9));
         }
+        assert_eq!(tree.nearest_of(&Point3::origin(), 501).len(), 500);
         assert!(NearestPoints::new(&[]).nearest(&Point3::origin()).is_none());
     }
 }

@@ -18,8 +18,8 @@ const MIN_VOLUME_M3: f64 = 1e-8;
 /// Share of a moving part's extent that it may reach into a part that is not its parent without being stopped
 /// by it.
 const GRAZE_SHARE: f64 = 0.05;
-/// Gap beyond the observed positions, where a part may lie on its seat, as a share of that within them.
-/// measured: over 2 mm MuJoCo and Bullet make no contact
+/// Gap between a part on its seat and the seat, as a share of that along the way.
+/// measured: over 2 mm MuJoCo and Bullet make no contact; a part that slides along that close jams in Bullet
 const SEAT_GAP: f64 = 2.0 / 3.0;
 /// Blocks are one where together they are at most so many times as large as apart.
 const FUSED: f64 = 1.25;
@@ -30,15 +30,13 @@ const MAX_TURN_RAD: f64 = std::f64::consts::PI;
 /// positions, where nothing can have been in the way, is cut out of the other links' solids. The gap is as
 /// wide as engines with margins need: solids that touch at rest are thrown apart by MuJoCo and Bullet.
 pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
-    // What lies on its seat has surfaces nearer to it than the gap.
-    let on_seat = ConvexConfig { gap_m: SEAT_GAP * config.gap_m, ..config.clone() };
     for j in 0..model.joints.len() {
         let joint = model.joints[j].clone();
         let [lower, upper] = model.observed_interval(j);
-        let observed = steps(model, &joint, lower, upper);
-        let beyond = [[joint.limit.lower, lower], [upper, joint.limit.upper]].into_iter();
-        let beyond: Vec<f64> =
-            beyond.filter(|[a, b]| a < b).flat_map(|[a, b]| steps(model, &joint, a, b)).collect();
+        // What lies on its seat has surfaces nearer to it than the gap, but only where it moves towards them.
+        let short = (1.0 - SEAT_GAP) * config.gap_m / lever_m(model, &joint).max(f64::MIN_POSITIVE);
+        let [first, last] = [lower.min(joint.limit.lower + short), upper.max(joint.limit.upper - short)];
+        let path = steps(model, &joint, first, last);
         for other in 0..model.links.len() {
             // What hangs on the child moves with it.
             if other == joint.child || model.is_below(other, joint.child) {
@@ -50,11 +48,9 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
             let grazed = if other == joint.parent { f64::INFINITY } else { GRAZE_SHARE * extent_m(&moving) };
             // The other joints as they were seen: nothing is known of other combinations.
             for state in model.states.clone() {
-                for (positions, config) in [(&observed, config), (&beyond, &on_seat)] {
-                    let poses = relative_poses(model, j, other, &state, positions);
-                    let seen = relative_poses(model, j, other, &state, &[state[j]]);
-                    carve(&mut model.links[other].collision, &moving, [&poses, &seen], grazed, config);
-                }
+                let poses = relative_poses(model, j, other, &state, &path);
+                let seen = relative_poses(model, j, other, &state, &[state[j]]);
+                carve(&mut model.links[other].collision, &moving, [&poses, &seen], grazed, config);
             }
         }
     }
@@ -134,17 +130,21 @@ fn length_along(model: &ArticulatedModel, joint: &Joint) -> f64 {
 /// Positions from `start` to `end`, both included, no point of the child moving further than [`STEP_M`]
 /// between two.
 fn steps(model: &ArticulatedModel, joint: &Joint, start: f64, end: f64) -> Vec<f64> {
+    let count = (((end - start).abs() * lever_m(model, joint) / STEP_M).ceil() as usize).clamp(1, MAX_STEPS);
+    (0..=count).map(|k| start + (end - start) * k as f64 / count as f64).collect()
+}
+
+/// Way of the point of a joint's child that moves most, meters per unit of its position.
+fn lever_m(model: &ArticulatedModel, joint: &Joint) -> f64 {
     let axis = joint.axis.into_inner();
     let lever = |s: &ConvexSolid| s.vertices.iter().map(|v| v.coords.cross(&axis).norm()).fold(0.0, f64::max);
-    let lever_m = match joint.kind {
+    match joint.kind {
         // All points of a slide move alike.
         JointKind::Prismatic => 1.0,
         JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
             model.links[joint.child].collision.iter().map(lever).fold(0.0, f64::max)
         }
-    };
-    let count = (((end - start).abs() * lever_m / STEP_M).ceil() as usize).clamp(1, MAX_STEPS);
-    (0..=count).map(|k| start + (end - start) * k as f64 / count as f64).collect()
+    }
 }
 
 /// `other_from_child` at positions of a joint, the other joints as in a state.

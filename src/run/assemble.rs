@@ -17,7 +17,7 @@ use crate::{
     surface::{DepthView, Mended, Readings, TriangleMesh, keep_components, marching_cubes, mend_borders},
 };
 
-/// The model: a surface for every part from all states, links, joints.
+/// The model: a surface for every part from all states but for what is `left_out` of them, links, joints.
 ///
 /// # Errors
 /// A part without a surface.
@@ -25,19 +25,23 @@ pub(super) fn assemble(
     name: &str,
     states: &[State],
     articulation: &Articulation,
+    left_out: &[Vec<bool>],
     joints: Vec<TreeJointEstimate>,
     scene: &Scene,
 ) -> Result<ArticulatedModel, RunError> {
     let truncation_m = scene.band.truncation_m;
-    let labelled = |(state, parts): (&State, &PartsOfState)| {
+    let labelled = |((state, parts), left_out): ((&State, &PartsOfState), &Vec<bool>)| {
         let StateSurface { tsdf, weight, samples, .. } = &state.surface;
         // 0.999: at the truncation itself a node only says that it is farther than that.
-        let labels = label_grid(tsdf, &samples.points, &parts.labels, 0.999 * truncation_m);
+        let labels: Vec<u8> =
+            parts.labels.iter().zip(left_out).map(|(l, out)| if *out { NO_LABEL } else { *l }).collect();
+        let labels = label_grid(tsdf, &samples.points, &labels, 0.999 * truncation_m);
         LabelledState { tsdf: tsdf.clone(), weight: weight.clone(), labels, truncation_m }
     };
     let observed = states;
     let colors: Vec<ColorLookup> = states.iter().map(|s| ColorLookup::new(&s.surface)).collect();
-    let states: Vec<LabelledState> = states.iter().zip(&articulation.states).map(labelled).collect();
+    let states: Vec<LabelledState> =
+        states.iter().zip(&articulation.states).zip(left_out).map(labelled).collect();
     let part_surface = |part: usize, motions: &[Pose]| {
         let motions: Vec<Pose> = std::iter::once(Pose::identity()).chain(motions.iter().copied()).collect();
         // (9.1)

@@ -18,6 +18,7 @@ mod fingerprint;
 mod found;
 mod joints;
 mod least_bytes;
+mod left_out;
 mod matching;
 mod monitor;
 mod outcome;

@@ -6,6 +6,7 @@ use super::{
     assemble::assemble,
     found::{Found, find_parts, more_views},
     joints::joints,
+    left_out::{left_out, warnings},
     scene::Scene,
     state::{State, observe},
 };
@@ -59,14 +60,18 @@ pub fn reconstruct_twin(
     // The surface of each state by itself (docs/method.md 3).
     let states = observe(&capture.states, aligned, &scene, stages)?;
     // Parts and motions, state 0 with each other state (docs/method.md 6, 7).
-    let found = find_parts(&states, &scene, stages)?;
+    let mut found = find_parts(&states, &scene, stages)?;
     // Motions become joints in a tree, each with its evidence (docs/method.md 8).
     let joints = stages.kept("joints", None, |_| {
         Ok::<_, RunError>(joints(&states, &capture.poses, &found.articulation, &scene))
     })?;
+    let left_out = left_out(&states, &found.articulation, &scene);
+    let more = warnings(&states, &left_out);
+    more.iter().for_each(|w| stages.monitor.warn(w));
+    found.warnings.extend(more);
     let model =
         // Surfaces of the parts from all states, links, masses, limits (docs/method.md 9, 10).
-        stages.kept("assemble", None, |_| assemble(name, &states, &found.articulation, joints, &scene))?;
+        stages.kept("assemble", None, |_| assemble(name, &states, &found.articulation, &left_out, joints, &scene))?;
     check(&model)?;
     let model = named(model, config.export.names, &config.export.prefix);
     Ok(twin(model, &states, found, &scene, stages))

@@ -11,7 +11,7 @@ const TAKEN: f32 = 0.4;
 /// Cost of a place in space seen to be empty.
 /// tuned: shared/bags
 pub(crate) const FREE: f32 = 1.6;
-/// Cost of a place seen to be empty all around, as far as errors of the motion take it.
+/// Cost of a place seen to be empty all around, as far as errors of depth and motion take it.
 /// derived: above the other by what decides no label, so that it can be recognized
 pub(crate) const ALL_FREE: f32 = 1.61;
 /// Squared mismatch in standard deviations at which half the cost of a missing surface is reached: half of it
@@ -51,8 +51,6 @@ pub(crate) struct Reprojection {
     pub partner: Option<(u32, f64, f64)>,
     /// Whether its place was seen empty, where that is known.
     pub free: Option<bool>,
-    /// Whether so were all places about it.
-    pub all_free: bool,
 }
 
 impl Reprojection {
@@ -72,7 +70,6 @@ impl Reprojection {
             (partner, None) => partner.unwrap_or(1.0),
             (Some(cost), _) if cost < EXPLAINED => cost,
             // A poor partner is not better than none.
-            (_, Some(true)) if self.all_free => ALL_FREE,
             (_, Some(true)) => FREE,
             _ => HIDDEN,
         }

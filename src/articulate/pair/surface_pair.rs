@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::articulate::{
     observations::SurfaceSamples,
-    pair::reprojection::{Look, Reprojection},
+    pair::reprojection::{ALL_FREE, FREE, Look, Reprojection},
     samples::{
         sample_index::SampleIndex,
         spacing::spacing_m,
@@ -27,6 +27,9 @@ pub type FreeSpace<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);
 /// change.
 /// tuned: shared/bags
 const SHADING: f64 = 0.5;
+/// Errors of depth take a sample by less than this many deviations of a plane.
+/// derived: 99 of 100 normal errors
+const DEPTH_ERROR: f64 = 2.5;
 /// Errors of a motion, with those of depth, take a sample by less than this share of the reach.
 /// derived: 2.5 deviations of a plane, which are a fifth of the reach at most
 const ERROR: f64 = 0.5;
@@ -87,9 +90,9 @@ impl<'a> SurfacePair<'a> {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner).clear();
     }
 
-    /// Number of the flat patch that a sample is on.
-    pub fn patch(&self, state: usize, sample: usize) -> u32 {
-        self.graphs[state].patch(sample)
+    /// Number of the smooth sheet that a sample is on.
+    pub fn sheet(&self, state: usize, sample: usize) -> u32 {
+        self.graphs[state].sheet(sample)
     }
 
     /// Samples beside a sample on its surface.
@@ -138,14 +141,6 @@ impl<'a> SurfacePair<'a> {
         let point = other_from_this * these.points[sample];
         let normal = other_from_this * these.normals[sample];
         let free = self.free[1 - state].map(|is_free| is_free(&point));
-        // What stands still is known to: of motions there are errors.
-        let is_known = *other_from_this == Pose::identity();
-        let shift_m = ERROR * self.reach_m;
-        let all_free = free == Some(true)
-            && self.free[1 - state].is_some_and(|is_free| {
-                let mut shifts = (0..6).map(|k| Vector3::ith(k % 3, if k < 3 { shift_m } else { -shift_m }));
-                is_known || shifts.all(|shift| is_free(&(point + shift)))
-            });
         let partner = self.indices[1 - state].nearest(&point, &normal).and_then(|j| {
             let (off_m, aside) = self.offset(1 - state, j, &point);
             // Space seen empty beside a surface is beyond its edge.
@@ -163,7 +158,7 @@ impl<'a> SurfacePair<'a> {
             let side = (point - others.points[j]).norm() / self.reach_m;
             Some((j as u32, plane * plane + bend * bend + side * side, color))
         });
-        Reprojection { partner, free, all_free }
+        Reprojection { partner, free }
     }
 
     /// Height of a point above a sample's plane, meters, and its distance along that plane in mean distances
@@ -235,6 +230,35 @@ impl<'a> SurfacePair<'a> {
         self.costs_of(state, motions, other_labels, true)
     }
 
+    /// The same, where places that were seen empty all around cost [`ALL_FREE`]: a motion that takes a sample
+    /// there is ruled out.
+    pub fn costs_ruling_out(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {
+        let mut costs = self.costs(state, motions, other_labels);
+        let Some(is_free) = self.free[1 - state] else { return costs };
+        let ways: Vec<(Pose, f64)> = motions.iter().map(|motion| self.way(state, motion)).collect();
+        let points = &self.samples[state].points;
+        let rows = costs.par_chunks_mut(motions.len()).zip(points);
+        rows.for_each(|(row, point)| {
+            for (cost, (other_from_this, error_m)) in row.iter_mut().zip(&ways) {
+                let place = other_from_this * point;
+                let mut shifts =
+                    (0..6).map(|k| Vector3::ith(k % 3, if k < 3 { *error_m } else { -*error_m }));
+                if *cost >= FREE && shifts.all(|shift| is_free(&(place + shift))) {
+                    *cost = ALL_FREE;
+                }
+            }
+        });
+        costs
+    }
+
+    /// Where a motion from state 0 to state 1 takes the samples of a state, and by how much errors may take
+    /// them aside, meters: what stands still is known to, but for errors of depth.
+    fn way(&self, state: usize, motion: &Pose) -> (Pose, f64) {
+        let stands = *motion == Pose::identity();
+        let error_m = if stands { DEPTH_ERROR * self.scales.plane_m } else { ERROR * self.reach_m };
+        (if state == 0 { *motion } else { motion.inverse() }, error_m)
+    }
+
     /// The same by shape alone: light stands still where a part turns, so that colors err together over a
     /// surface.
     pub fn shape_costs(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {
@@ -280,7 +304,6 @@ fn color_distance(a: [f32; 3], b: [f32; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::pair::reprojection::ALL_FREE;
     use crate::articulate::samples::synthetic::{Scene, camera_ring};
 
     fn check(scene: &Scene, with_free: bool, percent: usize) {
@@ -336,7 +359,7 @@ mod tests {
             [20, 22].map(|column: usize| pair.shape_costs(0, &[Pose::identity()], None)[20 * column + 10])
         };
         let [near, far] = costs(Some(&beyond));
-        assert!(near < 0.5 && far == ALL_FREE, "{near} {far}");
+        assert!(near < 0.5 && far == FREE, "{near} {far}");
         assert!(costs(None).iter().all(|c| *c < 0.5));
     }
 

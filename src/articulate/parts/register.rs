@@ -18,7 +18,7 @@ use crate::{
             error::RegisterError,
             evidence_curve::EvidencePoint,
             exchange::exchanged,
-            labeling::label,
+            labeling::label_of_all,
             matched_pair::MatchedPair,
             part_count::{PartCount, choose},
             round_parts::turned_round,
@@ -133,7 +133,7 @@ pub fn register(
     for _ in 0..config.rounds {
         round(&pair, &mut motions);
     }
-    let (labels, costs) = label(&pair.surfaces, &motions);
+    let (labels, costs) = label_of_all(&pair.surfaces, &motions);
     let match_labels = pair.match_labels(&motions);
     let shares = shares(&costs, motions.len());
     let support = (0..motions.len())

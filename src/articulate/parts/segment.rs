@@ -108,11 +108,11 @@ pub(crate) fn segments(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Vec<u
     all
 }
 
-/// The samples of a state by label and patch, with the label.
+/// The samples of a state by label and smooth sheet, with the label.
 pub(crate) fn groups(pair: &SurfacePair<'_>, state: usize, labels: &[u8]) -> Vec<(usize, Vec<usize>)> {
     let mut of: BTreeMap<(u8, u32), Vec<usize>> = BTreeMap::new();
     for (i, label) in labels.iter().enumerate() {
-        of.entry((*label, pair.patch(state, i))).or_default().push(i);
+        of.entry((*label, pair.sheet(state, i))).or_default().push(i);
     }
     of.into_iter().map(|((label, _), samples)| (usize::from(label), samples)).collect()
 }

@@ -75,6 +75,9 @@ pub struct United {
     pub warnings: Vec<Note>,
 }
 
+/// Costs of a state's samples under motions, the other state's labels known or not.
+type Costs = fn(&SurfacePair<'_>, usize, &[Pose], Option<&[u8]>) -> Vec<f32>;
+
 /// A part as the pairs see it.
 #[derive(Clone, Debug)]
 struct Class {
@@ -158,7 +161,7 @@ pub fn unite<'a>(
     for _ in 0..ROUNDS {
         states.round(&mut classes);
     }
-    let labels = states.labels(&classes);
+    let labels = states.labels_of_all(&classes);
     let motions = (0..pairs.len()).map(|k| motions(&classes, k)).collect();
     Ok(United { motions, labels, curve, notes, warnings })
 }
@@ -188,11 +191,21 @@ struct States<'a> {
 impl States<'_> {
     /// Part of every surface sample of each state. A sample of state 0 is where all pairs together say.
     fn labels(&self, classes: &[Class]) -> Vec<Vec<u8>> {
+        self.labels_by(classes, |pair, state, motions, others| pair.costs(state, motions, others))
+    }
+
+    /// The same with the motions of all parts: surface is of no part that was not there when its place was
+    /// seen empty.
+    fn labels_of_all(&self, classes: &[Class]) -> Vec<Vec<u8>> {
+        self.labels_by(classes, |pair, state, motions, others| pair.costs_ruling_out(state, motions, others))
+    }
+
+    fn labels_by(&self, classes: &[Class], costs: Costs) -> Vec<Vec<u8>> {
         let first = self.labels_0(classes, None);
-        let mut others = self.other_labels(classes, &first);
+        let mut others = self.other_labels(classes, &first, costs);
         // Once more with the other states' labels known to state 0: a surface belongs to one part only.
         let zero = self.labels_0(classes, Some(&others));
-        others = self.other_labels(classes, &zero);
+        others = self.other_labels(classes, &zero, costs);
         std::iter::once(zero).chain(others).collect()
     }
 
@@ -208,9 +221,9 @@ impl States<'_> {
 
     /// Labels of the other states. Parts that one motion moves in a pair are distinguished by where they are
     /// in state 0.
-    fn other_labels(&self, classes: &[Class], zero: &[u8]) -> Vec<Vec<u8>> {
+    fn other_labels(&self, classes: &[Class], zero: &[u8], costs: Costs) -> Vec<Vec<u8>> {
         let of = |(k, run): (usize, &MatchedPair<'_>)| {
-            let costs = run.surfaces.costs(1, &motions(classes, k), Some(zero));
+            let costs = costs(&run.surfaces, 1, &motions(classes, k), Some(zero));
             run.surfaces.labels(1, &costs, classes.len())
         };
         self.runs.iter().enumerate().map(of).collect()

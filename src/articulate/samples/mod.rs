@@ -1,5 +1,6 @@
 //! Surface samples: points of a surface, found by position, joined to their neighbors.
 
+pub(crate) mod flat_patch;
 pub(crate) mod hinge;
 pub(crate) mod index_sets;
 pub(crate) mod mesh_samples;

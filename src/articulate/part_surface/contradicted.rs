@@ -1,0 +1,91 @@
+//! Surface that is of no part: where its part then is, another state saw nothing.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use crate::geometry::{Grid3, NearestPoints, Pose};
+
+/// A state that a surface is looked for in.
+pub struct OtherState<'a> {
+    /// Where it is certainly empty.
+    pub free: &'a Grid3<bool>,
+    /// Motion of every part to it from the state of the surface.
+    pub from_this: Vec<Pose>,
+}
+
+/// Samples that decide about one together, it among them.
+const TOGETHER: usize = 9;
+/// So many of these must be where nothing is.
+///
+/// derived: one in fifty true samples is there by errors (docs/method.md 7.2), and nine in ten of others; of a
+/// hundred samples one is of no part: 5 ln(0.9 / 0.02) + 4 ln(0.1 / 0.98) is more than ln 100, for 4 of 9 it
+/// is not
+const EMPTY: usize = 5;
+
+/// Whether each of a state's surface points, of the part that its label says, is where another state saw
+/// nothing all around, as far as errors of `error_m` meters take it. One motion explains a surface that one
+/// state alone shows if it was hidden in the others; this one none does.
+#[must_use]
+pub fn contradicted(
+    points: &[Point3<f64>],
+    labels: &[u8],
+    others: &[OtherState<'_>],
+    error_m: f64,
+) -> Vec<bool> {
+    let is_empty = |free: &Grid3<bool>, place: &Point3<f64>| {
+        let mut shifts = (0..6).map(|k| Vector3::ith(k % 3, if k < 3 { error_m } else { -error_m }));
+        free.holds_around(place) && shifts.all(|shift| free.holds_around(&(place + shift)))
+    };
+    let alone: Vec<bool> = points
+        .par_iter()
+        .zip(labels)
+        .map(|(point, &label)| {
+            others.iter().any(|other| is_empty(other.free, &(other.from_this[usize::from(label)] * point)))
+        })
+        .collect();
+    let tree = NearestPoints::new(points);
+    let together =
+        |point| tree.nearest_of(point, TOGETHER).into_iter().filter(|&i| alone[i]).count() >= EMPTY;
+    points.par_iter().map(together).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::SceneBox;
+
+    #[test]
+    fn surface_is_of_no_part_where_its_part_was_seen_to_be_absent() {
+        let scene = SceneBox::around(&Point3::new(-1.0, -1.0, -1.0), &Point3::new(1.0, 1.0, 1.0));
+        let mut free = Grid3::over(&scene, 81, false);
+        for i in 0..free.values.len() {
+            free.values[i] = free.position(i).x > 0.0;
+        }
+        // Two sheets, at x = -0.3 and 0.3, the second with a sample of another label.
+        let points: Vec<Point3<f64>> = [-0.3, 0.3]
+            .into_iter()
+            .flat_map(|x| {
+                (0..100).map(move |i| Point3::new(x, 0.02 * (i % 10) as f64, 0.02 * (i / 10) as f64))
+            })
+            .collect();
+        let mut labels = vec![0u8; 200];
+        labels[155] = 1;
+        let other = |shift: f64| OtherState {
+            free: &free,
+            from_this: vec![
+                Pose::identity(),
+                Pose::translation(-0.6, 0.0, 0.0),
+                Pose::translation(shift, 0.0, 0.0),
+            ],
+        };
+        let out = contradicted(&points, &labels, &[other(0.0)], 0.05);
+        assert!(
+            out[..100].iter().all(|o| !o) && out[100..].iter().all(|o| *o),
+            "one among many is not asked"
+        );
+        // Hidden by its own motion, all of it stays; within the errors of a border, too.
+        assert!(contradicted(&points, &[1; 200], &[other(0.0)], 0.05).iter().all(|o| !o));
+        assert!(contradicted(&points, &[2; 200], &[other(-0.26)], 0.05).iter().all(|o| !o));
+        assert!(contradicted(&points, &labels, &[], 0.05).iter().all(|o| !o));
+    }
+}
