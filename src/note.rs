@@ -141,7 +141,8 @@ codes! {
         be seen.";
     ParentNotDecided = "parent_not_decided", "Another link could carry the part as well.";
     PartUntouched = "part_untouched", "No other part touches this one in all states.";
-    SurfaceLeftOut = "surface_left_out", "Surface is of no part: another state saw nothing where its part is.";
+    SurfaceLeftOut = "surface_left_out", "Surface is of no part: another state saw nothing where its part \
+        is.";
     SolidsOff = "solids_off", "Collision solids of a part do not stand where its surface was seen.";
     // Runs.
     EngineReplaced = "engine_replaced", "The CPU engine took over from the one that was asked for.";

@@ -18,7 +18,8 @@ const MIN_VOLUME_M3: f64 = 1e-8;
 /// Share of a moving part's extent that it may reach into a part that is not its parent without being stopped
 /// by it.
 const GRAZE_SHARE: f64 = 0.05;
-/// Gap between a part on its seat and the seat, as a share of that along the way.
+/// Gap to what is about a part within a gap of its limits, where it may lie on its seat, as a share of that
+/// along the way.
 /// measured: over 2 mm MuJoCo and Bullet make no contact; a part that slides along that close jams in Bullet
 const SEAT_GAP: f64 = 2.0 / 3.0;
 /// Blocks are one where together they are at most so many times as large as apart.
@@ -30,13 +31,18 @@ const MAX_TURN_RAD: f64 = std::f64::consts::PI;
 /// positions, where nothing can have been in the way, is cut out of the other links' solids. The gap is as
 /// wide as engines with margins need: solids that touch at rest are thrown apart by MuJoCo and Bullet.
 pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
+    // What lies on its seat has surfaces nearer to it than the gap.
+    let on_seat = ConvexConfig { gap_m: SEAT_GAP * config.gap_m, ..config.clone() };
     for j in 0..model.joints.len() {
         let joint = model.joints[j].clone();
         let [lower, upper] = model.observed_interval(j);
-        // What lies on its seat has surfaces nearer to it than the gap, but only where it moves towards them.
-        let short = (1.0 - SEAT_GAP) * config.gap_m / lever_m(model, &joint).max(f64::MIN_POSITIVE);
-        let [first, last] = [lower.min(joint.limit.lower + short), upper.max(joint.limit.upper - short)];
-        let path = steps(model, &joint, first, last);
+        // At most a gap before the limit it comes near its seat.
+        let near = config.gap_m / lever_m(model, &joint).max(f64::MIN_POSITIVE);
+        let [first, last] = [lower.min(joint.limit.lower + near), upper.max(joint.limit.upper - near)];
+        let way = steps(model, &joint, first, last);
+        let ends = [[joint.limit.lower, first], [last, joint.limit.upper]].into_iter();
+        let ends: Vec<f64> =
+            ends.filter(|[a, b]| a < b).flat_map(|[a, b]| steps(model, &joint, a, b)).collect();
         for other in 0..model.links.len() {
             // What hangs on the child moves with it.
             if other == joint.child || model.is_below(other, joint.child) {
@@ -48,9 +54,11 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
             let grazed = if other == joint.parent { f64::INFINITY } else { GRAZE_SHARE * extent_m(&moving) };
             // The other joints as they were seen: nothing is known of other combinations.
             for state in model.states.clone() {
-                let poses = relative_poses(model, j, other, &state, &path);
-                let seen = relative_poses(model, j, other, &state, &[state[j]]);
-                carve(&mut model.links[other].collision, &moving, [&poses, &seen], grazed, config);
+                for (positions, config) in [(&way, config), (&ends, &on_seat)] {
+                    let poses = relative_poses(model, j, other, &state, positions);
+                    let seen = relative_poses(model, j, other, &state, &[state[j]]);
+                    carve(&mut model.links[other].collision, &moving, [&poses, &seen], grazed, config);
+                }
             }
         }
     }

@@ -46,17 +46,14 @@ pub(super) fn warnings(states: &[State], left_out: &[Vec<bool>]) -> Vec<Note> {
         let (lo, hi): (Point3<f64>, Point3<f64>) =
             places().fold((first, first), |(lo, hi), p| (lo.inf(&p), hi.sup(&p)));
         let area_m2 = share * state.surface.mesh.area_m2();
+        let corner = |p: Point3<f64>| format!("({:.2}, {:.2}, {:.2})", p.x, p.y, p.z);
         let text = format!(
-            "{:.0} cm2 of the surface of state {k} ({:.1} %, from ({:.2}, {:.2}, {:.2}) to ({:.2}, {:.2}, {:.2}) m) are of \
-             no part: another state saw nothing where their part then is; they are left out",
+            "{:.0} cm2 of the surface of state {k} ({:.1} %, from {} to {} m) are of no part and left out: \
+             another state saw nothing where their part then is",
             1e4 * area_m2,
             100.0 * share,
-            lo.x,
-            lo.y,
-            lo.z,
-            hi.x,
-            hi.y,
-            hi.z
+            corner(lo),
+            corner(hi),
         );
         Some(Note::new(NoteCode::SurfaceLeftOut, text))
     };

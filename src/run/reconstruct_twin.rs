@@ -69,9 +69,10 @@ pub fn reconstruct_twin(
     let more = warnings(&states, &left_out);
     more.iter().for_each(|w| stages.monitor.warn(w));
     found.warnings.extend(more);
-    let model =
-        // Surfaces of the parts from all states, links, masses, limits (docs/method.md 9, 10).
-        stages.kept("assemble", None, |_| assemble(name, &states, &found.articulation, &left_out, joints, &scene))?;
+    // Surfaces of the parts from all states, links, masses, limits (docs/method.md 9, 10).
+    let model = stages.kept("assemble", None, |_| {
+        assemble(name, &states, &found.articulation, &left_out, joints, &scene)
+    })?;
     check(&model)?;
     let model = named(model, config.export.names, &config.export.prefix);
     Ok(twin(model, &states, found, &scene, stages))

@@ -15,7 +15,7 @@ use crate::articulate::{
     samples::{
         sample_index::SampleIndex,
         spacing::spacing_m,
-        surface_graph::{NORMAL_SIGMA, SurfaceGraph},
+        surface_graph::{NORMAL_SIGMA, Of, SurfaceGraph},
     },
 };
 use crate::{geometry::Pose, statistics::median};
@@ -230,11 +230,18 @@ impl<'a> SurfacePair<'a> {
         self.costs_of(state, motions, other_labels, true)
     }
 
-    /// The same, where places that were seen empty all around cost [`ALL_FREE`]: a motion that takes a sample
-    /// there is ruled out.
-    pub fn costs_ruling_out(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {
+    /// The same for labels. Of all parts a motion is ruled out that takes a sample to a place which was seen
+    /// empty all around: it costs [`ALL_FREE`]. While parts are missing such surface would be handed to any
+    /// other that happens to be hidden there.
+    pub fn label_costs(
+        &self,
+        state: usize,
+        motions: &[Pose],
+        other_labels: Option<&[u8]>,
+        of: Of,
+    ) -> Vec<f32> {
         let mut costs = self.costs(state, motions, other_labels);
-        let Some(is_free) = self.free[1 - state] else { return costs };
+        let (Some(is_free), Of::AllParts) = (self.free[1 - state], of) else { return costs };
         let ways: Vec<(Pose, f64)> = motions.iter().map(|motion| self.way(state, motion)).collect();
         let points = &self.samples[state].points;
         let rows = costs.par_chunks_mut(motions.len()).zip(points);
@@ -287,9 +294,9 @@ impl<'a> SurfacePair<'a> {
     /// Label of every sample of a state: mean-field smoothing of the costs, then labels handed along the
     /// surface to samples that hold no evidence, then islands without evidence joined to what surrounds them.
     /// Samples out of reach of any evidence are static (label 0).
-    pub fn labels(&self, state: usize, costs: &[f32], motions: usize) -> Vec<u8> {
+    pub fn labels(&self, state: usize, costs: &[f32], motions: usize, of: Of) -> Vec<u8> {
         let graph = &self.graphs[state];
-        let mut labels = graph.fill(graph.mean_field(costs, motions), costs, motions);
+        let mut labels = graph.fill(graph.mean_field(costs, motions), costs, motions, of);
         graph.join_islands(&mut labels, costs, motions);
         labels
     }
@@ -317,11 +324,12 @@ mod tests {
         let pair = SurfacePair::new([&s0, &s1], free, 0.02);
         let motions: Vec<Pose> = (0..scene.parts.len()).map(|k| scene.truth(k)).collect();
         // As in the registration: the labels of one state bind the other.
-        let first = pair.labels(0, &pair.costs(0, &motions, None), motions.len());
-        let second = pair.labels(1, &pair.costs(1, &motions, Some(&first)), motions.len());
+        let first = pair.labels(0, &pair.costs(0, &motions, None), motions.len(), Of::AllParts);
+        let second = pair.labels(1, &pair.costs(1, &motions, Some(&first)), motions.len(), Of::AllParts);
         for (state, truth) in [t0, t1].iter().enumerate() {
             let others = if state == 0 { &second } else { &first };
-            let labels = pair.labels(state, &pair.costs(state, &motions, Some(others)), motions.len());
+            let labels =
+                pair.labels(state, &pair.costs(state, &motions, Some(others)), motions.len(), Of::AllParts);
             let right = labels.iter().zip(truth).filter(|(a, b)| a == b).count();
             assert!(
                 right * 100 >= percent * truth.len(),
@@ -340,18 +348,37 @@ mod tests {
         check(&Scene::box_with_lid_and_drawer(), false, 80);
     }
 
+    /// A plate at z = 0 with samples 10 mm apart.
+    fn plate(columns: i64) -> SurfaceSamples {
+        let points: Vec<Point3<f64>> = (0..columns)
+            .flat_map(|x| (0..20).map(move |y| Point3::new(0.01 * x as f64, 0.01 * y as f64, 0.0)))
+            .collect();
+        SurfaceSamples {
+            normals: vec![Vector3::z(); points.len()],
+            colors: vec![[0.5; 3]; points.len()],
+            points,
+        }
+    }
+
+    #[test]
+    fn what_stands_is_ruled_out_nearer_to_a_border_of_empty_space_than_what_moves() {
+        let (long, short) = (plate(40), plate(10));
+        let empty = |p: &Point3<f64>| p.x > 0.2;
+        let pair = SurfacePair::new([&long, &short], [None, Some(&empty)], 0.04);
+        // The shift is along the border, so that depths are alike.
+        let motions = [Pose::identity(), Pose::translation(0.0, 1e-9, 0.0)];
+        let all = pair.label_costs(0, &motions, None, Of::AllParts);
+        let at = |column: usize| [0, 1].map(|k| all[2 * (20 * column + 10) + k]);
+        // Errors of depth are 2 mm, as the plates coincide; half of the reach is 20 mm.
+        assert!((pair.scales.plane_m - 0.0008).abs() < 1e-12, "{}", pair.scales.plane_m);
+        assert_eq!(at(15)[0].max(at(15)[1]), 0.9, "hidden");
+        assert_eq!(at(21), [ALL_FREE, FREE], "10 mm within");
+        assert_eq!(at(23), [ALL_FREE, ALL_FREE], "30 mm within");
+        assert!(pair.costs(0, &motions, None).iter().all(|c| *c <= FREE));
+    }
+
     #[test]
     fn space_seen_empty_beside_a_surface_is_beyond_its_edge() {
-        let plate = |columns: i64| {
-            let points: Vec<Point3<f64>> = (0..columns)
-                .flat_map(|x| (0..20).map(move |y| Point3::new(0.01 * x as f64, 0.01 * y as f64, 0.0)))
-                .collect();
-            SurfaceSamples {
-                normals: vec![Vector3::z(); points.len()],
-                colors: vec![[0.5; 3]; points.len()],
-                points,
-            }
-        };
         let (long, short) = (plate(23), plate(20));
         let beyond = |p: &Point3<f64>| p.x > 0.192;
         let costs = |free: Option<FreeSpace<'_>>| {

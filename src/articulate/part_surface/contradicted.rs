@@ -17,9 +17,9 @@ pub struct OtherState<'a> {
 const TOGETHER: usize = 9;
 /// So many of these must be where nothing is.
 ///
-/// derived: one in fifty true samples is there by errors (docs/method.md 7.2), and nine in ten of others; of a
-/// hundred samples one is of no part: 5 ln(0.9 / 0.02) + 4 ln(0.1 / 0.98) is more than ln 100, for 4 of 9 it
-/// is not
+/// derived: one in fifty true samples is there by errors (docs/method.md 7.2), and nine in ten of others; of
+/// a hundred samples one is of no part: 5 ln(0.9 / 0.02) + 4 ln(0.1 / 0.98) is more than ln 100, for 4 of 9
+/// it is not
 const EMPTY: usize = 5;
 
 /// Whether each of a state's surface points, of the part that its label says, is where another state saw

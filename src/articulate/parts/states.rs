@@ -30,7 +30,10 @@ use crate::{
             score::{SURFACE_WEIGHT, prefer},
         },
         propose::ransac::CHANCE,
-        samples::spacing::{occupied_cells, reach_m},
+        samples::{
+            spacing::{occupied_cells, reach_m},
+            surface_graph::Of,
+        },
     },
     note::{Note, NoteCode},
 };
@@ -74,9 +77,6 @@ pub struct United {
     /// Sentences about weak evidence.
     pub warnings: Vec<Note>,
 }
-
-/// Costs of a state's samples under motions, the other state's labels known or not.
-type Costs = fn(&SurfacePair<'_>, usize, &[Pose], Option<&[u8]>) -> Vec<f32>;
 
 /// A part as the pairs see it.
 #[derive(Clone, Debug)]
@@ -161,7 +161,7 @@ pub fn unite<'a>(
     for _ in 0..ROUNDS {
         states.round(&mut classes);
     }
-    let labels = states.labels_of_all(&classes);
+    let labels = states.labels(&classes, Of::AllParts);
     let motions = (0..pairs.len()).map(|k| motions(&classes, k)).collect();
     Ok(United { motions, labels, curve, notes, warnings })
 }
@@ -190,43 +190,34 @@ struct States<'a> {
 
 impl States<'_> {
     /// Part of every surface sample of each state. A sample of state 0 is where all pairs together say.
-    fn labels(&self, classes: &[Class]) -> Vec<Vec<u8>> {
-        self.labels_by(classes, |pair, state, motions, others| pair.costs(state, motions, others))
-    }
-
-    /// The same with the motions of all parts: surface is of no part that was not there when its place was
-    /// seen empty.
-    fn labels_of_all(&self, classes: &[Class]) -> Vec<Vec<u8>> {
-        self.labels_by(classes, |pair, state, motions, others| pair.costs_ruling_out(state, motions, others))
-    }
-
-    fn labels_by(&self, classes: &[Class], costs: Costs) -> Vec<Vec<u8>> {
-        let first = self.labels_0(classes, None);
-        let mut others = self.other_labels(classes, &first, costs);
+    fn labels(&self, classes: &[Class], of: Of) -> Vec<Vec<u8>> {
+        let first = self.labels_0(classes, None, of);
+        let mut others = self.other_labels(classes, &first, of);
         // Once more with the other states' labels known to state 0: a surface belongs to one part only.
-        let zero = self.labels_0(classes, Some(&others));
-        others = self.other_labels(classes, &zero, costs);
+        let zero = self.labels_0(classes, Some(&others), of);
+        others = self.other_labels(classes, &zero, of);
         std::iter::once(zero).chain(others).collect()
     }
 
-    fn labels_0(&self, classes: &[Class], others: Option<&[Vec<u8>]>) -> Vec<u8> {
+    fn labels_0(&self, classes: &[Class], others: Option<&[Vec<u8>]>, of: Of) -> Vec<u8> {
         let mut sum: Vec<f32> = Vec::new();
         for (k, run) in self.runs.iter().enumerate() {
+            // Costs that rule out are of one pair: they do not add up.
             let costs = run.surfaces.costs(0, &motions(classes, k), others.map(|o| o[k].as_slice()));
             // Pairs are independent observations of the sample, so that their log likelihoods add up.
             if sum.is_empty() { sum = costs } else { sum.iter_mut().zip(costs).for_each(|(s, c)| *s += c) }
         }
-        self.runs.first().map_or_else(Vec::new, |run| run.surfaces.labels(0, &sum, classes.len()))
+        self.runs.first().map_or_else(Vec::new, |run| run.surfaces.labels(0, &sum, classes.len(), of))
     }
 
     /// Labels of the other states. Parts that one motion moves in a pair are distinguished by where they are
     /// in state 0.
-    fn other_labels(&self, classes: &[Class], zero: &[u8], costs: Costs) -> Vec<Vec<u8>> {
-        let of = |(k, run): (usize, &MatchedPair<'_>)| {
-            let costs = costs(&run.surfaces, 1, &motions(classes, k), Some(zero));
-            run.surfaces.labels(1, &costs, classes.len())
+    fn other_labels(&self, classes: &[Class], zero: &[u8], of: Of) -> Vec<Vec<u8>> {
+        let one = |(k, run): (usize, &MatchedPair<'_>)| {
+            let costs = run.surfaces.label_costs(1, &motions(classes, k), Some(zero), of);
+            run.surfaces.labels(1, &costs, classes.len(), of)
         };
-        self.runs.iter().enumerate().map(of).collect()
+        self.runs.iter().enumerate().map(one).collect()
     }
 
     /// Sets of parts, each without the part of the least evidence in the one before, down to the static part,
@@ -246,7 +237,7 @@ impl States<'_> {
     /// What speaks for each part and no other, in cells: its matches beyond chance and its surface, over all
     /// pairs.
     fn weighed(&self, classes: &[Class]) -> Vec<f64> {
-        let labels = self.labels(classes);
+        let labels = self.labels(classes, Of::SomeParts);
         let count = classes.len();
         let mut scores = vec![0.0; count];
         let mut add = |run: &MatchedPair<'_>, state: usize, costs: &[&[f32]], labels: &[u8]| {
@@ -285,7 +276,7 @@ impl States<'_> {
 
     /// One round: labels, then every motion that is a part's own.
     fn round(&self, classes: &mut [Class]) {
-        let labels = self.labels(classes);
+        let labels = self.labels(classes, Of::SomeParts);
         for (k, run) in self.runs.iter().enumerate() {
             let all = motions(classes, k);
             let followed = run.match_labels(&all);
@@ -310,7 +301,7 @@ impl States<'_> {
 
     /// Where a pair found a part at rest, looks for a motion along the line on which another pair moved it.
     fn seek_missed(&self, classes: &mut [Class], notes: &mut Vec<Note>) {
-        let labels = self.labels(classes);
+        let labels = self.labels(classes, Of::SomeParts);
         for (c, class) in classes.iter_mut().enumerate().skip(1) {
             let own: Vec<usize> = (0..labels[0].len()).filter(|&i| usize::from(labels[0][i]) == c).collect();
             for (k, run) in

@@ -65,15 +65,28 @@ pub(crate) const SAME_NORMAL: f64 = 1.0 - 0.5 * NORMAL_SIGMA * NORMAL_SIGMA;
 ///
 /// derived: in standard deviations of a normal, the mean over both planes
 const LIFT: f64 = 0.5 / (NORMAL_SIGMA * NORMAL_SIGMA);
-/// A patch stands for one part if its evidence for all others is less than this share of that for the part.
+/// A face stands for one part if its evidence for all others is less than this share of that for the part.
 ///
 /// tuned: shared/bags
-const PATCH_DISSENT: f32 = 0.2;
-/// Pull of a patch on those of its samples that hold no evidence: within some three samples of evidence the
+const FACE_DISSENT: f32 = 0.2;
+/// Pull of a sheet while parts are missing, whose surface would otherwise go to others in pieces.
+///
+/// derived: as much as all neighbors of the sample together
+const SHEET_PULL: f32 = 1.0;
+/// Pull of a face on those of its samples that hold no evidence: within some three samples of evidence the
 /// walk decides, as two parts may lie in one plane.
 ///
-/// measured: from 0.01 to 0.1 labels of bags/drawer and of the fridge of shared/bags are equally right
-const PATCH_PULL: f32 = 0.03;
+/// measured: from 0.01 to 0.1 labels of bags/drawer and of two of shared/bags are equally right
+const FACE_PULL: f32 = 0.03;
+
+/// What labels are known to be of.
+#[derive(Clone, Copy)]
+pub(crate) enum Of {
+    /// Parts may be missing.
+    SomeParts,
+    /// The parts are known.
+    AllParts,
+}
 
 /// Samples of a surface and their neighbors on it.
 pub(crate) struct SurfaceGraph {
@@ -138,12 +151,20 @@ impl SurfaceGraph {
 
     /// Labels by a random walk to the samples that hold evidence (Grady 2006): where there is none, what is
     /// reached first along the surface wins. See docs/method.md (6.8).
-    pub fn fill(&self, mut beliefs: Vec<f32>, costs: &[f32], labels: usize) -> Vec<u8> {
+    pub fn fill(&self, mut beliefs: Vec<f32>, costs: &[f32], labels: usize, of: Of) -> Vec<u8> {
         let n = self.neighbors.len();
-        let mut pull: Vec<f32> =
+        let own: Vec<f32> =
             (0..n).map(|i| OWN_PULL * evidence(&costs[i * labels..(i + 1) * labels])).collect();
-        // Patches pull before the walk: it would otherwise carry labels across a face that is one part's.
-        self.pull_of_patches(&mut beliefs, &mut pull, labels);
+        // Faces pull before the walk: it would otherwise carry labels across one that is one part's.
+        let mut pull = own.clone();
+        let faces: &[(&[u32], f32)] = match of {
+            Of::SomeParts => &[(&self.sheets, SHEET_PULL)],
+            // A patch without evidence is of the part that the sheet about it is of.
+            Of::AllParts => &[(&self.patches, FACE_PULL), (&self.sheets, FACE_PULL)],
+        };
+        for (faces, strength) in faces {
+            pull_of_faces((faces, *strength), &own, &mut beliefs, &mut pull, labels);
+        }
         // Labels lie in lanes of four, as registers hold them; lanes without a label stay zero.
         let quads = labels.div_ceil(4);
         let mut reached = vec![[0.0f32; 4]; n * quads];
@@ -182,27 +203,6 @@ impl SurfaceGraph {
             (if row[reached] > 0.0 { reached } else { best(beliefs) }) as u8
         };
         reached.chunks_exact(quads).zip(beliefs.chunks_exact(labels)).map(label).collect()
-    }
-
-    /// Samples without evidence on a patch whose evidence is for one label get that label.
-    fn pull_of_patches(&self, beliefs: &mut [f32], pull: &mut [f32], labels: usize) {
-        let count = self.patches.iter().max().map_or(0, |m| *m as usize + 1);
-        let mut votes = vec![0.0f32; count * labels];
-        for (i, &patch) in self.patches.iter().enumerate() {
-            for k in 0..labels {
-                votes[patch as usize * labels + k] += pull[i] * beliefs[i * labels + k];
-            }
-        }
-        for (i, &patch) in self.patches.iter().enumerate() {
-            let votes = &votes[patch as usize * labels..(patch as usize + 1) * labels];
-            // Equal votes go to the smallest label; the static part is the first.
-            let top = (1..labels).fold(0, |best, k| if votes[k] > votes[best] { k } else { best });
-            let dissent = votes.iter().sum::<f32>() - votes[top];
-            if pull[i] == 0.0 && votes[top] > 0.0 && dissent < PATCH_DISSENT * votes[top] {
-                pull[i] = PATCH_PULL;
-                (0..labels).for_each(|k| beliefs[i * labels + k] = f32::from(u8::from(k == top)));
-            }
-        }
     }
 
     /// Joins components of a label that are apart from its largest component and hold little evidence to the
@@ -256,6 +256,35 @@ impl SurfaceGraph {
         };
         let joined: Vec<u8> = (0..count).map(joins).collect();
         labels.iter_mut().zip(&components).for_each(|(l, c)| *l = joined[*c as usize]);
+    }
+}
+
+/// Samples without evidence on a face whose evidence is for one label get that label, where nothing pulls
+/// yet. `own` is the pull of each sample's own evidence, `faces` the number of the face that it is on,
+/// `strength` the pull of faces.
+fn pull_of_faces(
+    (faces, strength): (&[u32], f32),
+    own: &[f32],
+    beliefs: &mut [f32],
+    pull: &mut [f32],
+    labels: usize,
+) {
+    let count = faces.iter().max().map_or(0, |m| *m as usize + 1);
+    let mut votes = vec![0.0f32; count * labels];
+    for (i, &face) in faces.iter().enumerate() {
+        for k in 0..labels {
+            votes[face as usize * labels + k] += own[i] * beliefs[i * labels + k];
+        }
+    }
+    for (i, &face) in faces.iter().enumerate() {
+        let votes = &votes[face as usize * labels..(face as usize + 1) * labels];
+        // Equal votes go to the smallest label; the static part is the first.
+        let top = (1..labels).fold(0, |best, k| if votes[k] > votes[best] { k } else { best });
+        let dissent = votes.iter().sum::<f32>() - votes[top];
+        if pull[i] == 0.0 && votes[top] > 0.0 && dissent < FACE_DISSENT * votes[top] {
+            pull[i] = strength;
+            (0..labels).for_each(|k| beliefs[i * labels + k] = f32::from(u8::from(k == top)));
+        }
     }
 }
 
@@ -369,7 +398,7 @@ mod tests {
         let hidden = [0.9, 0.9, 0.9];
         let costs = [[0.9, 0.9, 0.0], hidden, hidden, [0.9, 0.0, 0.9], hidden, hidden].concat();
         let graph = chain();
-        assert_eq!(graph.fill(graph.mean_field(&costs, 3), &costs, 3), vec![2, 2, 1, 1, 0, 0]);
+        assert_eq!(graph.fill(graph.mean_field(&costs, 3), &costs, 3, Of::AllParts), vec![2, 2, 1, 1, 0, 0]);
     }
 
     #[test]
@@ -378,10 +407,10 @@ mod tests {
         let free = [1.61, 0.9, 0.9];
         let costs = [[0.9, 0.0, 0.9], [0.9; 3], free, free, [0.0, 0.9, 0.9], [0.9; 3]].concat();
         let graph = chain();
-        assert_eq!(graph.fill(graph.mean_field(&costs, 3), &costs, 3), vec![1, 1, 1, 1, 0, 0]);
+        assert_eq!(graph.fill(graph.mean_field(&costs, 3), &costs, 3, Of::AllParts), vec![1, 1, 1, 1, 0, 0]);
         // Alone among what they rule out they stay what they are.
         let costs = [[0.0, 0.9, 0.9], [0.9; 3], free, free, [0.0, 0.9, 0.9], [0.9; 3]].concat();
-        let mut labels = graph.fill(graph.mean_field(&costs, 3), &costs, 3);
+        let mut labels = graph.fill(graph.mean_field(&costs, 3), &costs, 3, Of::AllParts);
         graph.join_islands(&mut labels, &costs, 3);
         assert!(labels[2] != 0 && labels[3] == labels[2] && labels[..2] == [0, 0], "{labels:?}");
     }
