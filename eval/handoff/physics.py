@@ -8,6 +8,8 @@ states, and how far from its limits the worst joint stays when a controller driv
 as a share of its range. Positions in rad or m. Bullet drives at 1 rad/s or 0.03 m/s for twice the time that this
 takes: at 0.1 m/s and more (0.4 mm a step of 1/240 s) contact points of earlier steps, which it keeps up to 20 mm,
 stop some parts that nothing is nearer to than 3 mm.
+
+Needs numpy, mujoco, pybullet.
 """
 import json
 import sys

@@ -1,6 +1,6 @@
 //! Boxes around points, and the cube in which an object is reconstructed.
 
-use nalgebra::{Point3, RealField};
+use nalgebra::{Point3, RealField, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Share of the normalised cube's half side that the object's longest side spans (docs/method.md 1.3).
@@ -60,9 +60,26 @@ pub fn bounding_box<T: RealField + Copy>(
     Some(points.fold((first, first), |(lower, upper), p| (lower.inf(&p), upper.sup(&p))))
 }
 
+/// Whether a place and the six at a distance from it along the axes, meters, all do.
+pub fn all_about(place: &Point3<f64>, distance_m: f64, does: impl Fn(&Point3<f64>) -> bool) -> bool {
+    let mut shifts = (0..6).map(|k| Vector3::ith(k % 3, if k < 3 { distance_m } else { -distance_m }));
+    does(place) && shifts.all(|shift| does(&(place + shift)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_place_and_six_about_it_are_asked() {
+        let origin = Point3::origin();
+        assert!(all_about(&origin, 0.1, |p| p.coords.norm() < 0.11));
+        assert!(!all_about(&origin, 0.1, |p| p.coords.norm() > 0.01), "the place itself");
+        for k in 0..6 {
+            let (axis, sign) = (k % 3, if k < 3 { 1.0 } else { -1.0 });
+            assert!(!all_about(&origin, 0.1, |p| sign * p[axis] < 0.05), "{k}");
+        }
+    }
 
     #[test]
     fn the_longest_side_spans_the_fill() {

@@ -8,7 +8,7 @@ mod nearest;
 mod rigid_fit;
 mod screw;
 
-pub use bounds::{SceneBox, bounding_box};
+pub use bounds::{SceneBox, all_about, bounding_box};
 pub use camera::Intrinsics;
 pub use grid::Grid3;
 pub use nearest::NearestPoints;

@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use super::{articulation::Articulation, scene::Scene, state::State};
 use crate::{
     articulate::{OtherState, contradicted},
-    geometry::Pose,
+    geometry::{Pose, bounding_box},
     note::{Note, NoteCode},
 };
 
@@ -41,10 +41,8 @@ pub(super) fn warnings(states: &[State], left_out: &[Vec<bool>]) -> Vec<Note> {
     let warning = |(k, (state, out)): (usize, (&State, &Vec<bool>))| {
         let share = out.iter().filter(|o| **o).count() as f64 / out.len().max(1) as f64;
         let points = &state.surface.samples.points;
-        let places = || points.iter().zip(out).filter(|(_, o)| **o).map(|(p, _)| *p);
-        let first = places().next().filter(|_| share > LEAST_SHARE)?;
-        let (lo, hi): (Point3<f64>, Point3<f64>) =
-            places().fold((first, first), |(lo, hi), p| (lo.inf(&p), hi.sup(&p)));
+        let places = points.iter().zip(out).filter(|(_, o)| **o).map(|(p, _)| *p);
+        let (lower, upper) = bounding_box(places).filter(|_| share > LEAST_SHARE)?;
         let area_m2 = share * state.surface.mesh.area_m2();
         let corner = |p: Point3<f64>| format!("({:.2}, {:.2}, {:.2})", p.x, p.y, p.z);
         let text = format!(
@@ -52,8 +50,8 @@ pub(super) fn warnings(states: &[State], left_out: &[Vec<bool>]) -> Vec<Note> {
              another state saw nothing where their part then is",
             1e4 * area_m2,
             100.0 * share,
-            corner(lo),
-            corner(hi),
+            corner(lower),
+            corner(upper),
         );
         Some(Note::new(NoteCode::SurfaceLeftOut, text))
     };

@@ -18,7 +18,10 @@ use crate::articulate::{
         surface_graph::{NORMAL_SIGMA, Of, SurfaceGraph},
     },
 };
-use crate::{geometry::Pose, statistics::median};
+use crate::{
+    geometry::{Pose, all_about},
+    statistics::median,
+};
 
 /// Whether a world point was seen to be empty in a state.
 pub type FreeSpace<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);
@@ -247,10 +250,7 @@ impl<'a> SurfacePair<'a> {
         let rows = costs.par_chunks_mut(motions.len()).zip(points);
         rows.for_each(|(row, point)| {
             for (cost, (other_from_this, error_m)) in row.iter_mut().zip(&ways) {
-                let place = other_from_this * point;
-                let mut shifts =
-                    (0..6).map(|k| Vector3::ith(k % 3, if k < 3 { *error_m } else { -*error_m }));
-                if *cost >= FREE && shifts.all(|shift| is_free(&(place + shift))) {
+                if *cost >= FREE && all_about(&(other_from_this * point), *error_m, is_free) {
                     *cost = ALL_FREE;
                 }
             }
@@ -324,12 +324,15 @@ mod tests {
         let pair = SurfacePair::new([&s0, &s1], free, 0.02);
         let motions: Vec<Pose> = (0..scene.parts.len()).map(|k| scene.truth(k)).collect();
         // As in the registration: the labels of one state bind the other.
-        let first = pair.labels(0, &pair.costs(0, &motions, None), motions.len(), Of::AllParts);
-        let second = pair.labels(1, &pair.costs(1, &motions, Some(&first)), motions.len(), Of::AllParts);
+        let label = |state: usize, others: Option<&[u8]>| {
+            let costs = pair.label_costs(state, &motions, others, Of::AllParts);
+            pair.labels(state, &costs, motions.len(), Of::AllParts)
+        };
+        let first = label(0, None);
+        let second = label(1, Some(&first));
         for (state, truth) in [t0, t1].iter().enumerate() {
             let others = if state == 0 { &second } else { &first };
-            let labels =
-                pair.labels(state, &pair.costs(state, &motions, Some(others)), motions.len(), Of::AllParts);
+            let labels = label(state, Some(others));
             let right = labels.iter().zip(truth).filter(|(a, b)| a == b).count();
             assert!(
                 right * 100 >= percent * truth.len(),

@@ -1,9 +1,9 @@
 //! Surface that is of no part: where its part then is, another state saw nothing.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 use rayon::prelude::*;
 
-use crate::geometry::{Grid3, NearestPoints, Pose};
+use crate::geometry::{Grid3, NearestPoints, Pose, all_about};
 
 /// A state that a surface is looked for in.
 pub struct OtherState<'a> {
@@ -32,10 +32,8 @@ pub fn contradicted(
     others: &[OtherState<'_>],
     error_m: f64,
 ) -> Vec<bool> {
-    let is_empty = |free: &Grid3<bool>, place: &Point3<f64>| {
-        let mut shifts = (0..6).map(|k| Vector3::ith(k % 3, if k < 3 { error_m } else { -error_m }));
-        free.holds_around(place) && shifts.all(|shift| free.holds_around(&(place + shift)))
-    };
+    let is_empty =
+        |free: &Grid3<bool>, place: &Point3<f64>| all_about(place, error_m, |p| free.holds_around(p));
     let alone: Vec<bool> = points
         .par_iter()
         .zip(labels)

@@ -109,14 +109,13 @@ impl SurfaceGraph {
             .collect();
         let in_plane = |i: usize, j: usize| are_in_one_plane(samples, i, j);
         let sheets = components(&neighbors, in_plane);
-        let beside = |i: usize| neighbors[i].iter().filter(|n| n.1 > 0.0).map(|n| n.0 as usize);
-        let patches = flat_patches(&samples.normals, NORMAL_SIGMA, beside, in_plane);
+        let patches = flat_patches(&samples.normals, NORMAL_SIGMA, |i| beside(&neighbors, i), in_plane);
         Self { neighbors, sheets, patches }
     }
 
     /// Neighbors of a sample.
     pub fn beside(&self, sample: usize) -> impl Iterator<Item = usize> {
-        self.neighbors[sample].iter().filter(|n| n.1 > 0.0).map(|n| n.0 as usize)
+        beside(&self.neighbors, sample)
     }
 
     /// Number of the smooth sheet that a sample is on.
@@ -301,6 +300,11 @@ fn open_labels(costs: &[f32], labels: usize, quads: usize) -> Vec<[f32; 4]> {
 /// Whether a label's motion takes a sample of these costs to a place seen empty, and another's does not.
 fn is_ruled_out(costs: &[f32], label: usize) -> bool {
     costs[label] >= EMPTY && costs.iter().any(|c| *c <= HIDDEN_AT_WORST)
+}
+
+/// Neighbors of a sample, without the slots that are unused.
+fn beside(neighbors: &[[(u32, f32); NEIGHBORS]], sample: usize) -> impl Iterator<Item = usize> {
+    neighbors[sample].iter().filter(|n| n.1 > 0.0).map(|n| n.0 as usize)
 }
 
 /// The nearest neighbors of a sample with weights that sum to 1.
