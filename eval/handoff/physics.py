@@ -50,14 +50,16 @@ def in_mujoco(run, report):
         dof = model.joint(joint["name"]).dofadr[0]
         mujoco.mj_resetData(model, data)
         for target in (upper, lower, upper):
-            # Strong enough for the joint's own friction and a few times more.
-            strength = 4 * model.dof_frictionloss[dof] + 1.0
+            # Inertia sets the gains, as fixed ones shake a light part; the joint's own friction and its load come on top.
+            inertia, friction = model.dof_M0[dof], model.dof_frictionloss[dof]
             start, steps = float(data.joint(joint["name"]).qpos[0]), int(3 / model.opt.timestep)
             for step in range(steps):
                 goal = start + (target - start) * min(1.0, 1.3 * step / steps)
                 error = goal - float(data.joint(joint["name"]).qpos[0])
-                push = 400 * strength * error - 20 * strength * float(data.joint(joint["name"]).qvel[0])
-                data.qfrc_applied[dof] = np.clip(push, -strength, strength)
+                push = inertia * (900 * error - 60 * float(data.joint(joint["name"]).qvel[0]))
+                push += 2 * friction * np.clip(error / 0.002, -1, 1)
+                most = 4 * friction + 40 * inertia
+                data.qfrc_applied[dof] = data.qfrc_bias[dof] + np.clip(push, -most, most)
                 mujoco.mj_step(model, data)
             worst = max(worst, abs(float(data.joint(joint["name"]).qpos[0]) - target) / (upper - lower))
         data.qfrc_applied[dof] = 0

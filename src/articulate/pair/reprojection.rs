@@ -7,7 +7,7 @@ pub(crate) const HIDDEN: f32 = 0.9;
 /// Additional cost of a surface that follows another motion, and what a correspondence under another motion
 /// says against a motion that hid the sample.
 /// tuned: shared/bags
-const TAKEN: f32 = 0.4;
+pub(crate) const TAKEN: f32 = 0.4;
 /// Cost of a place in space seen to be empty.
 /// tuned: shared/bags
 pub(crate) const FREE: f32 = 1.6;
@@ -38,8 +38,9 @@ pub(crate) const ASTRAY: f64 = 0.02;
 pub(crate) struct Look<'a> {
     /// The motion's label.
     pub label: u8,
-    /// Labels of the other state's samples, where known.
-    pub other_labels: Option<&'a [u8]>,
+    /// Labels of the other state's samples, where known, and what a partner that carries another one costs
+    /// beyond its deviations.
+    pub other_labels: Option<(&'a [u8], f32)>,
     /// Whether colors count.
     pub colored: bool,
 }
@@ -62,8 +63,8 @@ impl Reprojection {
         let partner = self.partner.map(|(j, shape, color)| {
             let squared = if colored { shape + color } else { shape };
             let cost = (squared / (squared + HALF_COST)) as f32;
-            let taken = other_labels.is_some_and(|l| l[j as usize] != label);
-            if taken { cost.max((cost + TAKEN).min(HIDDEN)) } else { cost }
+            let taken = other_labels.filter(|(labels, _)| labels[j as usize] != label);
+            taken.map_or(cost, |(_, more)| cost.max((cost + more).min(HIDDEN)))
         });
         match (partner, self.free) {
             // Without knowledge of free space a missing surface costs a whole unit, more than any partner.

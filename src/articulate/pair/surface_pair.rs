@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::articulate::{
     observations::SurfaceSamples,
-    pair::reprojection::{ALL_FREE, FREE, Look, Reprojection},
+    pair::reprojection::{ALL_FREE, FREE, HIDDEN, Look, Reprojection, TAKEN},
     samples::{
         sample_index::SampleIndex,
         spacing::spacing_m,
@@ -230,7 +230,7 @@ impl<'a> SurfacePair<'a> {
     /// Costs of every sample of a state under every motion, sample-major. `other_labels` are the labels of
     /// the other state's samples, where known.
     pub fn costs(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {
-        self.costs_of(state, motions, other_labels, true)
+        self.costs_of(state, motions, other_labels.map(|l| (l, TAKEN)), true)
     }
 
     /// The same for labels. Of all parts a motion is ruled out that takes a sample to a place which was seen
@@ -243,7 +243,12 @@ impl<'a> SurfacePair<'a> {
         other_labels: Option<&[u8]>,
         of: Of,
     ) -> Vec<f32> {
-        let mut costs = self.costs(state, motions, other_labels);
+        let taken = match of {
+            Of::SomeParts => TAKEN,
+            // A surface is of one part only: that of another one hides the sample at best.
+            Of::AllParts => HIDDEN,
+        };
+        let mut costs = self.costs_of(state, motions, other_labels.map(|l| (l, taken)), true);
         let (Some(is_free), Of::AllParts) = (self.free[1 - state], of) else { return costs };
         let ways: Vec<(Pose, f64)> = motions.iter().map(|motion| self.way(state, motion)).collect();
         let points = &self.samples[state].points;
@@ -269,14 +274,14 @@ impl<'a> SurfacePair<'a> {
     /// The same by shape alone: light stands still where a part turns, so that colors err together over a
     /// surface.
     pub fn shape_costs(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {
-        self.costs_of(state, motions, other_labels, false)
+        self.costs_of(state, motions, other_labels.map(|l| (l, TAKEN)), false)
     }
 
     fn costs_of(
         &self,
         state: usize,
         motions: &[Pose],
-        other_labels: Option<&[u8]>,
+        other_labels: Option<(&[u8], f32)>,
         colored: bool,
     ) -> Vec<f32> {
         let all: Vec<Arc<Vec<Reprojection>>> = motions.iter().map(|m| self.reprojections(state, m)).collect();

@@ -3,6 +3,11 @@
 use crate::articulate::{pair::surface_pair::SurfacePair, samples::surface_graph::Of};
 use crate::geometry::Pose;
 
+/// Most rounds in which the labels of all parts settle: each state's follow from the other's.
+///
+/// measured: on ten made cabinets and bags/drawer the second and third still change wrong labels to right
+const ROUNDS: usize = 3;
+
 /// Labels and costs of both states.
 pub(crate) type Labeling = ([Vec<u8>; 2], [Vec<f32>; 2]);
 
@@ -23,8 +28,20 @@ fn label_of(surfaces: &SurfacePair<'_>, motions: &[Pose], of: Of) -> Labeling {
         let one = |s: usize| surfaces.labels(s, &costs[s], motions.len(), of);
         rayon::join(|| one(0), || one(1)).into()
     };
-    let alone = labels(&[0, 1].map(|s| costs(s, None)));
-    // Once more with each state's labels known to the other: a surface belongs to one part only.
-    let both = [0, 1].map(|s| costs(s, Some(&alone[1 - s])));
-    (labels(&both), both)
+    let mut costs_of_both = [0, 1].map(|s| costs(s, None));
+    let mut found = labels(&costs_of_both);
+    let rounds = match of {
+        Of::SomeParts => 1,
+        Of::AllParts => ROUNDS,
+    };
+    // Again with each state's labels known to the other: a surface belongs to one part only.
+    for _ in 0..rounds {
+        let before = found;
+        costs_of_both = [0, 1].map(|s| costs(s, Some(&before[1 - s])));
+        found = labels(&costs_of_both);
+        if found == before {
+            break;
+        }
+    }
+    (found, costs_of_both)
 }
