@@ -386,6 +386,21 @@ mod tests {
     }
 
     #[test]
+    fn surface_that_is_another_parts_explains_a_sample_while_parts_are_missing_only() {
+        let both = plate(20);
+        let pair = SurfacePair::new([&both, &both], [None, None], 0.04);
+        let motions = [Pose::identity(), Pose::translation(0.0, 1e-9, 0.0)];
+        let of_first = vec![0; both.points.len()];
+        let costs = |of: Of| {
+            let all = pair.label_costs(0, &motions, Some(&of_first), of);
+            [all[2 * 210], all[2 * 210 + 1]]
+        };
+        assert_eq!(costs(Of::AllParts), [0.0, HIDDEN]);
+        let [own, other] = costs(Of::SomeParts);
+        assert!(own == 0.0 && (other - TAKEN).abs() < 1e-5, "{own} {other}");
+    }
+
+    #[test]
     fn space_seen_empty_beside_a_surface_is_beyond_its_edge() {
         let (long, short) = (plate(23), plate(20));
         let beyond = |p: &Point3<f64>| p.x > 0.192;
