@@ -5,7 +5,7 @@
 STATE and OUT are ROS 2 bags (MCAP) as `artitwin synth` makes them, X Y Z the middle of the box in the world and SIDE its length, m.
 Prints in how many views it is seen.
 
-Needs numpy, pillow, rosbags.
+Needs numpy, pillow, rosbags, scipy.
 """
 import io
 import sys
@@ -15,19 +15,15 @@ import numpy as np
 from PIL import Image
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
+from scipy.spatial.transform import Rotation
 
 COLORS = np.array([[200, 40, 40], [40, 160, 60], [220, 200, 60]])
 
 
 def pose(transform):
     q, t = transform.rotation, transform.translation
-    x, y, z, w = q.x, q.y, q.z, q.w
     matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
+    matrix[:3, :3] = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
     matrix[:3, 3] = t.x, t.y, t.z
     return matrix
 
@@ -68,13 +64,13 @@ def main():
         def read(topic):
             return [reader.deserialize(raw, c.msgtype) for c, _, raw in messages if c.topic.endswith(topic)]
         intrinsics = read("/color/camera_info")[0]
-        camera_from_link = pose(read("/tf_static")[0].transforms[0].transform)
+        link_from_camera = pose(read("/tf_static")[0].transforms[0].transform)
         moving = [t for m in read("/tf") for t in m.transforms]
         times = np.array([stamp_s(t) for t in moving])
         hits = {}
         for message in read("/compressedDepth"):
             at = np.argmin(abs(times - stamp_s(message)))
-            box, axis = seen_box(intrinsics, pose(moving[at].transform) @ camera_from_link, middle, half)
+            box, axis = seen_box(intrinsics, pose(moving[at].transform) @ link_from_camera, middle, half)
             depth = depth_image(bytes(message.data))[1] / 1000
             hits[stamp_s(message)] = (box < np.where(depth > 0, depth, np.inf), box, axis)
         with Writer(out, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
