@@ -3,8 +3,14 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{
-    Base, ExportConfig, LookConfig, Report, ReportPictures, RunFacts, UrdfScrew, look, mjcf::mjcf,
-    report_html, sdf::sdf, urdf::ros_urdf, urdf::urdf, usda, xacro::macros,
+    Base, ExportConfig, Report, ReportPictures, RunFacts, UrdfScrew,
+    drawn::{drawn, plain_looks},
+    mjcf::mjcf,
+    report_html,
+    sdf::sdf,
+    urdf::{ros_urdf, urdf},
+    usda,
+    xacro::macros,
 };
 use crate::{
     geometry::Pose,
@@ -53,8 +59,7 @@ fn mjcf_has_sites_and_sdf_frames_on_the_part() {
 #[test]
 fn usd_has_a_bare_prim_below_the_part() {
     let model = twin();
-    let looks: Vec<_> = model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
-    let text = usda(&model, &looks, Base::Fixed);
+    let text = usda(&model, &drawn(&model, &plain_looks(&model)), Base::Fixed);
     for name in NAMES {
         let prim = text.split_once(&format!("        def Xform \"{name}\"\n        {{\n")).unwrap().1;
         let prim = prim.split_once('}').unwrap().0;

@@ -89,7 +89,7 @@ pub fn screw_notes(model: &ArticulatedModel, config: &ExportConfig) -> Vec<Note>
 mod tests {
     use super::*;
     use crate::{
-        export::{LookConfig, look, package},
+        export::{drawn::plain_looks, package},
         model::{JointKind, example::cabinet},
     };
 
@@ -99,9 +99,7 @@ mod tests {
         model.joints[1].kind = JointKind::Screw { pitch_m_per_rad: 0.5 };
         for screws in [UrdfScrew::Pair, UrdfScrew::Nearest] {
             let config = ExportConfig { urdf_screw: screws, ..ExportConfig::default() };
-            let looks: Vec<_> =
-                model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
-            let files = package(&model, &looks, &config);
+            let files = package(&model, &plain_looks(&model), &config);
             let has = |path: &str| files.iter().any(|f| f.path == path);
             let text = guide(&model, &config);
             let rows = text.lines().filter_map(|l| l.strip_prefix("| `")?.split_once('`'));

@@ -7,8 +7,9 @@ use nalgebra::{Quaternion, UnitQuaternion};
 
 use super::{
     config::{Base, ExportConfig},
+    drawn::visuals,
     number::decimal,
-    urdf::{advance_limit, grasp_name, short, solid_name, solid_path, triple, visual_path},
+    urdf::{advance_limit, grasp_name, short, solid_name, solid_path, triple},
 };
 use crate::{
     geometry::Pose,
@@ -111,18 +112,13 @@ fn push_threads(text: &mut String, model: &ArticulatedModel) {
 }
 
 fn push_assets(text: &mut String, link: &Link) {
-    let name = escape(&link.name);
-    if !link.visual.is_empty() {
+    for visual in visuals(link) {
         // MuJoCo drops the texture of a mesh file: it is named here, as PNG, the only format it reads.
-        let file = escape(&visual_path(link));
-        writeln!(
-            text,
-            "    <texture name=\"{name}\" type=\"2d\" file=\"{}\"/>",
-            file.replace(".obj", ".png")
-        )
-        .ok();
-        writeln!(text, "    <material name=\"{name}\" texture=\"{name}\" specular=\"0.1\"/>").ok();
-        writeln!(text, "    <mesh name=\"{name}_visual\" file=\"{file}\"/>").ok();
+        let [name, material, file, texture] =
+            [&visual.name, &visual.material, &visual.path, &visual.texture()].map(|s| escape(s));
+        writeln!(text, "    <texture name=\"{material}\" type=\"2d\" file=\"{texture}\"/>").ok();
+        writeln!(text, "    <material name=\"{material}\" texture=\"{material}\" specular=\"0.1\"/>").ok();
+        writeln!(text, "    <mesh name=\"{name}\" file=\"{file}\"/>").ok();
     }
     for k in 0..link.collision.len() {
         writeln!(
@@ -164,11 +160,11 @@ fn push_body(
         }
         None => {}
     }
-    if !link.visual.is_empty() {
+    for visual in visuals(link) {
+        let [name, material] = [&visual.name, &visual.material].map(|s| escape(s));
         writeln!(
             text,
-            "{pad}  <geom class=\"{prefix}visual\" name=\"{name}_visual\" mesh=\"{name}_visual\" \
-            material=\"{name}\"/>"
+            "{pad}  <geom class=\"{prefix}visual\" name=\"{name}\" mesh=\"{name}\" material=\"{material}\"/>"
         )
         .ok();
     }

@@ -8,6 +8,7 @@ mod config;
 mod contact_sheet;
 pub mod diagnosed;
 mod diagnosis_page;
+mod drawn;
 #[cfg(test)]
 mod grasp_tests;
 mod guide;

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::{
-    look::Look,
+    drawn::{drawn, plain_looks},
     mjcf::mjcf,
     sdf::sdf,
     urdf::{ros_urdf, urdf},
@@ -141,10 +141,7 @@ proptest! {
     #[test]
     fn pages_hold_a_name_as_text(name in name()) {
         let model = renamed(&name);
-        let config = LookConfig::default();
-        let looks: Vec<Look> = model.links.iter().map(|l| look(&l.visual, &[], &config)).collect();
-        let textures = vec![Vec::new(); looks.len()];
-        let page = viewer_html(&model, &looks, &textures);
+        let page = viewer_html(&model, &drawn(&model, &plain_looks(&model)));
         prop_assert_eq!(page.matches("</script>").count(), 2);
         let json = page.split_once("application/json\">").unwrap().1.split_once("</script>").unwrap().0;
         let data: serde_json::Value = serde_json::from_str(json).unwrap();
@@ -165,12 +162,12 @@ proptest! {
         // Nothing with such a name is exported; were it, it would be a name all the same.
         prop_assert!(!validate(&model).is_empty());
         let plain = |n: &str| !n.is_empty() && n.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-        let config = LookConfig::default();
-        let looks: Vec<Look> = model.links.iter().map(|l| look(&l.visual, &[], &config)).collect();
-        let text = usda(&model, &looks, Base::Fixed);
+        let looks = plain_looks(&model);
+        let text = usda(&model, &drawn(&model, &looks), Base::Fixed);
         let prims: Vec<&str> = text.lines().filter_map(|l| l.trim_start().strip_prefix("def ")).collect();
         let is_definition = |line: &&str| line.trim_start().starts_with("def ");
-        let expected = usda(&cabinet(), &looks, Base::Fixed).lines().filter(is_definition).count();
+        let plainly = usda(&cabinet(), &drawn(&cabinet(), &looks), Base::Fixed);
+        let expected = plainly.lines().filter(is_definition).count();
         prop_assert_eq!(prims.len(), expected);
         for prim in prims {
             prop_assert!(plain(prim.split('"').nth(1).unwrap()), "{}", prim);
@@ -184,8 +181,7 @@ proptest! {
 #[test]
 fn no_name_leads_out_of_the_folder() {
     let model = renamed("/../../x");
-    let looks: Vec<Look> = model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
-    for file in package(&model, &looks, &ExportConfig::default()) {
+    for file in package(&model, &plain_looks(&model), &ExportConfig::default()) {
         let plain = file.path.chars().all(|c| c.is_ascii_alphanumeric() || "_./".contains(c));
         assert!(plain && !file.path.contains(".."), "{}", file.path);
     }

@@ -4,8 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     config::{ExportConfig, UrdfScrew},
+    drawn::{Drawn, drawn, plain_looks},
     guide::guide,
-    look::{Look, LookConfig, look},
+    look::Look,
     mjcf::mjcf,
     obj::{mtl, solid_obj, textured_obj},
     preview::{thumbnail, turntable},
@@ -15,7 +16,7 @@ use super::{
     scene::{actuated, scene},
     sdf::{SCREW_SDF, model_config, screw_sdf, sdf},
     srdf::srdf,
-    urdf::{SINGLE_JOINT, ros_urdf, single_joint_urdf, solid_name, solid_path, urdf, visual_path},
+    urdf::{SINGLE_JOINT, ros_urdf, single_joint_urdf, solid_name, solid_path, urdf},
     usda::usda,
     viewer::viewer_html,
     xacro,
@@ -37,20 +38,23 @@ pub struct ExportFile {
 /// ([`crate::model::validate`]).
 #[must_use]
 pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) -> Vec<ExportFile> {
-    // Encoded once: the folder and the viewer hold the same textures.
-    let textures: Vec<Vec<u8>> = looks.iter().map(Look::png).collect();
+    let drawn = drawn(model, looks);
     let name = identifier(&model.name);
     let mut texts = descriptions(model, config);
-    texts.push((format!("{name}.usda"), usda(model, looks, config.base)));
-    texts.push(("viewer.html".to_owned(), viewer_html(model, looks, &textures)));
+    texts.push((format!("{name}.usda"), usda(model, &drawn, config.base)));
+    texts.push(("viewer.html".to_owned(), viewer_html(model, &drawn)));
     let mut files: Vec<ExportFile> =
         texts.into_iter().map(|(path, text)| ExportFile { path, bytes: text.into_bytes() }).collect();
-    for ((link, look), png) in model.links.iter().zip(looks).zip(textures) {
-        let path = visual_path(link);
-        let stem = path.trim_end_matches(".obj").to_owned();
-        files.push(ExportFile { path, bytes: textured_obj(look, &link.name).into_bytes() });
-        files.push(ExportFile { path: format!("{stem}.mtl"), bytes: mtl(&link.name).into_bytes() });
-        files.push(ExportFile { path: format!("{stem}.png"), bytes: png });
+    for Drawn { visual, look, png, .. } in drawn {
+        let (texture, material) = (visual.texture(), format!("{}.mtl", visual.path.trim_end_matches(".obj")));
+        files.push(ExportFile {
+            path: visual.path,
+            bytes: textured_obj(&look, &visual.material).into_bytes(),
+        });
+        files.push(ExportFile { path: material, bytes: mtl(&visual.material).into_bytes() });
+        files.push(ExportFile { path: texture, bytes: png });
+    }
+    for link in &model.links {
         for (k, solid) in link.collision.iter().enumerate() {
             files.push(ExportFile {
                 path: solid_path(link, k),
@@ -101,6 +105,5 @@ fn descriptions(model: &ArticulatedModel, config: &ExportConfig) -> Vec<(String,
 /// [`package`] of a model without photos: the meshes' own colors are their textures.
 #[must_use]
 pub fn urdf_package(model: &ArticulatedModel, config: &ExportConfig) -> Vec<ExportFile> {
-    let looks: Vec<Look> = model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
-    package(model, &looks, config)
+    package(model, &plain_looks(model), config)
 }

@@ -7,6 +7,7 @@ use image::{
 };
 use nalgebra::{Isometry3, Point3, Vector3};
 
+use super::drawn::visuals;
 use crate::{
     geometry::Intrinsics,
     model::ArticulatedModel,
@@ -36,7 +37,7 @@ const TURNTABLE_FACES: usize = 8000;
 /// A PNG of the model in its last observed state; world z is up.
 #[must_use]
 pub fn thumbnail(model: &ArticulatedModel) -> Vec<u8> {
-    let meshes: Vec<&TriangleMesh> = model.links.iter().map(|l| &l.visual).collect();
+    let meshes: Vec<(usize, &TriangleMesh)> = meshes(model).collect();
     let none = Vec::new();
     let rgb = view(model, &meshes, model.states.last().unwrap_or(&none), AZIMUTH_RAD, THUMBNAIL_PX);
     let mut bytes = Vec::new();
@@ -50,9 +51,9 @@ pub fn thumbnail(model: &ArticulatedModel) -> Vec<u8> {
 /// and back.
 #[must_use]
 pub fn turntable(model: &ArticulatedModel) -> Vec<u8> {
-    let small: Vec<TriangleMesh> =
-        model.links.iter().map(|l| simplify(&l.visual, TURNTABLE_FACES, f64::INFINITY)).collect();
-    let meshes: Vec<&TriangleMesh> = small.iter().collect();
+    let small: Vec<(usize, TriangleMesh)> =
+        meshes(model).map(|(link, mesh)| (link, simplify(mesh, TURNTABLE_FACES, f64::INFINITY))).collect();
+    let meshes: Vec<(usize, &TriangleMesh)> = small.iter().map(|(link, mesh)| (*link, mesh)).collect();
     let (Some(first), Some(last)) = (model.states.first(), model.states.last()) else { return Vec::new() };
     let mut bytes = Vec::new();
     // 30 is the fastest of the encoder's speeds: it samples fewer pixels for a palette.
@@ -75,23 +76,25 @@ pub fn turntable(model: &ArticulatedModel) -> Vec<u8> {
     if whole { bytes } else { Vec::new() }
 }
 
+/// The meshes that draw a model, each with its link.
+fn meshes(model: &ArticulatedModel) -> impl Iterator<Item = (usize, &TriangleMesh)> {
+    model.links.iter().enumerate().flat_map(|(link, own)| visuals(own).map(move |v| (link, v.mesh)))
+}
+
 /// The model from a camera that looks at its middle from an azimuth.
 fn view(
     model: &ArticulatedModel,
-    meshes: &[&TriangleMesh],
+    meshes: &[(usize, &TriangleMesh)],
     positions: &[f64],
     azimuth_rad: f64,
     [width, height]: [usize; 2],
 ) -> Vec<[u8; 3]> {
-    let item =
-        |(i, mesh): (usize, &&'_ TriangleMesh)| (i, model.world_from_link(i, positions), mesh.bounds());
-    let posed: Vec<_> = meshes.iter().enumerate().map(item).collect();
     // A sphere around all boxes in all states: the camera stands still while the joints move.
     let mut corners: Vec<Point3<f64>> = Vec::new();
     for state in &model.states {
-        for (i, _, bounds) in &posed {
-            let Some((lo, hi)) = bounds else { continue };
-            let pose = model.world_from_link(*i, state);
+        for (link, mesh) in meshes {
+            let Some((lo, hi)) = mesh.bounds() else { continue };
+            let pose = model.world_from_link(*link, state);
             corners.extend((0..8).map(|k| {
                 pose * Point3::from([0, 1, 2].map(|c| f64::from(if k >> c & 1 == 0 { lo[c] } else { hi[c] })))
             }));
@@ -113,11 +116,12 @@ fn view(
         cx: 0.5 * (width as f64 - 1.0),
         cy: 0.5 * (height as f64 - 1.0),
     };
-    let items: Vec<RenderItem> = posed
-        .iter()
-        .zip(meshes)
-        .map(|((_, pose, _), mesh)| RenderItem { mesh, world_from_mesh: *pose, paint: Paint::Vertices })
-        .collect();
+    let item = |&(link, mesh)| RenderItem {
+        mesh,
+        world_from_mesh: model.world_from_link(link, positions),
+        paint: Paint::Vertices,
+    };
+    let items: Vec<RenderItem> = meshes.iter().map(item).collect();
     render(&items, &intrinsics, &world_from_camera, true).rgb
 }
 

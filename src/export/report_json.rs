@@ -196,6 +196,9 @@ pub struct LinkReport {
     /// Area of it that no view saw, in small holes that were closed, square meters.
     #[serde(default)]
     pub assumed_area_m2: f64,
+    /// Area of walls that no view saw and that are drawn as `meshes/assumed`, square meters.
+    #[serde(default)]
+    pub assumed_walls_m2: f64,
     /// Vertices of the mesh.
     pub vertices: usize,
     /// Triangles of the mesh.
@@ -353,6 +356,7 @@ impl Report {
             solids: l.collision.len(),
             area_m2: round_significant(l.visual.area_m2(), DIGITS),
             assumed_area_m2: round_significant(l.assumed_m2, DIGITS),
+            assumed_walls_m2: round_significant(l.assumed.area_m2(), DIGITS),
             vertices: l.visual.vertices.len(),
             triangles: l.visual.triangles.len(),
             grasps: l.grasps.iter().enumerate().map(|(k, g)| grasp_report(grasp_name(l, k), g)).collect(),

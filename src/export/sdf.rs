@@ -4,9 +4,10 @@ use std::fmt::Write as _;
 
 use super::{
     config::{Base, ExportConfig},
+    drawn::visuals,
     urdf::{
         CARRIER_KG, CARRIER_KG_M2, advance_limit, carrier_name, grasp_name, origin, short, solid_name,
-        solid_path, triple, visual_path,
+        solid_path, triple,
     },
 };
 use crate::{
@@ -121,8 +122,8 @@ fn push_link(text: &mut String, link: &Link, model_from_link: &Pose) {
         writeln!(text, "          <{tag}>{}</{tag}>", short(i[k])).ok();
     }
     text.push_str("        </inertia>\n      </inertial>\n");
-    if !link.visual.is_empty() {
-        push_geometry(text, "visual", &format!("{}_visual", link.name), &visual_path(link));
+    for visual in visuals(link) {
+        push_geometry(text, "visual", &visual.name, &visual.path);
     }
     for k in 0..link.collision.len() {
         push_geometry(text, "collision", &solid_name(link, k), &solid_path(link, k));

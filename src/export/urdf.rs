@@ -9,6 +9,7 @@ use nalgebra::UnitQuaternion;
 
 use super::{
     config::UrdfScrew,
+    drawn::visuals,
     number::{decimal, significant},
 };
 use crate::{
@@ -113,12 +114,6 @@ pub(super) fn push_elements(text: &mut String, model: &ArticulatedModel, form: F
     }
 }
 
-/// Path of a link's visual mesh, relative to the URDF's folder.
-#[must_use]
-pub fn visual_path(link: &Link) -> String {
-    format!("meshes/visual/{}.obj", identifier(&link.name))
-}
-
 /// Name of a link's collision solid in all formats, and of its file.
 #[must_use]
 pub fn solid_name(link: &Link, solid: usize) -> String {
@@ -179,9 +174,9 @@ fn push_link(text: &mut String, link: &Link, Form { paths, names, .. }: Form) {
     )
     .ok();
     // No `<material>` beside the texture: Newton would take it in the texture's place.
-    if !link.visual.is_empty() {
-        writeln!(text, "    <visual name=\"{name}_visual\">").ok();
-        push_mesh(text, &format!("{paths}{}", visual_path(link)));
+    for visual in visuals(link) {
+        writeln!(text, "    <visual name=\"{names}{}\">", escape(&visual.name)).ok();
+        push_mesh(text, &format!("{paths}{}", visual.path));
         text.push_str("    </visual>\n");
     }
     // One convex solid a collision: importers close a concave mesh by its hull, and a drawer could not move.
@@ -385,7 +380,7 @@ mod tests {
             let urdf_rs::Geometry::Mesh { filename, .. } = &read.visual[0].geometry else {
                 panic!("no mesh")
             };
-            assert_eq!(*filename, visual_path(link));
+            assert_eq!(*filename, format!("meshes/visual/{}.obj", link.name));
         }
         for (read, joint) in robot.joints.iter().zip(&model.joints) {
             let revolute = read.joint_type == urdf_rs::JointType::Revolute;

@@ -9,20 +9,20 @@ use nalgebra::{Matrix3, Rotation3, SymmetricEigen, UnitQuaternion, Vector3};
 
 use super::{
     config::Base,
-    look::Look,
+    drawn::{Drawn, Visual},
     mjcf::quaternion,
     number::{decimal, significant},
-    urdf::{grasp_name, solid_name, visual_path},
+    urdf::{grasp_name, solid_name},
 };
 use crate::{
     geometry::Pose,
-    model::{ArticulatedModel, Inertial, Joint, Link, identifier},
+    model::{ArticulatedModel, Inertial, Joint, identifier},
     surface::TriangleMesh,
 };
 
-/// USD text of a model; `looks` in the order of its links. The root is held to the world, or floats.
+/// USD text of a model; `drawn` are its meshes. The root is held to the world, or floats.
 #[must_use]
-pub fn usda(model: &ArticulatedModel, looks: &[Look], base: Base) -> String {
+pub fn usda(model: &ArticulatedModel, drawn: &[Drawn], base: Base) -> String {
     let name = &*identifier(&model.name);
     // Units and the up axis are stated: USD would take centimeters and y.
     let mut text = format!(
@@ -32,8 +32,8 @@ pub fn usda(model: &ArticulatedModel, looks: &[Look], base: Base) -> String {
          = \"component\"\n)\n{{\n"
     );
     text.push_str("    def Scope \"Looks\"\n    {\n");
-    for link in model.links.iter().filter(|l| !l.visual.is_empty()) {
-        push_material(&mut text, name, link);
+    for visual in drawn.iter().map(|d| &d.visual) {
+        push_material(&mut text, name, visual);
     }
     text.push_str(PHYSICS_MATERIAL);
     text.push_str("    }\n");
@@ -51,8 +51,8 @@ pub fn usda(model: &ArticulatedModel, looks: &[Look], base: Base) -> String {
         .ok();
         push_place(&mut text, &pose, "        ");
         push_mass(&mut text, &link.inertial);
-        if let Some(look) = looks.get(i).filter(|_| !link.visual.is_empty()) {
-            push_visual(&mut text, name, link, look);
+        for own in drawn.iter().filter(|d| d.link == i) {
+            push_visual(&mut text, name, own);
         }
         for (k, solid) in link.collision.iter().enumerate() {
             push_collider(&mut text, name, &solid_name(link, k), &solid.mesh());
@@ -97,10 +97,9 @@ const PHYSICS_MATERIAL: &str = "        def Material \"Contact\" (\n            
      float physics:staticFriction = 0.6\n            float physics:dynamicFriction = \
      0.5\n            float physics:restitution = 0\n        }\n";
 
-fn push_material(text: &mut String, model: &str, link: &Link) {
-    let name = identifier(&link.name);
+fn push_material(text: &mut String, model: &str, visual: &Visual) {
+    let (name, file) = (identifier(&visual.material), visual.texture());
     let path = format!("/{model}/Looks/{name}");
-    let file = visual_path(link).replace(".obj", ".png");
     write!(
         text,
         r#"        def Material "{name}"
@@ -155,9 +154,9 @@ fn principal(inertia: &Matrix3<f64>) -> ([f64; 3], UnitQuaternion<f64>) {
     (eigen.eigenvalues.into(), UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes)))
 }
 
-fn push_visual(text: &mut String, model: &str, link: &Link, look: &Look) {
-    let name = identifier(&link.name);
-    open_mesh(text, &format!("{name}_visual"), "\"MaterialBindingAPI\"");
+fn push_visual(text: &mut String, model: &str, Drawn { visual, look, .. }: &Drawn) {
+    let material = identifier(&visual.material);
+    open_mesh(text, &visual.name, "\"MaterialBindingAPI\"");
     push_points(text, &look.mesh);
     // One value a corner of a face: a vertex on a seam has a place in each of its charts.
     let corner = |i: &u32| &look.corners[*i as usize];
@@ -180,7 +179,7 @@ fn push_visual(text: &mut String, model: &str, link: &Link, look: &Look) {
     );
     // A seen surface is open: from behind its walls it is drawn, too.
     text.push_str("            uniform bool doubleSided = 1\n");
-    writeln!(text, "            rel material:binding = </{model}/Looks/{name}>\n        }}").ok();
+    writeln!(text, "            rel material:binding = </{model}/Looks/{material}>\n        }}").ok();
 }
 
 fn push_collider(text: &mut String, model: &str, name: &str, mesh: &TriangleMesh) {
@@ -312,14 +311,12 @@ fn short(x: f64) -> String {
 mod tests {
     use super::*;
     use crate::{
-        export::look::{LookConfig, look},
+        export::drawn::{drawn, plain_looks},
         model::example::cabinet,
     };
 
     fn text(model: &ArticulatedModel) -> String {
-        let looks: Vec<Look> =
-            model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
-        usda(model, &looks, Base::Fixed)
+        usda(model, &drawn(model, &plain_looks(model)), Base::Fixed)
     }
 
     #[test]
@@ -341,9 +338,8 @@ mod tests {
             [3, 3, 3, 3]
         );
         assert_eq!(count("{"), count("}"));
-        let looks: Vec<Look> =
-            model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
-        assert!(!usda(&model, &looks, Base::Floating).contains("PhysicsFixedJoint"));
+        let looks = plain_looks(&model);
+        assert!(!usda(&model, &drawn(&model, &looks), Base::Floating).contains("PhysicsFixedJoint"));
         assert!(text.contains("PhysicsFixedJoint"));
     }
 

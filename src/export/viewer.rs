@@ -4,7 +4,7 @@ use base64::Engine as _;
 use nalgebra::Point3;
 use serde::Serialize;
 
-use super::look::Look;
+use super::{drawn::Drawn, look::Look};
 use crate::model::{ArticulatedModel, escape_xml, script_json};
 
 const PAGE: &str = include_str!("viewer.html");
@@ -13,12 +13,13 @@ const PAGE: &str = include_str!("viewer.html");
 struct Data {
     center: [f64; 3],
     radius: f64,
-    links: Vec<LinkData>,
+    meshes: Vec<MeshData>,
     joints: Vec<JointData>,
 }
 
 #[derive(Serialize)]
-struct LinkData {
+struct MeshData {
+    link: usize,
     /// Eight little-endian `f32` a corner, three corners a triangle: position, normal, texture coordinates.
     corners: String,
     texture_png: String,
@@ -40,9 +41,9 @@ struct JointData {
     start: f64,
 }
 
-/// The page; `looks` and their encoded `textures` in the order of the links. It loads nothing else.
+/// The page with the meshes of a model. It loads nothing else.
 #[must_use]
-pub fn viewer_html(model: &ArticulatedModel, looks: &[Look], textures: &[Vec<u8>]) -> String {
+pub fn viewer_html(model: &ArticulatedModel, drawn: &[Drawn]) -> String {
     // Floats in base64 are exact and take less room than numbers in JSON.
     let base64 = |bytes: &[u8]| base64::engine::general_purpose::STANDARD.encode(bytes);
     let first = model.states.first();
@@ -58,15 +59,16 @@ pub fn viewer_html(model: &ArticulatedModel, looks: &[Look], textures: &[Vec<u8>
         upper: joint.limit.upper,
         start: first.and_then(|s| s.get(j)).copied().unwrap_or(joint.limit.lower),
     };
+    let mesh = |Drawn { link, look, png, .. }: &Drawn| MeshData {
+        link: *link,
+        corners: base64(&corners(look)),
+        texture_png: base64(png),
+    };
     let (center, radius) = sphere(model);
     let data = Data {
         center: center.into(),
         radius,
-        links: looks
-            .iter()
-            .zip(textures)
-            .map(|(l, png)| LinkData { corners: base64(&corners(l)), texture_png: base64(png) })
-            .collect(),
+        meshes: drawn.iter().map(mesh).collect(),
         joints: model.joints.iter().enumerate().map(joint).collect(),
     };
     // Text and numbers always serialize.
@@ -112,26 +114,24 @@ fn sphere(model: &ArticulatedModel) -> (Point3<f64>, f64) {
 mod tests {
     use super::*;
     use crate::{
-        export::look::{LookConfig, look},
+        export::drawn::{drawn, plain_looks},
         model::example::cabinet,
     };
 
     #[test]
     fn the_page_holds_everything_and_asks_for_nothing() {
         let model = cabinet();
-        let looks: Vec<Look> =
-            model.links.iter().map(|l| look(&l.visual, &[], &LookConfig::default())).collect();
-        let textures: Vec<Vec<u8>> = looks.iter().map(Look::png).collect();
-        let page = viewer_html(&model, &looks, &textures);
+        let looks = plain_looks(&model);
+        let page = viewer_html(&model, &drawn(&model, &looks));
         assert!(!page.contains("http") && !page.contains("@DATA@") && !page.contains("@TITLE@"));
         let json = page.split_once("application/json\">").unwrap().1.split_once("</script>").unwrap().0;
         let data: serde_json::Value = serde_json::from_str(json).unwrap();
         assert_eq!(
-            (data["links"].as_array().unwrap().len(), data["joints"][1]["start"].as_f64()),
+            (data["meshes"].as_array().unwrap().len(), data["joints"][1]["start"].as_f64()),
             (3, Some(0.18))
         );
         let bytes = base64::engine::general_purpose::STANDARD
-            .decode(data["links"][0]["corners"].as_str().unwrap())
+            .decode(data["meshes"][0]["corners"].as_str().unwrap())
             .unwrap();
         assert_eq!(bytes.len(), 12 * 3 * 8 * 4);
     }

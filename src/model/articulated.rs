@@ -186,6 +186,9 @@ pub struct Link {
     pub visual: TriangleMesh,
     /// Area of it that no view saw, in holes that were closed, square meters.
     pub assumed_m2: f64,
+    /// Faces of walls that no view saw, as the solids have them, in the link frame; to be drawn.
+    #[serde(default)]
+    pub assumed: TriangleMesh,
     /// Convex solids that collide, in the link frame.
     pub collision: Vec<ConvexSolid>,
     /// Mass properties.

@@ -25,6 +25,8 @@ pub struct ModelConfig {
     pub density_kg_m3: Option<f64>,
     /// Thickness of walls whose other side was not seen, meters.
     pub wall_thickness_m: f64,
+    /// Whether walls that no view saw are drawn, in meshes of their own.
+    pub draw_assumed: bool,
     /// Largest joint effort, N m or N.
     pub effort: f64,
     /// Largest joint speed, rad/s or m/s.
@@ -60,6 +62,7 @@ impl Default for ModelConfig {
             part_materials: Vec::new(),
             density_kg_m3: None,
             wall_thickness_m: 0.008,
+            draw_assumed: true,
             effort: 100.0,
             velocity: 2.0,
             limits: LimitPolicy::default(),
@@ -136,6 +139,9 @@ pub fn build(
     let walls = walls(&model, &hidden, config);
     for (i, walls) in walls.into_iter().enumerate() {
         model.links[i].collision = walls.solids();
+        if config.draw_assumed {
+            model.links[i].assumed = walls.assumed().clone();
+        }
         model.links[i].inertial = inertial(&model.links[i], &walls, i, config);
     }
     for j in 0..model.joints.len() {
@@ -245,7 +251,8 @@ fn link(name: String, visual: TriangleMesh) -> Link {
         assumption: String::new(),
         mass_range_kg: [0.0; 2],
     };
-    Link { name, visual, assumed_m2: 0.0, collision: Vec::new(), inertial, grasps: Vec::new() }
+    let assumed = TriangleMesh::default();
+    Link { name, visual, assumed_m2: 0.0, assumed, collision: Vec::new(), inertial, grasps: Vec::new() }
 }
 
 /// Mass properties of a link's walls. Without area the mass stays 0, which validation refuses.

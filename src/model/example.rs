@@ -69,7 +69,15 @@ fn link(name: &str, visual: TriangleMesh, mass_kg: f64) -> Link {
         mass_range_kg: [0.5 * mass_kg, 2.0 * mass_kg],
     };
     let collision = vec![ConvexSolid::cuboid(&lower, &upper)];
-    Link { name: name.into(), visual, assumed_m2: 0.0, collision, inertial, grasps: Vec::new() }
+    Link {
+        name: name.into(),
+        visual,
+        assumed_m2: 0.0,
+        assumed: TriangleMesh::default(),
+        collision,
+        inertial,
+        grasps: Vec::new(),
+    }
 }
 
 fn joint(

@@ -234,6 +234,7 @@ mod tests {
             name: name.to_owned(),
             visual: crate::surface::TriangleMesh::default(),
             assumed_m2: 0.0,
+            assumed: crate::surface::TriangleMesh::default(),
             collision: vec![],
             inertial,
             grasps: vec![],

@@ -63,7 +63,15 @@ pub fn link(name: &str, visual: TriangleMesh, mass_kg: f64) -> Link {
         assumption: "solid box".into(),
         mass_range_kg: [mass_kg; 2],
     };
-    Link { name: name.into(), visual, assumed_m2: 0.0, collision: vec![], inertial, grasps: vec![] }
+    Link {
+        name: name.into(),
+        visual,
+        assumed_m2: 0.0,
+        assumed: TriangleMesh::default(),
+        collision: vec![],
+        inertial,
+        grasps: vec![],
+    }
 }
 
 /// A joint with evidence of no meaning.

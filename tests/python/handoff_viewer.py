@@ -2,7 +2,7 @@
 
     python handoff_viewer.py PAGE JOINT [--pictures DIR]
 
-The last line is JSON: {"links": drawn, "shown": share of the picture that is not background, "changed": share that the slider changed,
+The last line is JSON: {"meshes": drawn, "shown": share of the picture that is not background, "changed": share that the slider changed,
 "errors": [console errors]}. Needs chromium on the PATH.
 """
 
@@ -74,7 +74,7 @@ def main():
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         page = Page(options.page.resolve().as_uri(), profile)
         try:
-            count = page.wait(lambda: page.value("twin.links.length"))
+            count = page.wait(lambda: page.value("twin.meshes.length"))
             page.wait(lambda: page.value("Number(document.body.dataset.drawn)") == count)
             before = page.picture()
             move = f"(() => {{ const s = document.getElementById('{options.joint}'); const far = Math.abs(s.max - s.value) > Math.abs(s.min - s.value) ? s.max : s.min; s.value = far; s.dispatchEvent(new Event('input')); return Number(s.value); }})()"
@@ -93,7 +93,7 @@ def main():
         options.pictures.mkdir(parents=True, exist_ok=True)
         for name, image in (("before", before), ("after", after)):
             Image.fromarray(image.astype(np.uint8)).save(options.pictures / f"viewer_{name}.png")
-    print(json.dumps({"links": count, "shown": float((~background).mean()), "changed": float(changed.mean()), "errors": errors}))
+    print(json.dumps({"meshes": count, "shown": float((~background).mean()), "changed": float(changed.mean()), "errors": errors}))
 
 
 if __name__ == "__main__":

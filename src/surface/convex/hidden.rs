@@ -12,28 +12,61 @@ const RECTANGLES: usize = 10;
 /// Share of the surface that a patch must have to go on.
 const LEAST_SHARE: f64 = 0.005;
 
-/// Pieces of flat walls in hidden places, between what was seen of a wall and where it or another one was
-/// seen again.
-pub(super) fn hidden_pieces(
+/// A wall that no view saw.
+pub(super) struct HiddenWall {
+    /// What of it is behind its rectangle.
+    pub piece: Piece,
+    /// Mean color of the face that goes on in it, where the mesh has colors.
+    pub color: Option<[u8; 3]>,
+}
+
+/// Flat walls in hidden places, between what was seen of a wall and where it or another one was seen again.
+pub(super) fn hidden_walls(
     mesh: &TriangleMesh,
     patches: &[Patch],
     wall_m: f64,
     hidden: Hidden<'_>,
     config: &ConvexConfig,
-) -> Vec<Piece> {
+) -> Vec<HiddenWall> {
     let total: f64 = patches.iter().map(|p| p.area_m2).sum();
     let large = patches.iter().filter(|p| p.area_m2 >= LEAST_SHARE * total);
     large.flat_map(|patch| closed(mesh, patch, wall_m, hidden, config)).collect()
 }
 
-/// Pieces that close the gaps of a patch.
+/// The fronts of walls that no view saw, each counterclockwise as seen from before it.
+pub(super) fn fronts(walls: &[HiddenWall]) -> TriangleMesh {
+    let mut mesh = TriangleMesh::default();
+    for HiddenWall { piece, color } in walls {
+        let first = mesh.vertices.len() as u32;
+        mesh.vertices.extend(piece.front.iter().map(|p| Point3::from(p.cast::<f32>())));
+        mesh.colors.extend(color.iter().flat_map(|c| piece.front.iter().map(move |_| *c)));
+        let corners = piece.front.len() as u32;
+        mesh.triangles.extend((1..corners - 1).map(|k| [first, first + k, first + k + 1]));
+    }
+    mesh
+}
+
+/// Mean color of a patch by area; `None` for a mesh without colors.
+fn mean_color(mesh: &TriangleMesh, patch: &Patch) -> Option<[u8; 3]> {
+    let (mut sum, mut area) = (Vector3::zeros(), 0.0);
+    for &t in &patch.triangles {
+        let own = mesh.area_normal(t as usize).norm();
+        for v in mesh.triangles[t as usize] {
+            sum += Vector3::from(mesh.colors.get(v as usize)?.map(f32::from)) * own;
+            area += own;
+        }
+    }
+    (area > 0.0).then(|| (sum / area).map(|c| c.round() as u8).into())
+}
+
+/// Walls that close the gaps of a patch.
 fn closed(
     mesh: &TriangleMesh,
     patch: &Patch,
     wall_m: f64,
     hidden: Hidden<'_>,
     config: &ConvexConfig,
-) -> Vec<Piece> {
+) -> Vec<HiddenWall> {
     let flat = Flat::of(mesh, patch);
     let points: Vec<Point2<f64>> = flat.triangles.iter().flatten().copied().collect();
     let hull = hull_2d(&points);
@@ -47,13 +80,12 @@ fn closed(
         return Vec::new();
     }
     let back = -patch.normal * wall_m;
-    let piece = |corners: &[Point2<f64>; 4]| Piece {
-        front: corners.iter().map(|p| flat.place(p, 0.0).coords).collect(),
-        back,
-        share_m: wall_m,
-        is_assumed: true,
+    let color = mean_color(mesh, patch);
+    let wall = |corners: &[Point2<f64>; 4]| {
+        let front = corners.iter().map(|p| flat.place(p, 0.0).coords).collect();
+        HiddenWall { piece: Piece { front, back, share_m: wall_m, is_assumed: true }, color }
     };
-    raster.closed_rectangles(RECTANGLES).iter().map(piece).collect()
+    raster.closed_rectangles(RECTANGLES).iter().map(wall).collect()
 }
 
 /// A patch in its own frame: z along its normal.

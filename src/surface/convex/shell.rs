@@ -8,7 +8,7 @@ use nalgebra::Point3;
 use super::{
     ConvexConfig, ConvexSolid, Hidden,
     cover::{Wanted, cover},
-    hidden::hidden_pieces,
+    hidden::{fronts, hidden_walls},
     pieces::{Piece, Seen, seen},
 };
 use crate::surface::{ShellInertia, TriangleMesh, inertia::plates_inertia, keep_components, simplify};
@@ -30,6 +30,7 @@ pub fn few_triangles(mesh: &TriangleMesh, config: &ConvexConfig) -> TriangleMesh
 /// A seen surface with the walls behind it: what collides and what weighs.
 pub struct Walls {
     seen: Seen,
+    assumed: TriangleMesh,
     bounds: Option<(Point3<f64>, Point3<f64>)>,
     wall_m: f64,
     config: ConvexConfig,
@@ -54,11 +55,17 @@ impl Walls {
         let flat_m = FLAT * config.tolerance_m;
         let sizes = [flat_m, wall_m, config.min_thickness_m, config.gap_m];
         let (mut seen, patches) = seen(mesh, others, sizes, &goes_on);
-        if let Some(hidden) = hidden {
-            seen.pieces.extend(hidden_pieces(mesh, &patches, wall_m, hidden, config));
-        }
+        let walls = hidden.map_or_else(Vec::new, |h| hidden_walls(mesh, &patches, wall_m, h, config));
+        let assumed = fronts(&walls);
+        seen.pieces.extend(walls.into_iter().map(|wall| wall.piece));
         let bounds = mesh.bounds().filter(|_| !mesh.is_empty()).map(|(lo, hi)| (lo.cast(), hi.cast()));
-        Self { seen, bounds, wall_m, config: config.clone() }
+        Self { seen, assumed, bounds, wall_m, config: config.clone() }
+    }
+
+    /// The faces of walls in hidden places, in the color of what was seen of the wall.
+    #[must_use]
+    pub fn assumed(&self) -> &TriangleMesh {
+        &self.assumed
     }
 
     /// Convex solids: at least one for a surface with area, at most `max_solids`. Deterministic. See

@@ -57,6 +57,15 @@ fn tray() -> TriangleMesh {
     marching_cubes(&grid_of(0.25, 126, tray_distance), 0.0)
 }
 
+/// The tray without its floor between x = -0.19 and -0.12.
+fn tray_without_a_strip() -> TriangleMesh {
+    let mut mesh = tray();
+    let missing = |p: &Point3<f32>| p.x < -0.12 && p.x > -0.185 && p.z < -0.03 && p.y.abs() < 0.135;
+    let vertices = mesh.vertices.clone();
+    mesh.triangles.retain(|t| !t.iter().all(|&i| missing(&vertices[i as usize])));
+    mesh
+}
+
 #[test]
 fn a_box_is_one_solid_at_its_faces() {
     let solids = solids_of(&block([0.3, 0.2, 0.1], [0.5, 0.0, 1.0]));
@@ -119,17 +128,33 @@ fn a_tray_stays_open() {
 
 #[test]
 fn a_floor_goes_on_where_no_view_saw_it_and_ends_where_one_saw_a_hole() {
-    // The floor between x = -0.19 and -0.12 is missing.
-    let mut mesh = tray();
-    let missing = |p: &Point3<f32>| p.x < -0.12 && p.x > -0.185 && p.z < -0.03 && p.y.abs() < 0.135;
-    let vertices = mesh.vertices.clone();
-    mesh.triangles.retain(|t| !t.iter().all(|&i| missing(&vertices[i as usize])));
-    let behind = |p: &Point3<f64>| p.x < -0.11;
+    let (mesh, behind) = (tray_without_a_strip(), |p: &Point3<f64>| p.x < -0.11);
     let gap = [-0.15, 0.03, -0.055];
     assert!(!holds(&solids_of(&mesh), gap));
     let closed = solids_within(&mesh, Some(&behind), &ConvexConfig::default());
     assert!(holds(&closed, gap));
     assert!(!holds(&closed, [-0.15, 0.03, -0.03]) && !holds(&closed, [0.0, 0.0, 0.0]));
+}
+
+#[test]
+fn the_faces_of_a_wall_that_no_view_saw_lie_in_the_gap_in_the_color_of_the_rest() {
+    let (mut mesh, behind) = (tray_without_a_strip(), |p: &Point3<f64>| p.x < -0.11);
+    let color = |p: &Point3<f32>| if p.z < -0.04 { [90, 60, 30] } else { [200; 3] };
+    mesh.colors = mesh.vertices.iter().map(color).collect();
+    let faces = |hidden: Option<Hidden<'_>>| {
+        let walls = Walls::of(&mesh, &TriangleMesh::default(), 0.008, hidden, &ConvexConfig::default());
+        walls.assumed().clone()
+    };
+    assert!(faces(None).is_empty());
+    let faces = faces(Some(&behind));
+    // Both sides of the floor end there: 65 by 270 mm each.
+    assert!((faces.area_m2() / (2.0 * 0.065 * 0.27) - 1.0).abs() < 0.2, "{}", faces.area_m2());
+    let up: Vec<usize> = (0..faces.triangles.len()).filter(|&t| faces.area_normal(t).z > 0.0).collect();
+    assert!(!up.is_empty());
+    for p in up.iter().flat_map(|&t| faces.corners(t)) {
+        assert!((p.z + 0.05).abs() < 0.001 && (-0.195..-0.11).contains(&p.x), "{p}");
+    }
+    assert!(faces.colors.len() == faces.vertices.len() && faces.colors.iter().all(|c| c[2] < 60));
 }
 
 #[test]

@@ -1,0 +1,108 @@
+//! The meshes that draw a link: the surface that was seen of it, and walls that are assumed.
+
+use std::borrow::Cow;
+
+use super::look::{Look, LookConfig, look};
+use crate::{
+    model::{ArticulatedModel, Link, identifier},
+    surface::TriangleMesh,
+};
+
+/// A mesh that draws a link.
+pub struct Visual<'a> {
+    /// Its name in all formats.
+    pub name: String,
+    /// Name of its material in all formats.
+    pub material: String,
+    /// Its file, relative to the twin's folder.
+    pub path: String,
+    /// The mesh, in the frame of the link.
+    pub mesh: &'a TriangleMesh,
+    /// No view saw it.
+    pub is_assumed: bool,
+}
+
+impl Visual<'_> {
+    /// Its texture, relative to the twin's folder.
+    pub fn texture(&self) -> String {
+        self.path.replace(".obj", ".png")
+    }
+}
+
+/// The meshes that draw a link, without empty ones.
+pub fn visuals(link: &Link) -> impl Iterator<Item = Visual<'_>> {
+    let (name, file) = (&link.name, identifier(&link.name));
+    let seen = Visual {
+        name: format!("{name}_visual"),
+        material: name.clone(),
+        path: format!("meshes/visual/{file}.obj"),
+        mesh: &link.visual,
+        is_assumed: false,
+    };
+    // Some readers look for meshes by their last name alone: it differs, too.
+    let assumed = Visual {
+        name: format!("{name}_assumed"),
+        material: format!("{name}_assumed"),
+        path: format!("meshes/assumed/{file}_assumed.obj"),
+        mesh: &link.assumed,
+        is_assumed: true,
+    };
+    [seen, assumed].into_iter().filter(|v| !v.mesh.is_empty())
+}
+
+/// A mesh that draws a link, with its texture.
+pub struct Drawn<'a> {
+    /// Index of the link.
+    pub link: usize,
+    /// The mesh as it was made.
+    pub visual: Visual<'a>,
+    /// The mesh as it is drawn.
+    pub look: Cow<'a, Look>,
+    /// Its texture as a PNG.
+    pub png: Vec<u8>,
+}
+
+/// All meshes of a model, link by link; `looks` of the seen surfaces in the order of the links.
+#[must_use]
+pub fn drawn<'a>(model: &'a ArticulatedModel, looks: &'a [Look]) -> Vec<Drawn<'a>> {
+    let of_link = |(link, (own, seen)): (usize, (&'a Link, &'a Look))| {
+        visuals(own).map(move |visual| {
+            let look = if visual.is_assumed { Cow::Owned(plain(visual.mesh)) } else { Cow::Borrowed(seen) };
+            // Encoded once: the folder and the viewer hold the same textures.
+            let png = look.png();
+            Drawn { link, visual, look, png }
+        })
+    };
+    model.links.iter().zip(looks).enumerate().flat_map(of_link).collect()
+}
+
+/// Looks of links without photos: the meshes' own colors are their textures.
+#[must_use]
+pub fn plain_looks(model: &ArticulatedModel) -> Vec<Look> {
+    model.links.iter().map(|link| plain(&link.visual)).collect()
+}
+
+fn plain(mesh: &TriangleMesh) -> Look {
+    look(mesh, &[], &LookConfig::default())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::example::{box_mesh, cabinet};
+
+    #[test]
+    fn a_wall_that_no_view_saw_is_a_mesh_of_its_own_in_its_own_color() {
+        let mut model = cabinet();
+        model.links[2].assumed = box_mesh([0.0; 3], [0.4, 0.3, 0.02], [200, 60, 50]);
+        let looks = plain_looks(&model);
+        let drawn = drawn(&model, &looks);
+        let names: Vec<(usize, &str)> = drawn.iter().map(|d| (d.link, d.visual.name.as_str())).collect();
+        assert_eq!(
+            names,
+            [(0, "body_visual"), (1, "door_visual"), (2, "drawer_visual"), (2, "drawer_assumed")]
+        );
+        assert_eq!(drawn[3].visual.texture(), "meshes/assumed/drawer_assumed.png");
+        assert!(drawn[3].look.texture.contains(&[200, 60, 50]));
+    }
+}
