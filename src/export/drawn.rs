@@ -23,6 +23,11 @@ pub struct Visual<'a> {
 }
 
 impl Visual<'_> {
+    /// Its material file, relative to the twin's folder.
+    pub fn library(&self) -> String {
+        self.path.replace(".obj", ".mtl")
+    }
+
     /// Its texture, relative to the twin's folder.
     pub fn texture(&self) -> String {
         self.path.replace(".obj", ".png")

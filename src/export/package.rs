@@ -46,13 +46,10 @@ pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) 
     let mut files: Vec<ExportFile> =
         texts.into_iter().map(|(path, text)| ExportFile { path, bytes: text.into_bytes() }).collect();
     for Drawn { visual, look, png, .. } in drawn {
-        let (texture, material) = (visual.texture(), format!("{}.mtl", visual.path.trim_end_matches(".obj")));
-        files.push(ExportFile {
-            path: visual.path,
-            bytes: textured_obj(&look, &visual.material).into_bytes(),
-        });
-        files.push(ExportFile { path: material, bytes: mtl(&visual.material).into_bytes() });
-        files.push(ExportFile { path: texture, bytes: png });
+        let material = &visual.material;
+        files.push(ExportFile { path: visual.library(), bytes: mtl(material).into_bytes() });
+        files.push(ExportFile { path: visual.texture(), bytes: png });
+        files.push(ExportFile { bytes: textured_obj(&look, material).into_bytes(), path: visual.path });
     }
     for link in &model.links {
         for (k, solid) in link.collision.iter().enumerate() {

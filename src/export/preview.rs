@@ -91,9 +91,9 @@ fn view(
 ) -> Vec<[u8; 3]> {
     // A sphere around all boxes in all states: the camera stands still while the joints move.
     let mut corners: Vec<Point3<f64>> = Vec::new();
-    for state in &model.states {
-        for (link, mesh) in meshes {
-            let Some((lo, hi)) = mesh.bounds() else { continue };
+    for (link, mesh) in meshes {
+        let Some((lo, hi)) = mesh.bounds() else { continue };
+        for state in &model.states {
             let pose = model.world_from_link(*link, state);
             corners.extend((0..8).map(|k| {
                 pose * Point3::from([0, 1, 2].map(|c| f64::from(if k >> c & 1 == 0 { lo[c] } else { hi[c] })))

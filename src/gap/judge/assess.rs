@@ -109,13 +109,16 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
     }
     // Names that the held-out runs do not bear out are taken back; the proof is then that of the twin.
     let is_borne_out = |model: &JointModel, gap: &Gap, noise: EffortNoise| {
-        let is_proven = is_proven(gap);
+        let (closes, betters) = (is_proven(gap), gap.after < gap.before);
         // Beside an effort that lasts, and where little is to be explained, one held-out run says little.
-        if is_proven && !noise.remains() && gap.before > REPORTED_NOISES * gap.noise_floor {
+        if closes && !noise.remains() && gap.before > REPORTED_NOISES * gap.noise_floor {
             return true;
         }
-        let unseen = || Unseen::of(&problem, &held_out, [model, &twin], noise);
-        (is_proven && unseen().agree()) || (gap.after < gap.before && unseen().bear_out())
+        if !closes && !betters {
+            return false;
+        }
+        let unseen = Unseen::of(&problem, &held_out, [model, &twin], noise);
+        (closes && unseen.agree()) || (betters && unseen.bear_out())
     };
     if !updated.terms.is_empty() && !is_borne_out(&updated, &proof.0, diagnosis.noise) {
         diagnosis.withdraw();

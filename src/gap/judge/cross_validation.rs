@@ -11,9 +11,9 @@ use crate::gap::{
     judge::{
         proof::{residuals, started},
         search::{Candidate, candidate},
-        simplify::special_terms,
+        simplify::{replaced, special_terms},
     },
-    model::joint_model::{JointModel, Term},
+    model::joint_model::JointModel,
     record::log::rms,
 };
 use crate::statistics::median;
@@ -44,22 +44,22 @@ type Residuals = [Vec<Vec<f64>>; LENGTHS.len()];
 /// betters them as little.
 #[must_use]
 pub fn predictive(problem: &Problem, chosen: &Candidate) -> Candidate {
-    let (folds, floor) = (problem.folds(), problem.noise_floor());
-    let predicted = |model: &JointModel| crossed(&folds, model, chosen.fit.noise);
+    let folds = problem.folds();
+    let predicted = |model: &JointModel| sizes_of(&crossed(&folds, model, chosen.fit.noise));
     let mut model = chosen.fit.model.clone();
     let mut with = predicted(&model);
-    let least = |models: Vec<JointModel>, with: &Residuals| {
+    let least = |models: Vec<JointModel>, with: &Sizes| {
         let tried = models.into_iter().map(|simpler| {
-            let residuals = predicted(&simpler);
-            let unseen = Unseen { windows: compared(with, &residuals), floor };
-            (unseen.errors_better(), simpler, residuals)
+            let sizes = predicted(&simpler);
+            let errors = with.iter().zip(&sizes).map(|(a, b)| errors_better(a, b));
+            (errors.fold(f64::NEG_INFINITY, f64::max), simpler, sizes)
         });
         tried.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(errors, ..)| !(*errors > SURELY))
     };
-    while let Some((_, simpler, residuals)) =
+    while let Some((_, simpler, sizes)) =
         least(fewer(problem, &model), &with).or_else(|| least(special(problem, &model, chosen), &with))
     {
-        (model, with) = (simpler, residuals);
+        (model, with) = (simpler, sizes);
     }
     if model == chosen.fit.model {
         return chosen.clone();
@@ -82,17 +82,11 @@ fn fewer(problem: &Problem, model: &JointModel) -> Vec<JointModel> {
 
 /// A model with each special case in the place of what contains it.
 fn special(problem: &Problem, model: &JointModel, chosen: &Candidate) -> Vec<JointModel> {
-    let starts = Some(chosen.fit.starts.as_slice());
-    let placed = |i: usize, special: Term| {
-        let mut simpler = model.clone();
-        simpler.terms[i] = special;
-        fit(problem, &simpler, starts, chosen.fit.noise, Free::All, Pace::NEXT).model
+    let of = |(i, term)| {
+        let placed = move |special| replaced(problem, model, (i, special), &chosen.fit).model;
+        special_terms(problem, term).into_iter().map(placed)
     };
-    let terms = model.terms.iter().enumerate();
-    terms
-        .flat_map(|(i, t)| special_terms(problem, t).into_iter().map(move |s| (i, s)))
-        .map(|(i, s)| placed(i, s))
-        .collect()
+    model.terms.iter().enumerate().flat_map(of).collect()
 }
 
 /// Whether a model surely predicts windows of some length better than another, and explains more of the
@@ -139,7 +133,12 @@ impl Unseen {
             all.iter_mut().zip(held_out).for_each(|(all, more)| all.extend(more));
             all
         });
-        Self { windows: compared(&with, &without), floor: problem.noise_floor() }
+        let one = |(with, without): (&Vec<f64>, &Vec<f64>)| {
+            let change: Vec<f64> = with.iter().zip(without).map(|(a, b)| a - b).collect();
+            Compared { with: rms(with), without: rms(without), change: rms(&change) }
+        };
+        let windows = std::array::from_fn(|i| with[i].iter().zip(&without[i]).map(one).collect());
+        Self { windows, floor: problem.noise_floor() }
     }
 
     /// Whether they bear the model out: where it changes the prediction, in windows of some length, it surely
@@ -153,19 +152,13 @@ impl Unseen {
         self.windows.iter().any(is_better)
     }
 
-    /// By how many standard errors the model betters the windows of the length in which this is most.
-    fn errors_better(&self) -> f64 {
-        let errors = self.windows.iter().map(|windows| {
-            let [with, without] = both(windows);
-            errors_better(&with, &without)
-        });
-        errors.fold(f64::NEG_INFINITY, f64::max)
-    }
-
     /// Whether they surely are better with the model, in windows of some length.
     #[must_use]
     pub fn agree(&self) -> bool {
-        self.errors_better() > SURELY
+        self.windows
+            .iter()
+            .map(|windows| both(windows))
+            .any(|[with, without]| errors_better(&with, &without) > SURELY)
     }
 
     /// Whether the file of a joint with the model is surely better than one with the other: over whole
@@ -177,15 +170,6 @@ impl Unseen {
             && median(with.clone()) < median(without.clone())
             && rms(&with) < rms(&without)
     }
-}
-
-/// Windows of each length under two models.
-fn compared(with: &Residuals, without: &Residuals) -> [Vec<Compared>; LENGTHS.len()] {
-    let one = |(with, without): (&Vec<f64>, &Vec<f64>)| {
-        let change: Vec<f64> = with.iter().zip(without).map(|(a, b)| a - b).collect();
-        Compared { with: rms(with), without: rms(without), change: rms(&change) }
-    };
-    std::array::from_fn(|i| with[i].iter().zip(&without[i]).map(one).collect())
 }
 
 /// The windows in which predictions differ most, that hold most of what they differ by.
@@ -230,7 +214,10 @@ fn surely_leaves(with: &[f64], without: &[f64], floor: f64, share: f64) -> bool 
 
 /// Root mean square residuals of windows of each length under a model.
 fn sizes(problem: &Problem, model: &JointModel) -> Sizes {
-    let residuals = left(problem, model);
+    sizes_of(&left(problem, model))
+}
+
+fn sizes_of(residuals: &Residuals) -> Sizes {
     std::array::from_fn(|length| residuals[length].iter().map(|r| rms(r)).collect())
 }
 

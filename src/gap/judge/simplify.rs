@@ -4,7 +4,7 @@
 use crate::gap::{
     fit::{
         problem::Problem,
-        shooting::{Free, Pace, fit},
+        shooting::{Fit, Free, Pace, fit},
     },
     judge::search::{Candidate, candidate},
     model::joint_model::{JointModel, Term},
@@ -68,6 +68,14 @@ pub fn special_terms(problem: &Problem, term: &Term) -> Vec<Term> {
     general.spec().contains.iter().filter_map(one).collect()
 }
 
+/// A model with another effect in the place of its term `i`, fitted a little from the start states of a fit.
+#[must_use]
+pub fn replaced(problem: &Problem, model: &JointModel, (i, other): (usize, Term), from: &Fit) -> Fit {
+    let mut model = model.clone();
+    model.terms[i] = other;
+    fit(problem, &model, Some(&from.starts), from.noise, Free::All, Pace::NEXT)
+}
+
 /// The best set with one effect replaced by a special case of it that does about as well, or that lacks only
 /// strengths which may as well be zero. Shared parameters come first in both.
 fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
@@ -78,11 +86,7 @@ fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
             let own = problem.catalogue[special.effect].parameters();
             let is_shared = |k: usize| own.get(k).is_some_and(|o| o.name == general.parameters()[k].name);
             let lost_is_sure = (0..term.p.len()).any(|k| !is_shared(k) && is_sure(problem, chosen, i, at, k));
-            let mut model = chosen.fit.model.clone();
-            model.terms[i] = special;
-            let begun =
-                fit(problem, &model, Some(&chosen.fit.starts), chosen.fit.noise, Free::All, Pace::NEXT);
-            let begun = candidate(problem, begun);
+            let begun = candidate(problem, replaced(problem, &chosen.fit.model, (i, special), &chosen.fit));
             let fitted = refitted(problem, &begun, &begun.fit.model);
             if fitted.score > chosen.score - SIMPLER || (!lost_is_sure && fitted.score.is_finite()) {
                 simpler.push(fitted);
