@@ -67,7 +67,7 @@ fn succeeded(folder: &Path, robot: &str) {
     // From the bar's middle where the drawer is closed; its frame is that of state 0.
     let off = |k: usize| {
         let closed = number(&handle["frame"][k][3]) - number(&part["q0"]) * number(&part["axis"][k]);
-        number(&joint["open"]["tip_m"][k]) - closed
+        number(&joint["open"]["legs"][0]["tip_m"][k]) - closed
     };
     let off_m = (0..3).map(off).map(|d| d * d).sum::<f64>().sqrt();
     assert!(off_m < 0.5 * number(&handle["size"]["length_m"]) + 0.01, "held {off_m} m off the bar: {text}");
@@ -99,6 +99,16 @@ fn an_arm_does_it_too() {
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
     succeeded(&folder, "panda");
     assert!(!folder.join("demo.gif").exists());
+}
+
+#[test]
+fn a_motion_is_made_of_as_many_holds_as_it_needs() {
+    let Some(python) = venv::python() else { return };
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut command = Command::new(python);
+    command.arg(root.join("tests/python/demo_moves.py")).arg(root.join("src/run/demonstrate"));
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
 }
 
 #[test]

@@ -86,8 +86,8 @@ CHANGES = [as_it_is, ghost, less_grip, slick, very_slick, loose_fingers, usual_s
 
 def opened(folder):
     """Per joint, the share for each change."""
-    spec, bare = twin.load(twin.mjcf_of(folder))
-    joints = twin.joints_of(bare)
+    spec, bare, states = twin.load(twin.mjcf_of(folder))
+    joints = twin.joints_of(bare, states)
     robot = gripper.Gripper()
     model = stage.build(spec, robot, 0.02, [1, 0, 0])
     for joint in joints:
@@ -105,8 +105,8 @@ def tried(model, joints, robot, joint, hold, change):
 
 def by_handle(folder):
     """Per handle: share that it was opened to, the hold's angle off, tries."""
-    spec, bare = twin.load(twin.mjcf_of(folder))
-    joints = twin.joints_of(bare)
+    spec, bare, states = twin.load(twin.mjcf_of(folder))
+    joints = twin.joints_of(bare, states)
     robot = gripper.Gripper()
     model = stage.build(spec, robot, 0.02, [1, 0, 0])
     for joint in joints:

@@ -13,8 +13,8 @@ use crate::{
     model::ArticulatedModel,
     statistics::median,
     surface::{
-        BakeView, Paint, RenderItem, Shown, Texture, TriangleMesh, bake, exposures, keep_components, render,
-        shown, simplify, unwrap,
+        BakeView, Light, Lighting, Paint, RenderItem, Shown, Texture, TriangleMesh, bake, keep_components,
+        render, shown, simplify, unwrap,
     },
 };
 
@@ -22,7 +22,7 @@ use crate::{
 const MIN_COMPONENT: f64 = 0.01;
 /// Texels per pixel of the photos, as lengths on the surface.
 const TEXEL_SHARE: f64 = 0.8;
-/// Spots of a mesh at which photos are compared for their exposure.
+/// Spots of a mesh at which photos are compared for their exposure and light.
 /// derived: a hundred for each of thirty photos
 const SPOTS: usize = 3000;
 /// Texels across a mesh without photos.
@@ -137,15 +137,15 @@ pub fn looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(0);
     let spots: Vec<Vec<Shown>> =
         meshes.iter().zip(&views).flat_map(|(mesh, views)| shown(mesh, views, SPOTS, &mut rng)).collect();
-    let gains = exposures(&spots, photos);
+    let Lighting { gains, light } = Lighting::of(&spots, photos);
     views.iter_mut().for_each(|v| v.iter_mut().zip(&gains).for_each(|(view, gain)| view.gain = *gain));
-    meshes.into_iter().zip(views).map(|(mesh, views)| painted(mesh, &views, config)).collect()
+    meshes.into_iter().zip(views).map(|(mesh, views)| painted(mesh, &views, &light, config)).collect()
 }
 
 /// The look of one mesh from some views; without any its own colors are the texture.
 #[must_use]
 pub fn look(mesh: &TriangleMesh, views: &[BakeView], config: &LookConfig) -> Look {
-    painted(reduced(mesh, config), views, config)
+    painted(reduced(mesh, config), views, &Light::default(), config)
 }
 
 fn reduced(mesh: &TriangleMesh, config: &LookConfig) -> TriangleMesh {
@@ -160,9 +160,8 @@ fn extent_m(mesh: &TriangleMesh) -> f64 {
     mesh.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).norm()))
 }
 
-fn painted(mesh: TriangleMesh, views: &[BakeView], config: &LookConfig) -> Look {
+fn painted(mesh: TriangleMesh, views: &[BakeView], light: &Light, config: &LookConfig) -> Look {
     let atlas = unwrap(&mesh, texel_m(&mesh, views), config.max_texture_px);
-    let texture = bake(&mesh, &atlas, views);
     let mut index: BTreeMap<(u32, u32), u32> = BTreeMap::new();
     let mut corners: Vec<Corner> = Vec::new();
     let mut triangles = Vec::with_capacity(mesh.triangles.len());
@@ -181,6 +180,8 @@ fn painted(mesh: TriangleMesh, views: &[BakeView], config: &LookConfig) -> Look 
     for corner in &mut corners {
         corner.normal = corner.normal.try_normalize(0.0).unwrap_or_else(Vector3::z);
     }
+    let normals: Vec<_> = triangles.iter().map(|t| t.map(|c| corners[c as usize].normal)).collect();
+    let texture = bake(&mesh, &atlas, &normals, views, light);
     Look { mesh, corners, triangles, size_px: atlas.size_px, texture }
 }
 

@@ -1,10 +1,10 @@
 //! Photos painted into a texture.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rand_core::Rng;
 use rayon::prelude::*;
 
-use super::{Atlas, Shown, TriangleMesh, sample_surface, texture::bilinear};
+use super::{Atlas, Light, Shown, TriangleMesh, sample_surface, texture::bilinear};
 use crate::{capture::RgbdFrame, geometry::Pose};
 
 /// A point this share of its depth behind what a view shows is hidden there.
@@ -39,8 +39,9 @@ pub fn shown(mesh: &TriangleMesh, views: &[BakeView], count: usize, rng: &mut im
     let spots = sample_surface(mesh, count, rng);
     let shown = |(point, normal): (&Point3<f32>, &Vector3<f32>)| {
         let (point, normal) = (point.cast(), normal.cast());
-        let of = |(photo, view)| {
-            sample(&point, &normal, view).map(|(weight, color)| Shown { photo, weight, color })
+        let of = |(photo, view): (usize, &BakeView)| {
+            let (weight, color) = sample(&point, &normal, view)?;
+            Some(Shown { photo, weight, color, normal: view.world_from_mesh.rotation * normal })
         };
         views.iter().enumerate().filter_map(of).collect()
     };
@@ -56,13 +57,19 @@ struct Texel {
 }
 
 /// The texture of a mesh, `size_px * size_px` sRGB pixels: each texel the agreeing weighted mean of the views
-/// that see it (head-on and near ones count most); the mesh's own color where none does; around the charts
-/// the nearest color.
+/// that see it (head-on and near ones count most), without the light; the mesh's own color where none does;
+/// around the charts the nearest color. `normals` are unit, those of the corners of every triangle.
 #[must_use]
-pub fn bake(mesh: &TriangleMesh, atlas: &Atlas, views: &[BakeView]) -> Vec<[u8; 3]> {
-    let texels = texels(mesh, atlas);
+pub fn bake(
+    mesh: &TriangleMesh,
+    atlas: &Atlas,
+    normals: &[[Vector3<f64>; 3]],
+    views: &[BakeView],
+    light: &Light,
+) -> Vec<[u8; 3]> {
+    let texels = texels(mesh, atlas, normals);
     let colors: Vec<[u8; 3]> =
-        texels.par_iter().with_min_len(512).map(|t| seen(t, views).unwrap_or(t.color)).collect();
+        texels.par_iter().with_min_len(512).map(|t| seen(t, views, light).unwrap_or(t.color)).collect();
     let mut texture: Vec<Option<[u8; 3]>> = vec![None; atlas.size_px * atlas.size_px];
     for (texel, color) in texels.iter().zip(colors) {
         texture[texel.index as usize] = Some(color);
@@ -75,13 +82,12 @@ pub fn bake(mesh: &TriangleMesh, atlas: &Atlas, views: &[BakeView]) -> Vec<[u8; 
 }
 
 /// All texels whose middle lies in a triangle.
-fn texels(mesh: &TriangleMesh, atlas: &Atlas) -> Vec<Texel> {
+fn texels(mesh: &TriangleMesh, atlas: &Atlas, normals: &[[Vector3<f64>; 3]]) -> Vec<Texel> {
     let mut found = Vec::new();
     let size = atlas.size_px;
     for (t, c) in atlas.corners_px.iter().enumerate() {
         let turn = (c[1] - c[0]).perp(&(c[2] - c[0]));
-        let Some(normal) = mesh.area_normal(t).cast::<f64>().try_normalize(0.0) else { continue };
-        if turn.abs() < 1e-12 {
+        if turn.abs() < 1e-12 || mesh.area_normal(t) == Vector3::zeros() {
             continue;
         }
         let (lo, hi) = (c[0].inf(&c[1]).inf(&c[2]), c[0].sup(&c[1]).sup(&c[2]));
@@ -96,8 +102,8 @@ fn texels(mesh: &TriangleMesh, atlas: &Atlas) -> Vec<Texel> {
                 if weights.iter().any(|w| *w < -1e-9) {
                     continue;
                 }
-                let point =
-                    Point3::from(corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2]);
+                let between =
+                    |v: &[Vector3<f64>; 3]| v[0] * weights[0] + v[1] * weights[1] + v[2] * weights[2];
                 let channel = |k: usize| {
                     (0..3)
                         .map(|i| weights[i] * f64::from(colors[i][k]))
@@ -107,8 +113,8 @@ fn texels(mesh: &TriangleMesh, atlas: &Atlas) -> Vec<Texel> {
                 };
                 found.push(Texel {
                     index: (y * size + x) as u32,
-                    point,
-                    normal,
+                    point: between(&corners).into(),
+                    normal: between(&normals[t]).normalize(),
                     color: [channel(0), channel(1), channel(2)],
                 });
             }
@@ -118,9 +124,18 @@ fn texels(mesh: &TriangleMesh, atlas: &Atlas) -> Vec<Texel> {
 }
 
 /// What the views show of a texel; `None` where none sees it.
-fn seen(texel: &Texel, views: &[BakeView]) -> Option<[u8; 3]> {
-    let samples: Vec<(f32, Vector3<f32>)> =
-        views.iter().filter_map(|v| sample(&texel.point, &texel.normal, v)).collect();
+fn seen(texel: &Texel, views: &[BakeView], light: &Light) -> Option<[u8; 3]> {
+    // Views of one state follow each other: the mesh stands alike in them.
+    let mut lit: Option<(UnitQuaternion<f64>, Vector3<f32>)> = None;
+    let of = |view: &BakeView| {
+        let (weight, color) = sample(&texel.point, &texel.normal, view)?;
+        let turn = view.world_from_mesh.rotation;
+        let (_, brightness) =
+            lit.filter(|(of, _)| *of == turn).unwrap_or_else(|| (turn, light.on(&(turn * texel.normal))));
+        lit = Some((turn, brightness));
+        Some((weight, color.component_div(&brightness)))
+    };
+    let samples: Vec<(f32, Vector3<f32>)> = views.iter().filter_map(of).collect();
     let mean = |weight: &dyn Fn(&(f32, Vector3<f32>)) -> f32| {
         let total: f32 = samples.iter().map(weight).sum();
         (total > 0.0).then(|| samples.iter().map(|s| s.1 * weight(s)).sum::<Vector3<f32>>() / total)
@@ -219,8 +234,10 @@ mod tests {
         let depths: &'static Vec<Vec<f32>> = Box::leak(Box::new(depths));
         let views: Vec<BakeView> = frames.iter().zip(depths).map(view).collect();
         let atlas = unwrap(&mesh, 0.004, 1024);
-        let texture = bake(&mesh, &atlas, &views);
-        let all = texels(&mesh, &atlas);
+        let normals: Vec<_> =
+            (0..mesh.triangles.len()).map(|t| [mesh.area_normal(t).cast::<f64>().normalize(); 3]).collect();
+        let texture = bake(&mesh, &atlas, &normals, &views, &Light::default());
+        let all = texels(&mesh, &atlas, &normals);
         let top: Vec<&Texel> = all
             .iter()
             .filter(|t| t.normal.z > 0.9 && t.point.x.abs() < 0.28 && t.point.y.abs() < 0.18)

@@ -18,8 +18,8 @@ import twin
 
 
 def opened(ghost):
-    spec, bare = twin.load(twin.mjcf_of(sys.argv[2]))
-    joints, robot = twin.joints_of(bare), gripper.Gripper()
+    spec, bare, states = twin.load(twin.mjcf_of(sys.argv[2]))
+    joints, robot = twin.joints_of(bare, states), gripper.Gripper()
     model = stage.build(spec, robot, 0.02, [1, 0, 0])
     world, joint = stage.Stage(model, joints, robot), joints[0]
     hold = next(world.holds(joint, joint.open))

@@ -4,8 +4,8 @@
 
 Writes OUT/demo.json, OUT/demo.txt, OUT/demo.gif, and OUT/demo.mp4 where the package `av` is installed. Only the robot is
 driven, by bounded forces; the twin feels contact, gravity and its own joints. All parts are opened one after the other in
-one scene, then closed in the other order; a drawer gets a ball, is closed and opened again. Exit: 0; 2 with a sentence on
-stderr where no demonstration can be given.
+one scene, then closed in the other order, each by one hold or by several after another; a drawer gets a ball, is closed and
+opened again. Exit: 0; 2 with a sentence on stderr where no demonstration can be given.
 """
 import argparse
 import importlib.util
@@ -83,8 +83,8 @@ def demonstrate(world, joints, places, tries, say):
     entries = {j.name: {"joint": j.name, "kind": j.kind, "range": j.range} for j in joints}
     for joint in joints:
         entry = entries[joint.name]
-        entry["open"] = world.move(joint, joint.open, tries)
-        say(f"{joint.name}: opened to {text(entry['open'])}")
+        entry["begin"], entry["open"] = open_up(world, joint, tries)
+        say(f"{joint.name}: opened to {text(entry['open'])}{begun(entry)}")
         entry["ball"] = None
         if joint.name in places and reached(entry["open"], joint, True):
             entry["ball"] = stays(world, joint, places[joint.name], tries)
@@ -99,6 +99,21 @@ def demonstrate(world, joints, places, tries, say):
     return [entries[j.name] for j in joints]
 
 
+def open_up(world, joint, tries):
+    """Opens a joint from its closed end, or, where no hold has room there (a lid that lies flush), from the recorded
+    state that was most closed: the share at which it began, and the motion."""
+    move = world.move(joint, joint.open, tries)
+    begin = min(joint.recorded, default=1.0)
+    if move is not None or not CLOSED < begin < OPENED:
+        return 0.0, move
+    world.put(joint, begin)
+    return begin, world.move(joint, joint.open, tries)
+
+
+def begun(entry):
+    return f" from {entry['begin']:.0%} as recorded" if entry["begin"] else ""
+
+
 def reached(move, joint, opening):
     return move is not None and (move["share"] > OPENED if opening else move["share"] < CLOSED)
 
@@ -109,14 +124,14 @@ def text(move):
 
 def table(report):
     """The result as text."""
-    lines = [f"{'joint':16} {'kind':6} {'held by':8} {'opened':>7} {'closed':>7} {'by':6} {'ball':12} {'':7}"]
+    lines = [f"{'joint':16} {'kind':6} {'held by':12} {'opened':>7} {'closed':>7} {'by':12} {'ball':7} {'':7}"]
     for entry in report["joints"]:
         opened, closed, kept = entry["open"], entry["close"], entry["ball"]
         share = lambda move: f"{move['share']:.1%}".replace("-0.0%", "0.0%") if move else "-"
         stayed = "-" if kept is None else "stayed" if kept["stayed"] else "lost"
         lines.append(
-            f"{entry['joint']:16} {entry['kind']:6} {opened['hold'] if opened else '-':8} {share(opened):>7} {share(closed):>7} "
-            f"{closed['hold'] if closed else '-':6} {stayed:12} {'' if entry['success'] else 'FAILED'}".rstrip()
+            f"{entry['joint']:16} {entry['kind']:6} {opened['hold'] if opened else '-':12} {share(opened):>7} {share(closed):>7} "
+            f"{closed['hold'] if closed else '-':12} {stayed:7} {'' if entry['success'] else 'FAILED'}{begun(entry)}".rstrip()
         )
     good = sum(e["success"] for e in report["joints"])
     lines.append(f"{good} of {len(report['joints'])} joints opened and closed by contact ({report['robot']}, MuJoCo {report['mujoco']})")
@@ -140,8 +155,8 @@ def main():
 
 def give(options):
     say = lambda line: print(line, file=sys.stderr, flush=True)
-    spec, bare = twin.load(twin.mjcf_of(options.run))
-    joints = twin.joints_of(bare)
+    spec, bare, states = twin.load(twin.mjcf_of(options.run))
+    joints = twin.joints_of(bare, states)
     still = mujoco.MjData(bare)
     twin.place(bare, still, {j.name: j.closed for j in joints})
     front = twin.front(bare, still, joints)

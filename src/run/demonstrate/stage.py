@@ -17,6 +17,9 @@ PICTURE_S = 0.08
 CHECKS = 9
 # Share of a way that is enough: no other hold is tried then.
 ENOUGH = 0.95
+# Most holds one after the other in one motion; shares of what is left of it that a hold is looked for; least share of
+# a motion that makes another hold worth while.
+LEGS, REACHES, HEADWAY = 4, (1.0, 0.5, 0.25), 0.05
 # Penetration that counts as being in the way, m.
 TOUCH = 0.0005
 # Height over which a ball is dropped, m; density of the ball, kg/m^3: wood.
@@ -148,7 +151,7 @@ class Stage:
         scene, tried = Scene(self.model, self.data, joint, self.robot.geoms), []
         self.scene = scene
         found = candidates(scene, self.robot.hand, sign)
-        if np.isclose(goal, joint.closed):  # what is closed is pushed
+        if sign == np.sign(joint.closed - joint.open):  # what is closed is pushed
             found.sort(key=lambda h: h.kind != "push")
         for hold in found:
             if any(near(hold, other) for other in tried):
@@ -244,22 +247,49 @@ class Stage:
         return any(self.data.warning[int(k)].number for k in (bad.mjWARN_BADQPOS, bad.mjWARN_BADQVEL, bad.mjWARN_BADQACC))
 
     def move(self, joint, goal, tries):
-        """Tries holds until one brings the joint to its goal; keeps the best. `None`: no hold has room."""
-        begin, best, count = self.kept(), None, 0
-        first, wanted = self.share(joint), joint.share(goal)
+        """Brings the joint to its goal by one hold, or by several, each from where the last one left it, where none has
+        room all along or reaches it. `None`: no hold has room."""
+        first, wanted, legs = self.share(joint), joint.share(goal), []
         if abs(wanted - first) < 1 - ENOUGH:
-            return {"hold": "none", "share": first, "tries": 0}
-        for hold in self.holds(joint, goal):
-            done = self.perform(joint, hold, goal)
-            count += 1
-            progress = (done["share"] - first) / (wanted - first)
-            if not self.diverged() and (best is None or progress > best[0]):
-                best = (progress, {**done, "tip_m": hold.tip.tolist(), "approach": hold.rotation[:, 2].tolist()}, self.kept())
-            if best and best[0] >= ENOUGH or count == tries:
+            return {"hold": "none", "share": first, "tries": 0, "legs": []}
+        while len(legs) < LEGS:
+            leg = self.leg(joint, goal, tries)
+            if leg is None:
                 break
-            # The next is looked for from where this began.
-            self.back(begin)
+            legs.append(leg)
+            whole, left, made = (abs(a - b) for a, b in ((wanted, first), (wanted, leg["share"]), (leg["share"], leg["from"])))
+            if left <= (1 - ENOUGH) * whole or made < HEADWAY * whole:
+                break
+        if not legs:
+            return None
+        holds = list(dict.fromkeys(leg["hold"] for leg in legs))
+        return {"hold": ", ".join(holds), "share": legs[-1]["share"], "tries": sum(leg["tries"] for leg in legs), "legs": legs}
+
+    def leg(self, joint, goal, tries):
+        """The motion that one hold makes of the way to a goal: the first that reaches what it was looked for, or else the
+        one that comes farthest. `None`: no hold has room for a quarter of the way."""
+        begin, best, count = self.kept(), None, 0
+        first, start, wanted = self.share(joint), self.position(joint), joint.share(goal)
+        for reach in REACHES:
+            for hold in self.holds(joint, start + reach * (goal - start)):
+                done = self.perform(joint, hold, start + reach * (goal - start))
+                count += 1
+                progress = (done["share"] - first) / (wanted - first)
+                if not self.diverged() and (best is None or progress > best[0]):
+                    best = (progress, {**done, "tip_m": hold.tip.tolist(), "approach": hold.rotation[:, 2].tolist()}, self.kept())
+                if best and best[0] >= ENOUGH * reach or count >= tries:
+                    break
+                # The next is looked for from where this began.
+                self.back(begin)
+            if best and best[0] >= ENOUGH * reach or count >= tries:
+                break
         self.back(best[2] if best else begin)
         self.robot.away(self.model, self.data)
         self.pose = None
-        return best and {**best[1], "tries": count}
+        return best and {**best[1], "from": first, "tries": count}
+
+    def put(self, joint, share):
+        """Sets a joint at rest where the recording showed it."""
+        place(self.model, self.data, {joint.name: joint.at(share)})
+        self.data.qvel[:] = 0
+        mujoco.mj_forward(self.model, self.data)

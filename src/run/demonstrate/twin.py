@@ -31,6 +31,8 @@ class Joint:
     closed: float
     open: float
     pitch: float
+    # Shares of the range at which the recording showed it.
+    recorded: tuple = ()
 
     @property
     def range(self):
@@ -59,9 +61,11 @@ def mjcf_of(folder):
 
 
 def load(path):
-    """The twin's MJCF, without the keyframes, which hold no positions of what is added to it."""
+    """The twin's MJCF without its keyframes, which hold no positions of what is added to it, compiled, and the positions
+    in the states that the recording showed."""
     try:
         spec = mujoco.MjSpec.from_file(str(path))
+        states = [list(key.qpos) for key in spec.keys if key.name.startswith("state")]
         for key in list(spec.keys):
             spec.delete(key)
         model = spec.copy().compile()
@@ -71,7 +75,7 @@ def load(path):
         raise Refused("the twin's base floats and would be pulled along; give a twin whose base is fixed")
     if any(name.startswith(OURS) for name in names(model)):
         raise Refused(f"names that begin with {OURS} are those of the robot")
-    return spec, model
+    return spec, model, [s for s in states if len(s) == model.nq]
 
 
 def names(model):
@@ -92,8 +96,8 @@ def threads_of(model):
                 yield leader, follower, way
 
 
-def joints_of(model):
-    """The joints of a bare twin, parents first."""
+def joints_of(model, states):
+    """The joints of a bare twin, parents first; `states`: positions as recorded."""
     threads = {turn: (slide, pitch) for turn, slide, pitch in threads_of(model)}
     followers = {slide for slide, _ in threads.values()}
     data, found = mujoco.MjData(model), []
@@ -108,7 +112,9 @@ def joints_of(model):
         body = int(model.jnt_bodyid[j])
         near = [_distance(model, data, j, body, q) for q in (lower, upper)]
         ends = (lower, upper) if near[0] <= near[1] else (upper, lower)
-        found.append(Joint(model.joint(j).name, model.body(body).name, kind, *ends, pitch))
+        joint = Joint(model.joint(j).name, model.body(body).name, kind, *ends, pitch)
+        joint.recorded = tuple(joint.share(s[model.jnt_qposadr[j]]) for s in states)
+        found.append(joint)
     if not found:
         raise Refused("the twin has no joint")
     return found

@@ -78,7 +78,7 @@ impl std::fmt::Display for SolidFit {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
             f,
-            "stand more than {} mm before {:.0} % of the visible surface, and 5 % of it lies more than {:.1} \
+            "stand more than {} mm before {:.1} % of the visible surface, and 5 % of it lies more than {:.1} \
              mm away from them",
             1e3 * Self::STAND_OFF_M,
             100.0 * self.standing_off,
