@@ -1,5 +1,7 @@
 //! Image features: extrema of differences of Gaussians (Lowe, IJCV 2004) with gradient descriptors.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -133,38 +135,42 @@ fn detect(image: &Plane, mask: &[bool], config: &FeatureConfig) -> Vec<Feature> 
             && (y as usize) < image.height
             && set[y as usize * image.width + x as usize]
     };
-    let mut found = Vec::new();
-    for octave in octaves(image, config.scales, config.sigma_px, config.upsample) {
-        let step = octave.step;
+    let octaves = octaves(image, config.scales, config.sigma_px, config.upsample);
+    let mut extrema = Vec::new();
+    for (o, octave) in octaves.iter().enumerate() {
         for level in 1..=config.scales {
-            let extrema =
-                extrema(&octave, level, config, |x, y| inside(&inner, x as f32 * step, y as f32 * step));
-            if extrema.is_empty() {
-                continue;
-            }
-            // Gradients stop at the whole mask, features at the eroded one: what is behind the object changes
-            // with the view and must not enter a descriptor.
-            let gradients = Gradients::of(&octave.gaussians[level], |x, y| {
-                inside(mask, x as f32 * step, y as f32 * step)
-            });
-            for e in extrema {
-                let scale = config.sigma_px * 2f32.powf(e.level / config.scales as f32);
-                for angle_rad in orientations(&gradients, e.x, e.y, scale) {
-                    if let Some(descriptor) = describe(&gradients, e.x, e.y, scale, angle_rad) {
-                        let pixel = [e.x * step, e.y * step];
-                        found.push(Feature {
-                            pixel,
-                            scale_px: scale * step,
-                            angle_rad,
-                            response: e.response,
-                            descriptor,
-                        });
-                    }
-                }
-            }
+            let inside = |x: usize, y: usize| inside(&inner, x as f32 * octave.step, y as f32 * octave.step);
+            let of_level = self::extrema(octave, level, config, inside);
+            extrema.extend(of_level.into_iter().map(|e| ((o, level), e)));
         }
     }
-    found.sort_by(|a, b| b.response.abs().total_cmp(&a.response.abs()));
+    // Strongest first, so that no more are described than are asked for.
+    extrema.sort_by(|(_, a), (_, b)| b.response.abs().total_cmp(&a.response.abs()));
+    let mut gradients = BTreeMap::new();
+    let mut found = Vec::new();
+    for (at, e) in extrema {
+        if found.len() >= config.limit {
+            break;
+        }
+        let (octave, level) = (&octaves[at.0], at.1);
+        let step = octave.step;
+        // Gradients stop at the whole mask, features at the eroded one: what is behind the object changes
+        // with the view and must not enter a descriptor.
+        let gradients = gradients.entry(at).or_insert_with(|| {
+            let keep = move |x: usize, y: usize| inside(mask, x as f32 * step, y as f32 * step);
+            Gradients::of(&octave.gaussians[level], keep)
+        });
+        let scale = config.sigma_px * 2f32.powf(e.level / config.scales as f32);
+        for angle_rad in orientations(gradients, e.x, e.y, scale) {
+            found.extend(describe(gradients, e.x, e.y, scale, angle_rad).map(|descriptor| Feature {
+                pixel: [e.x * step, e.y * step],
+                scale_px: scale * step,
+                angle_rad,
+                response: e.response,
+                descriptor,
+            }));
+        }
+    }
     found.truncate(config.limit);
     found
 }
