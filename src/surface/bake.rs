@@ -114,7 +114,7 @@ fn texels(mesh: &TriangleMesh, atlas: &Atlas, normals: &[[Vector3<f64>; 3]]) -> 
                 found.push(Texel {
                     index: (y * size + x) as u32,
                     point: between(&corners).into(),
-                    normal: between(&normals[t]).normalize(),
+                    normal: between(&normals[t]).try_normalize(0.0).unwrap_or(normals[t][0]),
                     color: [channel(0), channel(1), channel(2)],
                 });
             }

@@ -69,8 +69,14 @@ def test_two_holds_where_none_has_room_all_along():
 def test_no_more_holds_where_none_gets_on():
     world = World(lambda start, goal: ["grasp"], lambda start, goal: min(goal, 1.0))
     moved = world.move(joint(), 2.0, 6)
-    assert moved["share"] == 0.5 and len(moved["legs"]) == 2 and world.at == 1.0, moved
+    assert moved["share"] == 0.5 and len(moved["legs"]) == 1 and world.at == 1.0, moved
     assert World(lambda start, goal: []).move(joint(), 2.0, 6) is None
+
+
+def test_a_hold_that_leads_back_is_undone():
+    world = World(lambda start, goal: ["grasp"], lambda start, goal: 1.0 if start == 0.0 else start - 0.1)
+    moved = world.move(joint(), 2.0, 6)
+    assert moved["share"] == 0.5 and len(moved["legs"]) == 1 and world.at == 1.0, moved
 
 
 def test_a_lid_without_a_hold_is_opened_from_where_it_was_recorded():

@@ -253,8 +253,12 @@ class Stage:
         if abs(wanted - first) < 1 - ENOUGH:
             return {"hold": "none", "share": first, "tries": 0, "legs": []}
         while len(legs) < LEGS:
+            before = self.kept()
             leg = self.leg(joint, goal, tries)
             if leg is None:
+                break
+            if legs and abs(wanted - leg["share"]) >= abs(wanted - leg["from"]):
+                self.back(before)
                 break
             legs.append(leg)
             whole, left, made = (abs(a - b) for a, b in ((wanted, first), (wanted, leg["share"]), (leg["share"], leg["from"])))
