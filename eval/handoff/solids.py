@@ -144,7 +144,7 @@ def to_solids(twin, name, count=20000):
     return out
 
 
-def drops(twin, poses):
+def drops(twin, poses, hold):
     surface = scene([moved(m, poses[n]) for n, m in twin.visual.items()])
     points = np.concatenate([moved(m, poses[n])[0] for n, m in twin.visual.items()])
     lower, upper = points.min(0), points.max(0)
@@ -178,8 +178,13 @@ def drops(twin, poses):
     twin.set_state(model, data, twin.state)
     bodies = [model.body(f"o{i}").id for i in range(DROPS)]
     closest = np.full(DROPS, np.inf)
+    is_own = model.jnt_type != mujoco.mjtJoint.mjJNT_FREE
+    own = model.jnt_qposadr[is_own]
+    at = data.qpos[own].copy()
     for step in range(int(5 / model.opt.timestep)):
         mujoco.mj_step(model, data)
+        if hold:
+            data.qpos[own], data.qvel[model.jnt_dofadr[is_own]] = at, 0
         if step % 8 == 0:
             closest = np.minimum(closest, distance(surface, data.xpos[bodies]))
     names = {i: set() for i in bodies}
@@ -209,6 +214,7 @@ def main():
     parser.add_argument("runs", nargs="+")
     parser.add_argument("--json")
     parser.add_argument("--no-drops", action="store_true")
+    parser.add_argument("--hold", action="store_true", help="joints stay where they are while things drop")
     args = parser.parse_args()
     print(f"{'run':16} {'front 2':>8} {'front 3':>8} {'none':>7} {'p95 mm':>7}  {'rest mm':>12} {'through':>7} "
           f"{'moved':>7}  solids")
@@ -219,7 +225,7 @@ def main():
         poses = twin.poses()
         whole, parts = fronts(twin, poses)
         far = {n: 1e3 * float(np.quantile(to_solids(twin, n), 0.95)) for n in twin.links}
-        drop = dict(rest_mm=[0, 0], on=0, through=0, moved=0) if args.no_drops else drops(twin, poses)
+        drop = dict(rest_mm=[0, 0], on=0, through=0, moved=0) if args.no_drops else drops(twin, poses, args.hold)
         counts = {n: len(twin.solids[n]) for n in twin.links}
         table[Path(run).name] = dict(whole=whole, parts=parts, p95_mm=far, solids=counts, **drop)
         rest = f"{drop['rest_mm'][0]:.1f} / {drop['rest_mm'][1]:.1f}"
