@@ -51,14 +51,14 @@ impl Lighting {
     /// color. See docs/method.md 3.8.
     #[must_use]
     pub fn of(spots: &[Vec<Shown>], photos: usize) -> Self {
-        let mut equations = Equations::new(photos);
+        // Gains of the photos, then terms of the light; a column a channel.
+        let mut logs = DMatrix::zeros(photos + TERMS, 3);
         for _ in 0..ROUNDS {
-            let mut next = Equations::new(photos);
-            spots.iter().for_each(|spot| next.add(spot, &equations.logs));
-            let Some(solver) = next.normal.clone().cholesky() else { break };
-            equations.logs = solver.solve(&next.right);
+            let mut equations = Equations::new(photos);
+            spots.iter().for_each(|spot| equations.add(spot, &logs));
+            let Some(solver) = equations.normal.cholesky() else { break };
+            logs = solver.solve(&equations.right);
         }
-        let logs = equations.logs;
         let gains = (0..photos).map(|p| Vector3::from_fn(|k, _| logs[(p, k)].exp() as f32)).collect();
         let mut light =
             Light { terms: logs.fixed_view::<TERMS, 3>(photos, 0).into_owned(), ..Light::default() };
@@ -70,9 +70,8 @@ impl Lighting {
     }
 }
 
-/// Normal equations of all logarithms: gains of the photos, then terms of the light; a column a channel.
+/// Normal equations of the logarithms of gains and light.
 struct Equations {
-    logs: DMatrix<f64>,
     normal: DMatrix<f64>,
     right: DMatrix<f64>,
 }
@@ -95,7 +94,7 @@ impl Equations {
         };
         let precision = |i: usize| (COLOR / deviation(i)).powi(2);
         let normal = DMatrix::from_fn(size, size, |i, j| if i == j { precision(i) } else { 0.0 });
-        Self { logs: DMatrix::zeros(size, 3), normal, right: DMatrix::zeros(size, 3) }
+        Self { normal, right: DMatrix::zeros(size, 3) }
     }
 
     /// Adds a spot, its own color eliminated; `logs` as found so far.

@@ -274,19 +274,17 @@ class Stage:
         one that comes farthest. `None`: no hold has room for a quarter of the way."""
         begin, best, count = self.kept(), None, 0
         first, start, wanted = self.share(joint), self.position(joint), joint.share(goal)
-        for reach in REACHES:
-            for hold in self.holds(joint, start + reach * (goal - start)):
-                done = self.perform(joint, hold, start + reach * (goal - start))
-                count += 1
-                progress = (done["share"] - first) / (wanted - first)
-                if not self.diverged() and (best is None or progress > best[0]):
-                    best = (progress, {**done, "tip_m": hold.tip.tolist(), "approach": hold.rotation[:, 2].tolist()}, self.kept())
-                if best and best[0] >= ENOUGH * reach or count >= tries:
-                    break
-                # The next is looked for from where this began.
-                self.back(begin)
+        ends = [(reach, start + reach * (goal - start)) for reach in REACHES]
+        for reach, end, hold in ((reach, end, hold) for reach, end in ends for hold in self.holds(joint, end)):
+            done = self.perform(joint, hold, end)
+            count += 1
+            progress = (done["share"] - first) / (wanted - first)
+            if not self.diverged() and (best is None or progress > best[0]):
+                best = (progress, {**done, "tip_m": hold.tip.tolist(), "approach": hold.rotation[:, 2].tolist()}, self.kept())
             if best and best[0] >= ENOUGH * reach or count >= tries:
                 break
+            # The next is looked for from where this began.
+            self.back(begin)
         self.back(best[2] if best else begin)
         self.robot.away(self.model, self.data)
         self.pose = None
@@ -294,6 +292,5 @@ class Stage:
 
     def put(self, joint, share):
         """Sets a joint at rest where the recording showed it."""
-        place(self.model, self.data, {joint.name: joint.at(share)})
         self.data.qvel[:] = 0
-        mujoco.mj_forward(self.model, self.data)
+        place(self.model, self.data, {joint.name: joint.at(share)})
