@@ -344,6 +344,8 @@ def make_dense(folder, synth):
 def main():
     if sys.argv[1:2] == ["work"]:
         return work(sys.argv[2], sys.argv[3:])
+    # What the peers' processes need; without it each would count as a failure of its method.
+    import cv2, open3d  # noqa: E401, F401
     from trajectory import nearest, read_poses
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bags", type=Path)
