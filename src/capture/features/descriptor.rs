@@ -27,14 +27,14 @@ const DIRECTIONS: usize = 8;
 pub(crate) struct Gradients<'a, K> {
     image: &'a Plane,
     keep: K,
-    /// The magnitude is NaN until it is asked for.
+    /// The magnitude is 0 until it is asked for: memory of zeros costs nothing where nobody looks.
     polar: Vec<[f32; 2]>,
 }
 
 impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
     /// Central differences; pixels where `keep` says no, and the border, have magnitude 0.
     pub fn of(image: &'a Plane, keep: K) -> Self {
-        Self { image, keep, polar: vec![[f32::NAN, 0.0]; image.width * image.height] }
+        Self { image, keep, polar: vec![[0.0; 2]; image.width * image.height] }
     }
 
     fn polar(&self, x: usize, y: usize) -> [f32; 2] {
@@ -44,7 +44,7 @@ impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
             return [0.0; 2];
         }
         let (dx, dy) = (image.at(x + 1, y) - image.at(x - 1, y), image.at(x, y + 1) - image.at(x, y - 1));
-        [dx.hypot(dy), dy.atan2(dx).rem_euclid(TAU)]
+        [dx.hypot(dy), in_circle(dy.atan2(dx))]
     }
 
     /// Visits the pixels within `radius` of a point: offset x, offset y, magnitude, direction.
@@ -55,7 +55,7 @@ impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
         for py in range(y, self.image.height) {
             for px in range(x, self.image.width) {
                 let i = py * self.image.width + px;
-                if self.polar[i][0].is_nan() {
+                if self.polar[i][0] == 0.0 {
                     self.polar[i] = self.polar(px, py);
                 }
                 let [magnitude, direction] = self.polar[i];
@@ -64,6 +64,15 @@ impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
                 }
             }
         }
+    }
+}
+
+/// An angle in `(-2 pi, 4 pi)` brought to `[0, 2 pi)`, without a division.
+fn in_circle(angle_rad: f32) -> f32 {
+    match angle_rad {
+        a if a < 0.0 => a + TAU,
+        a if a >= TAU => a - TAU,
+        a => a,
     }
 }
 
@@ -135,7 +144,7 @@ pub(crate) fn describe(
             return;
         }
         let weight = magnitude * (-(u * u + v * v) / (2.0 * half * half)).exp();
-        let bin = (direction - angle_rad).rem_euclid(TAU) / TAU * DIRECTIONS as f32;
+        let bin = in_circle(direction - angle_rad) / TAU * DIRECTIONS as f32;
         // Spread over the eight nearest bins, so that a small shift changes the descriptor little.
         let (iu, iv, ib) = (cu as usize, cv as usize, bin as usize);
         let (fu, fv, fb) = (cu - iu as f32, cv - iv as f32, bin - ib as f32);

@@ -74,9 +74,9 @@ pub fn features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<Feature> {
     let (left, top) = (left.saturating_sub(MARGIN_PX), top.saturating_sub(MARGIN_PX));
     let (right, bottom) = ((right + MARGIN_PX).min(w - 1), (bottom + MARGIN_PX).min(h - 1));
     let (cw, ch) = (right + 1 - left, bottom + 1 - top);
-    let source = |i: usize| (i / cw + top) * w + i % cw + left;
-    let values = (0..cw * ch).map(|i| luma(frame.rgb[source(i)])).collect();
-    let crop: Vec<bool> = (0..cw * ch).map(|i| object[source(i)]).collect();
+    let rows = (top..=bottom).map(|y| y * w + left..y * w + right + 1);
+    let values = rows.clone().flat_map(|row| &frame.rgb[row]).map(|rgb| luma(*rgb)).collect();
+    let crop: Vec<bool> = rows.flat_map(|row| object[row].iter().copied()).collect();
     let image = Plane { width: cw, height: ch, values };
     let mut found = detect(&image, &crop, config);
     for f in &mut found {
@@ -127,13 +127,10 @@ struct Extremum {
 /// Features of an image inside a mask, strongest first.
 fn detect(image: &Plane, mask: &[bool], config: &FeatureConfig) -> Vec<Feature> {
     let inner = eroded(mask, image.width, config.mask_erosion_px);
+    // The nearest pixel; steps are powers of two, so that no sum is rounded.
     let inside = |set: &[bool], u: f32, v: f32| {
-        let (x, y) = (u.round(), v.round());
-        x >= 0.0
-            && y >= 0.0
-            && (x as usize) < image.width
-            && (y as usize) < image.height
-            && set[y as usize * image.width + x as usize]
+        let (x, y) = ((u + 0.5) as usize, (v + 0.5) as usize);
+        x < image.width && y < image.height && set[y * image.width + x]
     };
     let octaves = octaves(image, config.scales, config.sigma_px, config.upsample);
     let mut extrema = Vec::new();
@@ -186,10 +183,10 @@ fn extrema(
     let (w, h) = (d[level].width, d[level].height);
     let mut found = Vec::new();
     for y in 1..h - 1 {
-        for x in 1..w - 1 {
-            let value = d[level].at(x, y);
+        let row = &d[level].values[y * w..(y + 1) * w];
+        for (x, &value) in row.iter().enumerate().take(w - 1).skip(1) {
             // Half, because the refined value may be larger than that at the pixel.
-            if value.abs() > 0.5 * config.contrast && inside(x, y) && is_extremum(d, level, x, y, value) {
+            if value.abs() > 0.5 * config.contrast && is_extremum(d, level, x, y, value) && inside(x, y) {
                 found.extend(refined(d, level, x, y, config));
             }
         }
@@ -200,17 +197,14 @@ fn extrema(
 /// Whether a pixel is above or below all 26 neighbors in space and scale.
 fn is_extremum(d: &[Plane], level: usize, x: usize, y: usize, value: f32) -> bool {
     let sign = value.signum();
-    let mut beaten = true;
-    for plane in &d[level - 1..=level + 1] {
-        for row in y - 1..=y + 1 {
+    // Its own level and row first: most pixels fail there.
+    [level, level - 1, level + 1].into_iter().all(|level| {
+        let plane = &d[level];
+        [y, y - 1, y + 1].into_iter().all(|row| {
             let i = row * plane.width + x;
-            beaten &= plane.values[i - 1..=i + 1].iter().all(|&n| sign * n <= sign * value);
-        }
-        if !beaten {
-            return false;
-        }
-    }
-    true
+            plane.values[i - 1..=i + 1].iter().all(|&n| sign * n <= sign * value)
+        })
+    })
 }
 
 /// Position, scale and response of the quadratic through the 27 values; `None` for weak ones, edges and

@@ -29,12 +29,13 @@ impl Plane {
     pub fn doubled(&self) -> Self {
         let (w, h) = (self.width, self.height);
         let mut out = Self::zeros(2 * w, 2 * h);
-        for y in 0..2 * h {
-            let (a, b) = (y / 2, (y.div_ceil(2)).min(h - 1));
-            for x in 0..2 * w {
-                let (l, r) = (x / 2, (x.div_ceil(2)).min(w - 1));
-                out.values[y * 2 * w + x] =
-                    0.25 * (self.at(l, a) + self.at(r, a) + self.at(l, b) + self.at(r, b));
+        let row = |y: usize| &self.values[y * w..(y + 1) * w];
+        for (y, out) in out.values.chunks_exact_mut(2 * w).enumerate() {
+            let (above, below) = (row(y / 2), row(y.div_ceil(2).min(h - 1)));
+            for (x, pair) in out.chunks_exact_mut(2).enumerate() {
+                for (out, right) in pair.iter_mut().zip([x, (x + 1).min(w - 1)]) {
+                    *out = 0.25 * (above[x] + above[right] + below[x] + below[right]);
+                }
             }
         }
         out
@@ -44,10 +45,9 @@ impl Plane {
     pub fn halved(&self) -> Self {
         let (w, h) = (self.width / 2, self.height / 2);
         let mut out = Self::zeros(w, h);
-        for y in 0..h {
-            for x in 0..w {
-                out.values[y * w + x] = self.at(2 * x, 2 * y);
-            }
+        for (y, out) in out.values.chunks_exact_mut(w).enumerate() {
+            let row = &self.values[2 * y * self.width..];
+            out.iter_mut().zip(row.iter().step_by(2)).for_each(|(out, value)| *out = *value);
         }
         out
     }

@@ -260,16 +260,16 @@ impl Comparison {
         loose: f64,
     ) -> Rows {
         let row = |r: &Residual| {
-            let sigma_m = (r.sigma_m * scale).hypot(loose * r.displacement_m);
+            let variance_m2 = (r.sigma_m * scale).powi(2) + (loose * r.displacement_m).powi(2);
             // Tukey's biweight: surfels of other surfaces have no say at all.
-            let z = r.distance_m / (sigma_m * CUT);
-            let share = (1.0 - z * z).max(0.0).powi(2);
+            let share = (1.0 - r.distance_m.powi(2) / (variance_m2 * CUT * CUT)).max(0.0).powi(2);
             let sensor = sensor.map_or([(0, 0.0); SENSOR], |errors| by_sensor(r, errors));
-            let weight = share / sigma_m.powi(2);
+            let weight = share / variance_m2;
             (share > 0.0)
                 .then(|| (share, Row { poses: by_poses(r), sensor, distance_m: r.distance_m, weight }))
         };
-        let (mut surfels, mut landmarks, mut agreeing) = (Vec::new(), Vec::new(), 0.0);
+        let mut surfels = Vec::with_capacity(FACINGS * self.most_of_facing());
+        let (mut landmarks, mut agreeing) = (Vec::new(), 0.0);
         let mut ratios = Ratios::default();
         let tried = self.compare_surfels(pair, views, Subset::Fitted, |r, _| {
             ratios.add(r);
@@ -332,6 +332,11 @@ impl Comparison {
         self.compare_landmarks(pair, views, subset, |r, place| visit(r, surfels + place));
     }
 
+    /// Most surfels of a pair that are compared of those that face one way.
+    fn most_of_facing(&self) -> usize {
+        (self.compared / self.pairs.len().max(1)).max(LEAST_OF_PAIR) / FACINGS
+    }
+
     /// Visits surfels, about as many for every way that they face (normal-space sampling: Rusinkiewicz and
     /// Levoy 2001), since the larger surfaces show the same again and again. Says how many it tried.
     fn compare_surfels(
@@ -341,7 +346,7 @@ impl Comparison {
         subset: Subset,
         mut visit: impl FnMut(&Residual, usize),
     ) -> usize {
-        let most = (self.compared / self.pairs.len().max(1)).max(LEAST_OF_PAIR) / FACINGS;
+        let most = self.most_of_facing();
         let other_from_this = world_from_camera[j].inverse() * world_from_camera[i];
         let (mut before, mut tried) = (0, 0);
         for cells in &self.sets[subset as usize][i] {

@@ -307,10 +307,10 @@ impl Surfels {
         let there = other.at(seen_at)?;
         let other_normal: Vector3<f64> = there.normal.cast();
         let distance_m = other_normal.dot(&(other_point - there.point.cast::<f64>()));
-        let sigma_m = f64::from(this.sigma_m).hypot(f64::from(there.sigma_m));
+        let variance_m2 = f64::from(this.sigma_m).powi(2) + f64::from(there.sigma_m).powi(2);
         let displacement_m = poses.displacement_m(other_point.z);
         // What neither noise nor poses explain is another surface.
-        if distance_m.abs() > 3.0 * sigma_m.hypot(displacement_m) {
+        if distance_m.powi(2) > 9.0 * (variance_m2 + displacement_m.powi(2)) {
             return None;
         }
         let normal = other_from_this.inverse_transform_vector(&other_normal);
@@ -321,7 +321,7 @@ impl Surfels {
         Some(Residual {
             distance_m,
             displacement_m,
-            sigma_m,
+            sigma_m: variance_m2.sqrt(),
             normal,
             point,
             other_normal,
