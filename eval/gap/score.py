@@ -40,9 +40,9 @@ def without_floor(truth, report):
 
 
 def first_name(truth, report):
-    """Whether the effects named first, alternatives aside, are the hidden ones at their joint."""
-    named = {(f["joint"], f["effect"]) for f in report["findings"]}
-    return named == {(f"{part}_joint", e) for part, effects in truth["hidden"].items() for e in effects}
+    """Whether the effect that is named first, alternatives and further names aside, is a hidden one at its joint."""
+    hidden = {(f"{part}_joint", e) for part, effects in truth["hidden"].items() for e in effects}
+    return any((f["joint"], f["effect"]) in hidden for f in report["findings"][:1])
 
 
 def judge(truth, report):

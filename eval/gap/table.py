@@ -79,7 +79,9 @@ def machine_rows(machine, null):
     lines = []
     if machine:
         lines.append(row("machine, one hidden effect: right first name", sum(r.get("first", False) for r in machine), len(machine)))
-        lines.append(row("machine, one hidden effect: right name, alternatives counted", sum(r["result"] == "right" for r in machine), len(machine)))
+        held = lambda r: any(e in r["effects"] for f in r.get("findings", []) for e in [f["effect"], *(a["effect"] for a in f["alternatives"])])
+        lines.append(row("machine, one hidden effect: right name among names and alternatives", sum(held(r) for r in machine), len(machine)))
+        lines.append(row("machine, one hidden effect: no other name, alternatives counted", sum(r["result"] == "right" for r in machine), len(machine)))
     if null:
         lines.append(row("machine, nothing hidden: a name (at most 3 %)", sum(r["result"] == "false name" for r in null), len(null)))
         lines.append(row("machine, nothing hidden: verdict `none`", sum(r["verdict"] == "none" for r in null), len(null)))

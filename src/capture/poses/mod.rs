@@ -22,6 +22,7 @@ pub(super) mod observed;
 pub(super) mod pairs;
 pub(super) mod pose_noise;
 mod reading_weights;
+mod residual_scale;
 mod sensor;
 pub(super) mod sensor_errors;
 mod solve;

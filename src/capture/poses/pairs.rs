@@ -9,6 +9,7 @@ use super::{
     depth_warp::SUPPORT,
     pose_noise::PoseNoise,
     reading_weights::ReadingWeights,
+    residual_scale::{MEDIAN_EVERY, Ratios, robust_scale},
     sensor_errors::SensorErrors,
     surfels::{FACINGS, Residual, Surfels},
 };
@@ -29,8 +30,6 @@ const CUT: f64 = 4.685;
 const INDEPENDENT: f64 = 200.0;
 /// Fewest held-out surfels for a comparison.
 const LEAST_SURFELS: usize = 200;
-/// Of this many residuals one goes into the median.
-const MEDIAN_EVERY: usize = 4;
 
 /// What frames see, and from where.
 #[derive(Clone, Copy)]
@@ -268,8 +267,8 @@ impl Comparison {
             (share > 0.0)
                 .then(|| (share, Row { poses: by_poses(r), sensor, distance_m: r.distance_m, weight }))
         };
-        let mut surfels = Vec::with_capacity(FACINGS * self.most_of_facing());
-        let (mut landmarks, mut agreeing) = (Vec::new(), 0.0);
+        let (mut surfels, mut landmarks) = (Vec::with_capacity(self.most()), Vec::new());
+        let mut agreeing = 0.0;
         let mut ratios = Ratios::default();
         let tried = self.compare_surfels(pair, views, Subset::Fitted, |r, _| {
             ratios.add(r);
@@ -332,9 +331,9 @@ impl Comparison {
         self.compare_landmarks(pair, views, subset, |r, place| visit(r, surfels + place));
     }
 
-    /// Most surfels of a pair that are compared of those that face one way.
-    fn most_of_facing(&self) -> usize {
-        (self.compared / self.pairs.len().max(1)).max(LEAST_OF_PAIR) / FACINGS
+    /// Most surfels of a pair that are compared.
+    fn most(&self) -> usize {
+        (self.compared / self.pairs.len().max(1)).max(LEAST_OF_PAIR)
     }
 
     /// Visits surfels, about as many for every way that they face (normal-space sampling: Rusinkiewicz and
@@ -346,7 +345,7 @@ impl Comparison {
         subset: Subset,
         mut visit: impl FnMut(&Residual, usize),
     ) -> usize {
-        let most = self.most_of_facing();
+        let most = self.most() / FACINGS;
         let other_from_this = world_from_camera[j].inverse() * world_from_camera[i];
         let (mut before, mut tried) = (0, 0);
         for cells in &self.sets[subset as usize][i] {
@@ -412,27 +411,6 @@ impl Gain {
             residual_m: [robust_m(0)?, robust_m(1)?],
         })
     }
-}
-
-/// Some of a pair's distances in standard deviations.
-#[derive(Default)]
-struct Ratios {
-    seen: usize,
-    kept: Vec<f64>,
-}
-
-impl Ratios {
-    fn add(&mut self, r: &Residual) {
-        if self.seen.is_multiple_of(MEDIAN_EVERY) {
-            self.kept.push(r.distance_m.abs() / r.sigma_m);
-        }
-        self.seen += 1;
-    }
-}
-
-/// See [`Sums::scale`].
-fn robust_scale(ratios: Vec<Ratios>) -> f64 {
-    (SIGMAS_PER_MAD * median(ratios.into_iter().flat_map(|r| r.kept).collect()).unwrap_or(0.0)).max(1.0)
 }
 
 /// The surfels of a frame that are held out, or those that are not, by the way that they face.

@@ -10,7 +10,7 @@ use crate::gap::{
         shooting::{Free, Pace, fit},
     },
     judge::{
-        cross_validation::{Unseen, predicts_better},
+        cross_validation::{Unseen, is_surely_worse, predicts_better},
         format_model::{format_models, stand_ins},
         law::laws,
         proof::{Gap, WindowGap, left_of, prove, windowed_rmse},
@@ -109,16 +109,17 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
     }
     // Names that the held-out runs do not bear out are taken back; the proof is then that of the twin.
     let is_borne_out = |model: &JointModel, gap: &Gap, noise: EffortNoise| {
-        let (closes, betters) = (is_proven(gap), gap.after < gap.before);
+        // Of an effect that acts at a place or for a moment, the held-out run may show nothing.
+        let (closes, may_better) = (is_proven(gap), !is_surely_worse(gap));
         // Beside an effort that lasts, and where little is to be explained, one held-out run says little.
         if closes && !noise.remains() && gap.before > REPORTED_NOISES * gap.noise_floor {
             return true;
         }
-        if !closes && !betters {
+        if !closes && !may_better {
             return false;
         }
         let unseen = Unseen::of(&problem, &held_out, [model, &twin], noise);
-        (closes && unseen.agree()) || (betters && unseen.bear_out())
+        (closes && unseen.agree()) || (may_better && unseen.bear_out())
     };
     if !updated.terms.is_empty() && !is_borne_out(&updated, &proof.0, diagnosis.noise) {
         diagnosis.withdraw();

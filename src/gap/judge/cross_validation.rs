@@ -6,11 +6,11 @@ use crate::gap::{
     fit::{
         noise::EffortNoise,
         problem::Problem,
-        shooting::{Free, Pace, fit},
+        shooting::{Fit, Free, Pace, fit},
     },
     judge::{
-        proof::{residuals, started},
-        search::{Candidate, candidate},
+        proof::{Gap, WindowGap, residuals, started},
+        search::{Candidate, Search, candidate},
         simplify::{replaced, special_terms},
     },
     model::joint_model::JointModel,
@@ -39,33 +39,85 @@ type Sizes = [Vec<f64>; LENGTHS.len()];
 /// Residuals of each of these windows.
 type Residuals = [Vec<Vec<f64>>; LENGTHS.len()];
 
+/// Sets of each size that are compared by what they predict.
+/// derived: those that a search fits to the end.
+const CONTENDERS: usize = 5;
+
 /// The set without the effects that do not surely better the windows of runs that they were not fitted to,
 /// the one that betters them least first; then with special cases in place of what contains them, where that
-/// betters them as little.
+/// betters them as little; and in its place the smallest set of a search that it does not surely better:
+/// with no more effects, and of these with the fewest parameters.
 #[must_use]
-pub fn predictive(problem: &Problem, chosen: &Candidate) -> Candidate {
+pub fn predictive(problem: &Problem, found: &Search, chosen: &Candidate) -> Candidate {
     let folds = problem.folds();
-    let predicted = |model: &JointModel| sizes_of(&crossed(&folds, model, chosen.fit.noise));
+    let predicted = |model: &JointModel| crossed(&folds, model, chosen.fit.noise);
     let mut model = chosen.fit.model.clone();
     let mut with = predicted(&model);
-    let least = |models: Vec<JointModel>, with: &Sizes| {
+    let least = |models: Vec<JointModel>, with: &Residuals| {
         let tried = models.into_iter().map(|simpler| {
-            let sizes = predicted(&simpler);
-            let errors = with.iter().zip(&sizes).map(|(a, b)| errors_better(a, b));
-            (errors.fold(f64::NEG_INFINITY, f64::max), simpler, sizes)
+            let residuals = predicted(&simpler);
+            (surest(with, &residuals), simpler, residuals)
         });
         tried.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(errors, ..)| !(*errors > SURELY))
     };
-    while let Some((_, simpler, sizes)) =
+    while let Some((_, simpler, residuals)) =
         least(fewer(problem, &model), &with).or_else(|| least(special(problem, &model, chosen), &with))
     {
-        (model, with) = (simpler, sizes);
+        (model, with) = (simpler, residuals);
+    }
+    let own = assumes(&model);
+    let mut contenders: Vec<&Candidate> =
+        found.by_size.iter().skip(1).flat_map(|sets| sets.iter().take(CONTENDERS)).collect();
+    contenders.retain(|c| assumes(&c.fit.model) < own);
+    contenders.sort_by_key(|c| assumes(&c.fit.model));
+    for alike in contenders.chunk_by(|a, b| assumes(&a.fit.model) == assumes(&b.fit.model)) {
+        let as_good = alike.iter().filter_map(|set| {
+            let errors = surest(&with, &predicted(&set.fit.model));
+            (errors <= SURELY).then_some((errors, set))
+        });
+        if let Some((_, smaller)) = as_good.min_by(|a, b| a.0.total_cmp(&b.0)) {
+            return refitted(problem, &smaller.fit, smaller.fit.model.clone());
+        }
     }
     if model == chosen.fit.model {
         return chosen.clone();
     }
-    let starts = Some(chosen.fit.starts.as_slice());
-    candidate(problem, fit(problem, &model, starts, chosen.fit.noise, Free::All, Pace::thorough(2)))
+    refitted(problem, &chosen.fit, model)
+}
+
+/// How much a model assumes: its effects, and their parameters.
+#[must_use]
+pub fn assumes(model: &JointModel) -> (usize, usize) {
+    (model.terms.len(), model.terms.iter().map(|t| t.p.len()).sum())
+}
+
+fn refitted(problem: &Problem, from: &Fit, model: JointModel) -> Candidate {
+    candidate(problem, fit(problem, &model, Some(&from.starts), from.noise, Free::All, Pace::thorough(2)))
+}
+
+/// Weights of other sets of as many effects beside a chosen one of weight 1, by what they predict: the
+/// probability that one predicts windows that it was not fitted to better, over that of the contrary.
+#[must_use]
+pub fn predicted_weights(problem: &Problem, chosen: &Candidate, others: &[&Candidate]) -> Vec<f64> {
+    let folds = problem.folds();
+    let predicted = |c: &Candidate| crossed(&folds, &c.fit.model, chosen.fit.noise);
+    let own = predicted(chosen);
+    let weight = |c: &&Candidate| (-LOGISTIC * surest(&own, &predicted(c))).exp();
+    others.iter().take(CONTENDERS).map(weight).collect()
+}
+
+/// Slope of the logistic function that is next to the normal distribution's.
+/// derived: the greatest difference of the two is the least, 0.0095.
+const LOGISTIC: f64 = 1.702;
+
+/// By how many standard errors windows are better with a model, where it changes them, in the length that
+/// shows it best.
+fn surest(with: &Residuals, without: &Residuals) -> f64 {
+    let errors = with.iter().zip(without).map(|(with, without)| {
+        let [with, without] = both(&acting(&compared(with, without)));
+        errors_better(&with, &without)
+    });
+    errors.fold(f64::NEG_INFINITY, f64::max)
 }
 
 /// A model without each of its effects.
@@ -94,6 +146,14 @@ fn special(problem: &Problem, model: &JointModel, chosen: &Candidate) -> Vec<Joi
 #[must_use]
 pub fn predicts_better(problem: &Problem, model: &JointModel, other: &JointModel) -> bool {
     is_better(&sizes(problem, model), &sizes(problem, other), problem.noise_floor())
+}
+
+/// Whether held-out windows are surely worse with what was found than with the twin.
+#[must_use]
+pub fn is_surely_worse(gap: &Gap) -> bool {
+    let [before, after]: [Vec<f64>; 2] =
+        [|w: &WindowGap| w.before, |w: &WindowGap| w.after].map(|of| gap.windows.iter().map(of).collect());
+    errors_better(&before, &after) > SURELY
 }
 
 /// Windows of each length that two models were not fitted to: those of held-out runs, and those of each
@@ -133,11 +193,7 @@ impl Unseen {
             all.iter_mut().zip(held_out).for_each(|(all, more)| all.extend(more));
             all
         });
-        let one = |(with, without): (&Vec<f64>, &Vec<f64>)| {
-            let change: Vec<f64> = with.iter().zip(without).map(|(a, b)| a - b).collect();
-            Compared { with: rms(with), without: rms(without), change: rms(&change) }
-        };
-        let windows = std::array::from_fn(|i| with[i].iter().zip(&without[i]).map(one).collect());
+        let windows = std::array::from_fn(|i| compared(&with[i], &without[i]));
         Self { windows, floor: problem.noise_floor() }
     }
 
@@ -170,6 +226,15 @@ impl Unseen {
             && median(with.clone()) < median(without.clone())
             && rms(&with) < rms(&without)
     }
+}
+
+/// Windows of two models.
+fn compared(with: &[Vec<f64>], without: &[Vec<f64>]) -> Vec<Compared> {
+    let one = |(with, without): (&Vec<f64>, &Vec<f64>)| {
+        let change: Vec<f64> = with.iter().zip(without).map(|(a, b)| a - b).collect();
+        Compared { with: rms(with), without: rms(without), change: rms(&change) }
+    };
+    with.iter().zip(without).map(one).collect()
 }
 
 /// The windows in which predictions differ most, that hold most of what they differ by.
@@ -237,4 +302,36 @@ fn errors_better(with: &[f64], without: &[f64]) -> f64 {
     let mean = differences().sum::<f64>() / n;
     let variance = differences().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
     if variance > 0.0 { mean / (variance / n).sqrt() } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Windows of two lengths, in each of which every sample is off by one number.
+    fn windows(of: &[f64]) -> Residuals {
+        std::array::from_fn(|_| of.iter().map(|x| vec![*x; 4]).collect())
+    }
+
+    #[test]
+    fn windows_that_a_model_does_not_change_have_no_say() {
+        let with = windows(&[1.0, 1.1, 0.9, 1.0, 5.0, 7.0, 3.0]);
+        let without = windows(&[2.0, 2.1, 2.1, 2.0, 5.0, 7.0, 3.0]);
+        let surely = surest(&with, &without);
+        assert!(surely > 10.0, "{surely}");
+        assert!((surest(&without, &with) + surely).abs() < 1e-9);
+        assert_eq!(surest(&with, &with), 0.0);
+    }
+
+    #[test]
+    fn a_held_out_run_in_which_nothing_acts_is_not_surely_worse() {
+        let gap = |after: &[f64]| {
+            let windows = after.iter().map(|a| WindowGap { before: 1.0, after: *a }).collect();
+            Gap { before: 1.0, after: 1.0, noise_floor: 0.1, runs: Vec::new(), windows }
+        };
+        assert!(!is_surely_worse(&gap(&[1.0; 5])));
+        assert!(!is_surely_worse(&gap(&[1.01, 0.99, 1.02, 0.99, 1.0])));
+        assert!(is_surely_worse(&gap(&[1.2, 1.3, 1.25, 1.2, 1.3])));
+        assert!(!is_surely_worse(&gap(&[0.2, 0.3, 0.25, 0.2, 0.3])));
+    }
 }

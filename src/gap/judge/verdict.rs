@@ -10,7 +10,7 @@ use crate::gap::{
         shooting::{Fit, Free, Pace, fit},
     },
     judge::{
-        cross_validation::predictive,
+        cross_validation::{assumes, predicted_weights, predictive},
         given::given,
         locate::{Dependence, Variable, locate},
         name_weight::{least_gain, rivals_in_doubt},
@@ -79,7 +79,7 @@ pub struct Finding {
     pub effect: String,
     /// Parameters.
     pub parameters: Vec<ParameterEstimate>,
-    /// Weight of the set of effects among those of the same size.
+    /// Weight of the sets of effects that hold it among those of the same size.
     pub weight: f64,
     /// Other effects that explain the recording as well, with their weights.
     pub alternatives: Vec<(String, f64)>,
@@ -308,7 +308,7 @@ fn chosen(problem: &Problem, effects: &[usize], seeds: &[JointModel]) -> (Search
         );
         let mut chosen = simplified(problem, found.accepted());
         if problem.weighing != Weighing::Innovations {
-            chosen = predictive(problem, &chosen);
+            chosen = predictive(problem, &found, &chosen);
         }
         chosen = credible(problem, chosen);
         (found, chosen)
@@ -370,12 +370,25 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
         effects
     });
     let is_twin = |effects: &[usize]| twin.as_deref() == Some(effects);
-    let same_size = found.by_size[own.len()].iter().filter(|c| c.effects() != own);
-    let mut rivals: Vec<(Vec<usize>, f64)> = same_size
-        .filter(|c| !generalizes(&c.effects()) && names(&c.effects()) != own_names && !is_twin(&c.effects()))
-        .map(|c| (c.effects(), (0.5 * (c.score - chosen.score)).exp()))
-        .chain(twin.clone().map(|effects| (effects, 1.0)))
-        .collect();
+    let predicts = problem.weighing != Weighing::Innovations;
+    let is_rival = |c: &&Candidate| {
+        let effects = c.effects();
+        // Scores price parameters; predictions do not, and what assumes more is no rival there.
+        (!predicts || assumes(&c.fit.model) <= assumes(&chosen.fit.model))
+            && effects != own
+            && !generalizes(&effects)
+            && names(&effects) != own_names
+            && !is_twin(&effects)
+    };
+    let others: Vec<&Candidate> = found.by_size[own.len()].iter().filter(is_rival).collect();
+    let weights = if predicts {
+        predicted_weights(problem, chosen, &others)
+    } else {
+        others.iter().map(|c| (0.5 * (c.score - chosen.score)).exp()).collect()
+    };
+    let weighed = others.iter().map(|c| c.effects()).zip(weights);
+    let mut rivals: Vec<(Vec<usize>, f64)> =
+        weighed.chain(twin.clone().map(|effects| (effects, 1.0))).collect();
     rivals.sort_by(|a, b| b.1.total_cmp(&a.1));
     rivals
 }
@@ -430,17 +443,23 @@ fn findings(
                 interval: (low, value + half),
             }
         };
+        let is_in = |(effects, _): &&(Vec<usize>, f64)| effects.contains(&term.effect);
+        let with: f64 = rivals.iter().filter(is_in).map(|(_, weight)| weight).sum();
         let mut alternatives: Vec<(String, f64)> = Vec::new();
         for (effects, weight) in rivals.iter().filter(|(effects, _)| !effects.contains(&term.effect)) {
             for other in effects.iter().filter(|e| !own.contains(e)) {
-                alternatives.push((problem.catalogue[*other].name().to_owned(), weight / total));
+                let name = problem.catalogue[*other].name();
+                match alternatives.iter_mut().find(|(known, _)| known == name) {
+                    Some((_, known)) => *known += weight / total,
+                    None => alternatives.push((name.to_owned(), weight / total)),
+                }
             }
         }
         findings.push(Finding {
             index: term.effect,
             effect: effect.name().to_owned(),
             parameters: effect.reported(&term.p).into_iter().map(estimate).collect(),
-            weight: 1.0 / total,
+            weight: (1.0 + with) / total,
             alternatives,
             experiment: effect.spec().experiment.to_owned(),
         });
