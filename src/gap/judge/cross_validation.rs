@@ -6,12 +6,12 @@ use crate::gap::{
     fit::{
         noise::EffortNoise,
         problem::Problem,
-        shooting::{Fit, Free, Pace, fit},
+        shooting::{Free, Pace, fit},
     },
     judge::{
         proof::{Gap, WindowGap, residuals, started},
-        search::{Candidate, Search, candidate},
-        simplify::{replaced, special_terms},
+        search::{Candidate, Search},
+        simplify::{refitted, replaced, special_terms},
     },
     model::joint_model::JointModel,
     record::log::rms,
@@ -76,23 +76,19 @@ pub fn predictive(problem: &Problem, found: &Search, chosen: &Candidate) -> Cand
             (errors <= SURELY).then_some((errors, set))
         });
         if let Some((_, smaller)) = as_good.min_by(|a, b| a.0.total_cmp(&b.0)) {
-            return refitted(problem, &smaller.fit, smaller.fit.model.clone());
+            return refitted(problem, smaller, &smaller.fit.model);
         }
     }
     if model == chosen.fit.model {
         return chosen.clone();
     }
-    refitted(problem, &chosen.fit, model)
+    refitted(problem, chosen, &model)
 }
 
 /// How much a model assumes: its effects, and their parameters.
 #[must_use]
 pub fn assumes(model: &JointModel) -> (usize, usize) {
     (model.terms.len(), model.terms.iter().map(|t| t.p.len()).sum())
-}
-
-fn refitted(problem: &Problem, from: &Fit, model: JointModel) -> Candidate {
-    candidate(problem, fit(problem, &model, Some(&from.starts), from.noise, Free::All, Pace::thorough(2)))
 }
 
 /// Weights of other sets of as many effects beside a chosen one of weight 1, by what they predict: the

@@ -42,7 +42,9 @@ pub fn simplified(problem: &Problem, found: &Candidate) -> Candidate {
     chosen
 }
 
-fn refitted(problem: &Problem, from: &Candidate, model: &JointModel) -> Candidate {
+/// A model fitted to the end from the start states and the noise of a candidate.
+#[must_use]
+pub fn refitted(problem: &Problem, from: &Candidate, model: &JointModel) -> Candidate {
     candidate(
         problem,
         fit(problem, model, Some(&from.fit.starts), from.fit.noise, Free::All, Pace::thorough(2)),

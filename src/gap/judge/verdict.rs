@@ -17,8 +17,8 @@ use crate::gap::{
         offset::with_offset,
         refined::refined,
         screen::Screen,
-        search::{Breadth, Candidate, Scope, Search, candidate, search},
-        simplify::{HALF_WIDTH, simplified},
+        search::{Breadth, Candidate, Scope, Search, search},
+        simplify::{HALF_WIDTH, refitted, simplified},
         spread::Spread,
     },
     model::{
@@ -410,8 +410,7 @@ fn credible(problem: &Problem, chosen: Candidate) -> Candidate {
     if model.terms.is_empty() || model.terms.len() == chosen.fit.model.terms.len() {
         return chosen;
     }
-    let starts = Some(chosen.fit.starts.as_slice());
-    candidate(problem, fit(problem, &model, starts, chosen.fit.noise, Free::All, Pace::thorough(2)))
+    refitted(problem, &chosen, &model)
 }
 
 fn findings(
@@ -443,10 +442,10 @@ fn findings(
                 interval: (low, value + half),
             }
         };
-        let is_in = |(effects, _): &&(Vec<usize>, f64)| effects.contains(&term.effect);
-        let with: f64 = rivals.iter().filter(is_in).map(|(_, weight)| weight).sum();
+        let (with, without): (Vec<_>, Vec<_>) =
+            rivals.iter().partition(|(effects, _)| effects.contains(&term.effect));
         let mut alternatives: Vec<(String, f64)> = Vec::new();
-        for (effects, weight) in rivals.iter().filter(|(effects, _)| !effects.contains(&term.effect)) {
+        for (effects, weight) in without {
             for other in effects.iter().filter(|e| !own.contains(e)) {
                 let name = problem.catalogue[*other].name();
                 match alternatives.iter_mut().find(|(known, _)| known == name) {
@@ -459,7 +458,7 @@ fn findings(
             index: term.effect,
             effect: effect.name().to_owned(),
             parameters: effect.reported(&term.p).into_iter().map(estimate).collect(),
-            weight: (1.0 + with) / total,
+            weight: (1.0 + with.iter().map(|(_, weight)| weight).sum::<f64>()) / total,
             alternatives,
             experiment: effect.spec().experiment.to_owned(),
         });
