@@ -5,14 +5,17 @@
 
 pub mod capture {
     pub use crate::capture::{
-        Capture, CaptureConfig, CaptureError, Correspondence, NoiseConfig, RgbdFrame, TrackCamera, scene_box,
+        Capture, CaptureConfig, CaptureError, Correspondence, NoiseConfig, RefinePoses, RgbdFrame,
+        TrackCamera, scene_box,
     };
 }
 pub mod config {
     pub use crate::config::{Config, Layers};
 }
 pub mod evaluate {
-    pub use crate::evaluate::{EvaluateOptions, Evaluation, EvaluationReport, RunFiles, Truth, run};
+    pub use crate::evaluate::{
+        EvaluateOptions, Evaluation, EvaluationReport, RunFiles, Truth, read_truth, run,
+    };
 }
 pub mod export {
     pub use crate::export::{ExportConfig, Folder, Level, check_folder, urdf_package};
@@ -53,10 +56,10 @@ pub mod geometry {
 pub mod io {
     pub use crate::io::image_codec;
     pub use crate::io::{
-        BagWriter, MAX_MODEL_BYTES, OfferedQos, OnnxError, OnnxMatcher, Place, ResultKind, RunDir, inspect,
-        inspect_with, open, pinhole, read_frame_run, read_gap_report, read_joint_log, read_mesh, read_model,
-        read_model_folder, read_npy, read_run_summary, read_seen_twin, read_urdf, track_camera, twin_of,
-        write_synth, write_synth_bag, write_true_twin,
+        BagWriter, DatasetLayout, MAX_MODEL_BYTES, OfferedQos, OnnxError, OnnxMatcher, Place, ResultKind,
+        RunDir, inspect, inspect_with, open, pinhole, read_frame_run, read_gap_report, read_joint_log,
+        read_mesh, read_model, read_model_folder, read_npy, read_run_summary, read_seen_twin, read_urdf,
+        track_camera, twin_of, write_synth, write_synth_bag, write_synth_dataset, write_true_twin,
     };
     pub mod ros2msg {
         pub use crate::io::ros2msg::{

@@ -77,7 +77,8 @@ fn train(scene: &Scene, steps: usize, make: Make) -> (Vec<f64>, ObjectField) {
         hidden: 32,
     };
     let config = TrainConfig { field, steps, rays: 256, ..TrainConfig::default() };
-    let input = TrainInput { frames: &scene.frames, scene: scene.scene, occupancy: &scene.occupancy };
+    let input =
+        TrainInput { frames: &scene.frames, scene: scene.scene, occupancy: &scene.occupancy, fused: None };
     let factory = |state| make(state).unwrap();
     let mut trainer = FieldTrainer::with_engine(&input, &config, 3, "field/state0", &factory).unwrap();
     let losses = (0..steps).map(|_| trainer.step()).map(|l| l.sdf + l.color).collect();

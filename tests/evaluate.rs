@@ -128,6 +128,20 @@ fn trials_are_summed_up_and_the_best_is_named() {
 }
 
 #[test]
+fn a_run_without_a_twin_is_a_trial_that_failed() {
+    let temp = Temp::new("failed");
+    write_truth(&desk(), &temp.0.join("truth"));
+    let runs = [write_run(&desk(), &temp.0.join("a")), temp.0.join("no such run")];
+    let report = run(&runs, &temp.0.join("truth"), &EvaluateOptions::default()).expect("an evaluation");
+    let published = report.published.as_ref().expect("published metrics");
+    assert_eq!((published.best_trial, published.failed_trials), (0, 1));
+    assert!(published.rows.iter().all(|r| r.failed == 1 && r.trials[1].is_none() && r.mean.is_some()));
+    let text = report.to_text();
+    assert!(text.contains("no such run failed:") && text.contains("1 of 2"), "{text}");
+    assert!(run(&runs[1..], &temp.0.join("truth"), &EvaluateOptions::default()).is_err());
+}
+
+#[test]
 fn the_component_filter_drops_floaters() {
     let temp = Temp::new("filter");
     write_truth(&desk(), &temp.0.join("truth"));
@@ -225,4 +239,64 @@ fn assert_same(ours: &Evaluation, theirs: &serde_json::Value) {
         theirs["mesh"].as_object().map(serde_json::Map::len)
     );
     assert!(compared > 15, "{compared} numbers");
+}
+
+/// Trials by the program itself: tables, a failure as a trial, and nothing done twice.
+#[test]
+fn trials_are_run_once_and_failures_stand_in_the_table() {
+    let temp = Temp::new("trials-run");
+    let program = || std::process::Command::new(env!("CARGO_BIN_EXE_artitwin"));
+    let object = temp.0.join("clamshell");
+    let options = "--seed 5 --parts 2 --family clamshell --textured --views 12 --width 240 --height 180";
+    let made =
+        program().args(["synth", "--out"]).arg(&object).args(options.split(' ')).output().expect("synth");
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let out = temp.0.join("out");
+    let run = |extra: &[&str]| {
+        let mut command = program();
+        command.arg("trials").arg(&object).args(["--methods", "registration,classical", "--seeds", "1"]);
+        // Coarse: the test asks for order, not for accuracy.
+        command.args(["--set", "surface.nodes=96", "--set", "surface.distance_nodes=81"]);
+        command.args(["--set", "surface.points=6000", "--out"]).arg(&out).args(extra);
+        let done = command.output().expect("trials");
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        (done.status.code(), text(&done.stdout), text(&done.stderr))
+    };
+    let (code, table, log) = run(&[]);
+    assert!([Some(0), Some(3)].contains(&code), "{log}");
+    assert!(table.contains("| clamshell | registration | classical |"), "{table}");
+    assert!(table.contains("Axis Ang") && table.contains("seconds"), "{table}");
+    let json: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(out.join("trials.json")).expect("a table"))
+            .expect("json");
+    assert_eq!(json["trials"].as_array().map(Vec::len), Some(2));
+    let axis = json["trials"][0]["published"]["rows"][0]["mean"].as_f64().expect("an axis");
+    assert!(axis < 1.0, "{axis}");
+    // Again: the same table, and no run.
+    let written = |method: &str| {
+        let path = out.join("clamshell").join(method).join("seed_0.json");
+        std::fs::metadata(path).and_then(|m| m.modified()).expect("a record")
+    };
+    let before = [written("registration"), written("classical")];
+    let (again, same, log) = run(&[]);
+    assert_eq!((again, same), (code, table.clone()), "{log}");
+    assert_eq!(before, [written("registration"), written("classical")]);
+    // Other settings would take the place of a result.
+    let (code, table, log) = run(&["--set", "capture.depth_max_m=0.2"]);
+    assert_eq!(code, Some(1), "another result stands in the place: {table}{log}");
+    assert!(log.contains("is the result of other inputs"), "{log}");
+    std::fs::write(out.join("trials.json"), "{}").expect("a file");
+    let (code, _, log) = run(&[]);
+    assert!(code == Some(1) && log.contains("was not written by trials"), "{log}");
+    let other = temp.0.join("other");
+    let mut command = program();
+    command
+        .arg("trials")
+        .arg(&object)
+        .args(["--methods", "registration", "--seeds", "1", "--out"])
+        .arg(&other);
+    let done = command.args(["--set", "capture.depth_max_m=0.2"]).output().expect("trials");
+    let table = String::from_utf8_lossy(&done.stdout).into_owned();
+    assert_eq!(done.status.code(), Some(3), "{}", String::from_utf8_lossy(&done.stderr));
+    assert!(table.contains("| F |") && table.contains("| 1 of 1 |"), "{table}");
 }

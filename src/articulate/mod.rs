@@ -14,7 +14,7 @@ mod world;
 
 pub use joints::free_motion::ParentMotion;
 pub use joints::joint::JointEstimate;
-pub use joints::joint_config::JointConfig;
+pub use joints::joint_config::{JointConfig, JointInference};
 pub use joints::kinematic_tree::{TreeJointEstimate, kinematic_tree};
 #[cfg(test)]
 pub use joints::motion_evidence::MatchEvidence;
@@ -22,6 +22,7 @@ pub use joints::motion_evidence::MatchEvidence;
 pub use joints::motion_evidence::MotionEvidence;
 pub use joints::pair_evidence::{ObservedState, PairEvidence};
 pub use joints::part_evidence::PartEvidence;
+pub use joints::published_joint::published_joint;
 #[cfg(test)]
 pub use joints::square_axes::SeenDirection;
 pub use joints::static_motion::static_motion;
@@ -34,14 +35,19 @@ pub use neural::optimise::{ArticulationProblem, ArticulationStart, ArticulationT
 pub use neural::state_model::{StateModel, SurfaceRay};
 pub use neural::trainer_error::TrainerError;
 pub use observations::{LiftedMatch, SurfaceSamples};
+pub use pair::surface_pair::FreeSpace;
 pub use part_surface::assemble::{LabelledState, NO_LABEL, part_tsdf};
 pub use part_surface::contradicted::{OtherState, contradicted};
 pub use part_surface::label_grid::label_grid;
-pub use parts::config::RegisterConfig;
+pub use parts::config::{RegisterConfig, RegisterMethod};
+pub use parts::difference::register_by_difference;
 #[cfg(test)]
 pub use parts::error::RegisterError;
 pub use parts::evidence_curve::EvidencePoint;
-pub use parts::register::{Registration, register};
+pub use parts::register::Registration;
+pub use parts::registrar::Registrar;
+#[cfg(test)]
+pub use parts::registrar::register;
 pub use parts::states::{StatePair, United, unite};
 pub use samples::mesh_samples::mesh_samples;
 pub use world::standing::standing_share;

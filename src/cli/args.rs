@@ -14,6 +14,7 @@ use crate::{
     capture::Paper,
     evaluate::EvaluateOptions,
     gap::record::command::{EffortUnit, ToldServo},
+    io::DatasetLayout,
     synth::{Effect, HandheldSensor, PoseSpread, SynthConfig},
 };
 
@@ -43,6 +44,8 @@ pub enum Command {
     Board(BoardArgs),
     /// Measure finished runs against the truth
     Evaluate(EvaluateArgs),
+    /// Run methods on objects with their truth, some seeds each, and write their tables
+    Trials(TrialsArgs),
     /// Find what would keep a simulator from loading a URDF folder as it is meant
     Check(CheckArgs),
     /// Find where a twin and recorded motion disagree, name the missing effect, update the twin
@@ -85,7 +88,7 @@ pub enum ConfigCommand {
 #[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Configuration, later wins")]
 pub struct SettingArgs {
-    /// Settings of a built-in preset: default, fields, preview or paper
+    /// Settings of a built-in preset: default, fields, preview, paper, registration or classical
     #[arg(long, value_name = "NAME")]
     pub preset: Option<String>,
     /// YAML file that holds the settings that differ
@@ -177,6 +180,37 @@ pub struct CheckArgs {
     /// Warnings count as errors
     #[arg(long)]
     pub strict: bool,
+}
+
+/// Options of `trials`.
+#[derive(Args, Clone, Debug)]
+pub struct TrialsArgs {
+    /// Recordings with their truth beside them: truth.json, or trans.json of a published dataset
+    #[arg(value_name = "OBJECT", required = true)]
+    pub objects: Vec<PathBuf>,
+    /// Presets to run, in the order of the table
+    #[arg(
+        long,
+        value_name = "PRESET,...",
+        value_delimiter = ',',
+        default_value = "default,registration,classical,fields,paper"
+    )]
+    pub methods: Vec<String>,
+    /// Also run the preset paper without each of its terms
+    #[arg(long)]
+    pub ablate: bool,
+    /// Trials of every object and method, with seeds 0, 1, ...
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub seeds: u16,
+    /// One setting of all methods, e.g. train.steps=500; may be repeated
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Folder that gets OBJECT/METHOD/seed_K, trials.json and trials.md. Trials that are there are not run again
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Events as lines of JSON on standard output
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Options of `evaluate`.
@@ -364,6 +398,10 @@ pub struct SynthArgs {
     /// States to film; those beyond two have further joint positions, in state2, state3, ...
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(2..=100))]
     pub states: u8,
+    /// Write a folder in the layout of a published dataset in place of bags, with its form of the truth: dta
+    /// (DigitalTwinArt) or paris
+    #[arg(long, value_parser = DatasetLayout::NAMES, conflicts_with_all = ["sensor", "board", "imu", "states"])]
+    pub layout: Option<String>,
     /// Views of each state
     #[arg(long, value_name = "N", default_value_t = SynthConfig::default().views)]
     pub views: usize,

@@ -7,7 +7,7 @@ use crate::{
     config::ConfigError,
     evaluate::EvaluateError,
     io::SynthError,
-    run::{DemonstrateError, RunError, chain},
+    run::{DemonstrateError, RunError, TrialsError, chain},
 };
 
 /// How a command ended; the number is the exit code.
@@ -40,6 +40,9 @@ pub enum CliError {
     /// The run failed or was stopped.
     #[error(transparent)]
     Run(#[from] RunError),
+    /// Trials ended.
+    #[error(transparent)]
+    Trials(#[from] TrialsError),
     /// The recording cannot be read.
     #[error(transparent)]
     Capture(#[from] CaptureError),
@@ -120,11 +123,13 @@ impl CliError {
             // Wrong settings are wrong usage, whichever layer finds them.
             Self::Config(_)
             | Self::Run(RunError::Config(_))
+            | Self::Trials(TrialsError::Run(RunError::Config(_)))
             | Self::Usage(_)
             | Self::Synth(SynthError::Config(_)) => Exit::Usage,
             #[cfg(feature = "node")]
             Self::Node(error) if error.is_usage() => Exit::Usage,
             Self::Run(RunError::Cancelled(_))
+            | Self::Trials(TrialsError::Run(RunError::Cancelled(_)))
             | Self::Demonstrate(DemonstrateError::Cancelled(_))
             | Self::Batch { cancelled: true, .. } => Exit::Cancelled,
             _ => Exit::Failed,

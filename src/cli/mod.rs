@@ -24,6 +24,7 @@ mod settings;
 mod synth;
 mod terminal;
 mod track;
+mod trials;
 mod wanted;
 
 use std::process::ExitCode;
@@ -69,6 +70,7 @@ fn run(command: Command) -> Result<Exit, CliError> {
         Command::Board(args) => board::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
+        Command::Trials(args) => trials::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Synth(args) => synth::run(&args),

@@ -92,7 +92,7 @@ fn reconstruct(
 }
 
 /// Lets the first Ctrl-C (or SIGTERM) set the flag; the second ends the process.
-fn stop_on_request(events: Sender<Event>, stop: Arc<AtomicBool>) -> Result<(), CliError> {
+pub(super) fn stop_on_request(events: Sender<Event>, stop: Arc<AtomicBool>) -> Result<(), CliError> {
     ctrlc::set_handler(move || {
         // A step may take long: who asks twice does not want to wait.
         if stop.swap(true, Ordering::Relaxed) {

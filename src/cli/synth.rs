@@ -43,7 +43,11 @@ pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
         imu: args.imu,
     };
     let OutputArgs { out, name, force } = args.output.clone();
-    let (committed, object) = io::write_synth(&io::Place { out, name, force, inputs: Vec::new() }, &config)?;
+    let place = io::Place { out, name, force, inputs: Vec::new() };
+    let (committed, object) = match args.layout.as_deref().and_then(io::DatasetLayout::named) {
+        Some(layout) => io::write_synth_dataset(&place, &config, layout)?,
+        None => io::write_synth(&place, &config)?,
+    };
     committed.note().iter().for_each(|note| terminal::print_line(&note.text));
     let mut text =
         format!("{}: {} of {} parts\n", committed.folder.display(), object.family, object.parts.len());

@@ -96,6 +96,7 @@ fn surface(config: &Config) -> Ranges {
         ("surface.points", s.points as f64, 100.0, 1e7),
         ("surface.min_component", s.min_component, 0.0, 1.0),
         ("surface.truncation_m", s.truncation_m.unwrap_or(1.0), 1e-5, 1e3),
+        ("surface.truncation_normalized", s.truncation_normalized.unwrap_or(1.0), 1e-3, 1.0),
         ("surface.min_readings", s.min_readings, 0.0, 1e6),
     ]
 }

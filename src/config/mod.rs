@@ -7,6 +7,7 @@
 //! Each group is owned by the layer that uses it, which is also the only home of its defaults. Every key is
 //! serialized (no `skip_serializing_if`): the serialized default is the list of valid keys.
 
+mod ablation;
 mod check;
 mod error;
 mod layers;
@@ -18,6 +19,7 @@ mod run;
 
 use serde::{Deserialize, Serialize};
 
+pub use ablation::ABLATIONS;
 pub use error::ConfigError;
 pub use layers::{Layers, Resolved};
 pub use origins::Origins;
@@ -27,7 +29,7 @@ pub use preset::preset_cost;
 pub use run::{Engine, Init, RunConfig};
 
 use crate::{
-    articulate::{ArticulationConfig, JointConfig, RegisterConfig},
+    articulate::{ArticulationConfig, JointConfig, JointInference, RegisterConfig},
     capture::{CaptureConfig, MatchConfig},
     export::{ExportConfig, LookConfig},
     field::TrainConfig,
@@ -79,6 +81,12 @@ impl Config {
     #[must_use]
     pub fn seeks_consistency(&self) -> bool {
         self.articulation.refine || self.run.init == Init::Identity
+    }
+
+    /// Whether the run is defined for two states alone.
+    #[must_use]
+    pub fn takes_two_states(&self) -> bool {
+        self.seeks_consistency() || self.joint.inference == JointInference::Published
     }
 
     /// Whether the run needs neural fields.

@@ -4,11 +4,13 @@ use super::error::ConfigError;
 
 /// Name and text of every preset.
 // Built in, so that the program needs no files beside it.
-pub const PRESETS: [(&str, &str); 4] = [
+pub const PRESETS: [(&str, &str); 6] = [
     ("default", include_str!("../../launch_configs/default.yaml")),
     ("fields", include_str!("../../launch_configs/fields.yaml")),
     ("preview", include_str!("../../launch_configs/preview.yaml")),
     ("paper", include_str!("../../launch_configs/paper.yaml")),
+    ("registration", include_str!("../../launch_configs/registration.yaml")),
+    ("classical", include_str!("../../launch_configs/classical.yaml")),
 ];
 
 /// What a preset costs in accuracy, as measured on rendered recordings (docs/figures.md); nothing for other
@@ -28,6 +30,12 @@ pub fn preset_cost(name: &str) -> Option<&'static str> {
             "the published method, for comparison: joint errors up to a hundred times those of the preset \
              default",
         ),
+        "registration" => {
+            Some("surfaces of the preset default; joints by registration alone, for comparison")
+        }
+        "classical" => {
+            Some("a cheap baseline for comparison: fails where a part moves by more than its size")
+        }
         _ => None,
     }
 }

@@ -28,6 +28,9 @@ const SEEN_STRIDE: usize = 4;
 pub struct Evaluation {
     /// Folder of the run.
     pub run: String,
+    /// Why the run has no twin, if it has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub failed: Option<String>,
     /// Parts of the true object, the one that stays included.
     pub parts_true: usize,
     /// Parts of the run.
@@ -36,6 +39,21 @@ pub struct Evaluation {
     pub joints: Vec<JointRow>,
     /// Surfaces by `state<k>/<part>`, where the part is `static`, a name or `whole`.
     pub mesh: BTreeMap<String, MeshRow>,
+}
+
+impl Evaluation {
+    /// A run without a twin: every part is missing.
+    pub(super) fn failed(run: &str, truth: &Truth, why: String) -> Self {
+        let joints = truth.parts.iter().filter_map(|p| Some(JointRow::missing(&p.name, p.joint.as_ref()?)));
+        Self {
+            run: run.to_owned(),
+            failed: Some(why),
+            parts_true: truth.parts.len(),
+            parts_found: 0,
+            joints: joints.collect(),
+            mesh: BTreeMap::new(),
+        }
+    }
 }
 
 /// One surface in one state; a number that could not be measured is left out.
@@ -106,7 +124,14 @@ pub fn compare(
     // Links without a mesh are half of a screw, no parts.
     let parts_found =
         run.parts.iter().filter(|p| p.iter().any(|&l| !run.tree.links[l].visual.is_empty())).count();
-    Ok(Evaluation { run: name.to_owned(), parts_true: truth.parts.len(), parts_found, joints, mesh })
+    Ok(Evaluation {
+        run: name.to_owned(),
+        failed: None,
+        parts_true: truth.parts.len(),
+        parts_found,
+        joints,
+        mesh,
+    })
 }
 
 /// Mean displacement of a true part under the motion of every found movable part over all states that run and

@@ -2,7 +2,8 @@
 
 use crate::surface::{TriangleMesh, drop_unused_vertices, weld};
 
-/// The mesh without the components that have fewer than `share` times the triangles of the largest one.
+/// The mesh without the components that have less than `share` times the area of the largest one. The released
+/// evaluation counts triangles of marching cubes, which are alike in size; those of a simplified mesh are not.
 /// Triangles are connected by common vertices; vertices at the same position are one.
 #[must_use]
 pub fn large_components(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
@@ -17,12 +18,12 @@ pub fn large_components(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
         }
     }
     let roots: Vec<u32> = welded.triangles.iter().map(|t| find(&mut parent, t[0])).collect();
-    let mut count = vec![0usize; welded.vertices.len()];
-    for &r in &roots {
-        count[r as usize] += 1;
+    let mut area_m2 = vec![0.0; welded.vertices.len()];
+    for (t, &r) in roots.iter().enumerate() {
+        area_m2[r as usize] += f64::from(welded.area_normal(t).norm());
     }
-    let least = share * count.iter().copied().max().unwrap_or(0) as f64;
-    let kept = welded.triangles.iter().zip(&roots).filter(|(_, r)| count[**r as usize] as f64 >= least);
+    let least_m2 = share * area_m2.iter().copied().fold(0.0, f64::max);
+    let kept = welded.triangles.iter().zip(&roots).filter(|(_, r)| area_m2[**r as usize] >= least_m2);
     let triangles = kept.map(|(t, _)| *t).collect();
     drop_unused_vertices(&TriangleMesh { triangles, ..welded })
 }
@@ -49,6 +50,15 @@ mod tests {
         let all = merge(&[&a, &sliver, &b]);
         assert_eq!(large_components(&all, 0.1).triangles.len(), 24, "1 of 12 is less than 10 %");
         assert_eq!(large_components(&all, 0.05).triangles.len(), 25);
+        // By area, not by count: a floater of many small triangles goes, a plate of two large ones stays.
+        let mut fine = TriangleMesh::default();
+        for k in 0..30 {
+            let x = 9.0 + 0.01 * k as f32;
+            fine = merge(&[&fine, &box_mesh([x, 0.0, 0.0], [x + 0.01, 0.01, 0.01], [4; 3])]);
+        }
+        let mut plate = box_mesh([-9.0; 3], [-8.0; 3], [5; 3]);
+        plate.triangles.truncate(2);
+        assert_eq!(large_components(&merge(&[&a, &fine, &plate]), 0.1).triangles.len(), 14);
         // The same box as a soup of triangles is still one component.
         let mut soup = TriangleMesh::default();
         for t in 0..a.triangles.len() {

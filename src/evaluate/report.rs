@@ -56,6 +56,10 @@ impl EvaluationReport {
 
 fn push_trial(out: &mut String, trial: &Evaluation) {
     // Writing to a string cannot fail, here and below.
+    if let Some(why) = &trial.failed {
+        writeln!(out, "\nrun {} failed: {why}", trial.run).ok();
+        return;
+    }
     writeln!(out, "\nrun {}: {} parts found, {} true", trial.run, trial.parts_found, trial.parts_true).ok();
     let head = ["part", "type", "axis deg", "axis mm", "motion", "error mm"].map(String::from);
     let joints = trial.joints.iter().map(joint_cells);
@@ -98,7 +102,7 @@ fn push_published(out: &mut String, published: &Published, trials: usize) {
         String::new()
     };
     writeln!(out, "\nmetrics as published{spread}").ok();
-    let mut rows = vec![["metric", "unit", "mean", "std", "best"].map(String::from).to_vec()];
+    let mut rows = vec![["metric", "unit", "mean", "std", "best", "trials"].map(String::from).to_vec()];
     for row in &published.rows {
         let places = if row.unit == "m" { 4 } else { 3 };
         // F, as the tables print a failed trial.
@@ -109,6 +113,7 @@ fn push_published(out: &mut String, published: &Published, trials: usize) {
             failed(row.mean),
             failed(row.std),
             failed(row.best),
+            format!("{} of {trials}", trials - row.failed),
         ]);
     }
     if trials == 1 {
@@ -119,7 +124,8 @@ fn push_published(out: &mut String, published: &Published, trials: usize) {
     if published.failed_trials > 0 {
         writeln!(
             out,
-            "in {} of {trials} trials a part is missing; mean and std are over the others",
+            "in {} of {trials} trials a part or the twin is missing; mean and std are over the trials that have \
+             the number",
             published.failed_trials
         )
         .ok();

@@ -40,7 +40,7 @@ struct StateEntry {
 
 impl RunFiles {
     /// Reads the one `.urdf` of a folder (`.ros.urdf` aside) and `report.json` beside it. Components with
-    /// fewer than `min_component` times the triangles of the largest are dropped from each link's mesh.
+    /// less than `min_component` times the area of the largest are dropped from each link's mesh.
     ///
     /// # Errors
     /// A file that is missing or damaged, named in the error.

@@ -6,17 +6,14 @@ use super::plan::{Block, Plan};
 use super::simd::{COLUMN_ALIGN, Columns, Epilogue, InstructionSet};
 use super::{FieldLosses, GEOMETRY_OUTPUTS, SampleBatch, SdfTarget, VIEW_COEFFICIENTS};
 
-/// TSDF value below which a ray that hits nothing is penalised: docs/method.md (12.6).
-const BACKGROUND_MINIMUM: f32 = 0.001;
-
 /// Loss of one sample and its derivative by the network's TSDF `s`.
 pub(super) fn sdf_loss(s: f32, target: SdfTarget) -> (f32, f32) {
     match target {
         SdfTarget::Ignore => (0.0, 0.0),
         // docs/method.md (12.4), here and below with the derivatives of (12.10).
-        SdfTarget::Empty { weight } => {
-            if s < 1.0 {
-                (weight * (1.0 - s), -weight)
+        SdfTarget::Empty { value, weight } => {
+            if s < value {
+                (weight * (value - s), -weight)
             } else {
                 (0.0, 0.0)
             }
@@ -26,8 +23,8 @@ pub(super) fn sdf_loss(s: f32, target: SdfTarget) -> (f32, f32) {
             (weight * (s - value) * (s - value), 2.0 * weight * (s - value))
         }
         // docs/method.md (12.6).
-        SdfTarget::Background { weight } => {
-            let below = s - BACKGROUND_MINIMUM;
+        SdfTarget::Background { value, weight } => {
+            let below = s - value;
             if below < 0.0 { (weight * below * below, 2.0 * weight * below) } else { (0.0, 0.0) }
         }
     }

@@ -9,9 +9,6 @@ use super::{SampleBatch, SdfTarget};
 /// 2 kB a sample with 64 hidden units.
 const PIECE_SAMPLES: usize = 1 << 17;
 
-/// TSDF target where a sample on an empty ray must stay above it: docs/method.md (12.6).
-pub(super) const BACKGROUND_TSDF: f32 = 0.001;
-
 /// Samples of a range of rays. The first `lit_rays.len() * per_ray` samples belong to rays with color loss,
 /// `per_ray` each; further samples have TSDF supervision only. Samples without any loss are left out.
 #[derive(Debug, Default, PartialEq)]
@@ -20,7 +17,7 @@ pub(super) struct Piece {
     pub samples: usize,
     /// `[samples, 3]` positions in the unit cube.
     pub points: Vec<f32>,
-    /// `[samples, 4]`: weight of `max(1 - s, 0)`, of `(s - value)^2`, `value`, weight of `max(0.001 - s,
+    /// `[samples, 4]`: weight of `max(value - s, 0)`, of `(s - value)^2`, `value`, weight of `max(value - s,
     /// 0)^2`.
     pub targets: Vec<f32>,
     /// Rays with color loss, by their index in the batch.
@@ -73,9 +70,9 @@ impl Piece {
         self.points.extend_from_slice(&batch.points[i]);
         self.targets.extend_from_slice(&match batch.targets[i] {
             SdfTarget::Ignore => [0.0; 4],
-            SdfTarget::Empty { weight } => [weight, 0.0, 0.0, 0.0],
+            SdfTarget::Empty { value, weight } => [weight, 0.0, value, 0.0],
             SdfTarget::Surface { value, weight } => [0.0, weight, value, 0.0],
-            SdfTarget::Background { weight } => [0.0, 0.0, 0.0, weight],
+            SdfTarget::Background { value, weight } => [0.0, 0.0, value, weight],
         });
     }
 }
@@ -86,11 +83,11 @@ mod tests {
 
     /// 4 rays of 3 samples: two lit, one lit, none lit, without any loss. Positions are `[sample, 0, 0]`.
     fn batch() -> SampleBatch {
-        let empty = |w| SdfTarget::Empty { weight: w };
+        let empty = |w| SdfTarget::Empty { value: 1.0, weight: w };
         let mut targets = vec![empty(1.0); 12];
         targets[4] = SdfTarget::Surface { value: 0.25, weight: 2.0 };
         targets[7] = SdfTarget::Ignore;
-        targets[8] = SdfTarget::Background { weight: 3.0 };
+        targets[8] = SdfTarget::Background { value: 0.125, weight: 3.0 };
         targets[9..].fill(SdfTarget::Ignore);
         SampleBatch {
             rays: 4,
@@ -114,7 +111,7 @@ mod tests {
         assert_eq!((p.lit_rays.as_slice(), p.per_ray, p.samples), ([0, 1].as_slice(), 2, 8));
         assert_eq!(p.color_weights, [0.5, 0.5, 0.0, 1.0]);
         assert_eq!(p.targets[12..16], [0.0, 2.0, 0.25, 0.0]);
-        assert_eq!(p.targets[28..], [0.0, 0.0, 0.0, 3.0]);
+        assert_eq!(p.targets[28..], [0.0, 0.0, 0.125, 3.0]);
     }
 
     #[test]
@@ -125,7 +122,7 @@ mod tests {
             rays: 3,
             samples_per_ray: per_ray,
             points: vec![[0.5; 3]; n],
-            targets: vec![SdfTarget::Empty { weight: 1.0 }; n],
+            targets: vec![SdfTarget::Empty { value: 1.0, weight: 1.0 }; n],
             color_weights: vec![0.0; n],
             directions: vec![[0.0, 0.0, 1.0]; 3],
             colors: vec![[0.5; 3]; 3],

@@ -5,7 +5,7 @@ use burn::tensor::{
     activation::{relu, sigmoid},
 };
 
-use super::burn_batch::{BACKGROUND_TSDF, Piece};
+use super::burn_batch::Piece;
 use super::burn_hash::hash_encode;
 use super::{FieldParams, GEOMETRY_OUTPUTS, LevelLayout, SampleBatch, VIEW_COEFFICIENTS, view_coefficients};
 
@@ -95,9 +95,10 @@ fn network(mut x: Tensor<2>, params: &[Tensor<1>], shapes: &[[usize; 2]]) -> Ten
 /// `Piece::targets`.
 fn sdf_loss(tsdf: &Tensor<2>, targets: &Tensor<2>) -> Tensor<1> {
     let column = |k: usize| targets.clone().narrow(1, k, 1);
-    let empty = column(0) * relu(tsdf.clone().neg() + 1.0);
+    let below = relu(column(2) - tsdf.clone());
+    let empty = column(0) * below.clone();
     let surface = column(1) * (tsdf.clone() - column(2)).square();
-    let background = column(3) * relu(tsdf.clone().neg() + BACKGROUND_TSDF).square();
+    let background = column(3) * below.square();
     (empty + surface + background).sum()
 }
 

@@ -18,9 +18,9 @@ pub(super) fn trial_batch() -> SampleBatch {
     let spread = |i: usize, base: f64| ((i + 1) as f64 * base).fract() as f32;
     let point = |i: usize| [spread(i, 0.819_172_5), spread(i, 0.671_043_6), spread(i, 0.549_700_5)];
     let target = |i: usize| match i % 4 {
-        0 => SdfTarget::Empty { weight: 1.0 },
+        0 => SdfTarget::Empty { value: 1.0, weight: 1.0 },
         1 => SdfTarget::Surface { value: spread(i, 0.3) - 0.5, weight: 5.0 },
-        2 => SdfTarget::Background { weight: 2.0 },
+        2 => SdfTarget::Background { value: 0.001, weight: 2.0 },
         _ => SdfTarget::Ignore,
     };
     SampleBatch {

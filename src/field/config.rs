@@ -32,7 +32,9 @@ pub struct TrainConfig {
     pub learning_rate_decay: f64,
     /// Weight of the empty-space term.
     pub empty_weight: f64,
-    /// Weight of the surface term, per squared length in the normalised cube (whose half side is 1).
+    /// Weight of the surface term, per squared truncation: the balance against empty space is then the same
+    /// at every truncation. The published 6000 a squared length of the normalized cube are 5.4 at the
+    /// published truncation of 0.03.
     pub surface_weight: f64,
     /// Weight of the color term.
     pub color_weight: f64,
@@ -44,8 +46,12 @@ pub struct TrainConfig {
     /// run has one truncation for fields and surfaces, whose key is `surface.truncation_m`.
     #[serde(skip)]
     pub truncation_m: Option<f64>,
+    /// Whether the network learns what is left of the fused distances, in place of all of the distance.
+    pub residual: bool,
+    /// Whether a ray teaches only the side of the fused surface that its camera sees.
+    pub side_test: bool,
     /// TSDF that a fresh field starts from, in truncations (the bias of the last geometry layer). Where
-    /// nothing was observed, the field stays near it.
+    /// nothing was observed, the field stays near it. A residual starts from 0.
     pub initial_tsdf: f64,
     /// Which distance the surface term asks for.
     pub distance: SurfaceDistance,
@@ -108,11 +114,13 @@ impl Default for TrainConfig {
             learning_rate: 0.01,
             learning_rate_decay: 0.1,
             empty_weight: 1.0,
-            surface_weight: 6000.0,
+            surface_weight: 5.4,
             color_weight: 10.0,
             color_share: 1.0,
             color_sharpness: 5.0,
             truncation_m: None,
+            residual: true,
+            side_test: true,
             initial_tsdf: -1.0,
             distance: SurfaceDistance::Ray,
             behind_falloff: true,

@@ -5,13 +5,17 @@ use serde::{Deserialize, Serialize};
 
 use super::{EngineError, FieldParams};
 
-/// What the TSDF at one sample is asked to be; `s` is the network's TSDF in truncation distances.
+/// What the network's output `s` at one sample is asked to be, in truncation distances. Of a network that
+/// learns what is left of a known distance, that distance is taken out of the `value`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SdfTarget {
     /// No supervision.
     Ignore,
-    /// Empty space in front of a surface: `weight * |s - 1|` where `s < 1`: docs/method.md (12.4).
+    /// Empty space in front of a surface: `weight * |s - value|` where `s < value`, which is 1:
+    /// docs/method.md (12.4).
     Empty {
+        /// TSDF from which on space is empty.
+        value: f32,
         /// Loss weight.
         weight: f32,
     },
@@ -23,12 +27,18 @@ pub enum SdfTarget {
         /// Loss weight.
         weight: f32,
     },
-    /// On a ray that hits no object: `weight * (s - 0.001)^2` where `s < 0.001` ("background free space").
+    /// On a ray that hits no object: `weight * (s - value)^2` where `s < value`, which is
+    /// [`BACKGROUND_TSDF`] ("background free space").
     Background {
+        /// TSDF from which on space is not filled.
+        value: f32,
         /// Loss weight.
         weight: f32,
     },
 }
+
+/// TSDF target where a sample on an empty ray must stay above it: docs/method.md (12.6).
+pub const BACKGROUND_TSDF: f32 = 0.001;
 
 /// The samples of one optimiser step: `rays` rays of `samples_per_ray` samples each, ray-major.
 #[derive(Clone, Debug, Default)]

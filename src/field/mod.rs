@@ -16,6 +16,7 @@ mod cpu;
 #[cfg(test)]
 mod cpu_tests;
 mod engine;
+mod fused;
 #[cfg(feature = "gpu")]
 mod gpu_hash;
 #[cfg(feature = "gpu")]

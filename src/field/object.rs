@@ -1,8 +1,9 @@
 //! A trained field as other stages ask it: signed distances and colors at world points.
 
+use std::sync::Arc;
+
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 use super::harmonics::view_coefficients;
 use super::matrix::{COLOR_INPUTS, Matrix, Network};
@@ -19,7 +20,7 @@ const CHUNK: usize = 512;
 const COLOR_FEATURES: usize = GEOMETRY_OUTPUTS - 1;
 
 /// A frozen field of one state.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ObjectField {
     /// Parameters of the hash grid and the networks.
     pub params: FieldParams,
@@ -27,6 +28,8 @@ pub struct ObjectField {
     pub scene: SceneBox,
     /// Distance that the network's TSDF counts in, meters.
     pub truncation_m: f64,
+    /// Distances that the network's TSDF is added to, in truncations; none where it is the whole.
+    pub base: Option<Arc<Grid3<f32>>>,
 }
 
 impl ObjectField {
@@ -39,7 +42,8 @@ impl ObjectField {
         let chunk = |points: &[Point3<f64>]| {
             let mut b = Buffers::new(&query, points);
             query.geometry(&mut b);
-            b.outputs[..points.len()].iter().map(|s| s * truncation_m).collect::<Vec<_>>()
+            let base = |p: &Point3<f64>| self.base.as_ref().map_or(0.0, |base| base.sample(p));
+            b.outputs.iter().zip(points).map(|(s, p)| (s + base(p)) * truncation_m).collect::<Vec<_>>()
         };
         points.par_chunks(CHUNK).map(chunk).collect::<Vec<_>>().concat()
     }
@@ -323,7 +327,7 @@ mod tests {
             hidden: 64,
         };
         let scene = SceneBox::around(&Point3::new(-0.3, 0.1, 0.0), &Point3::new(0.4, 0.5, 1.1));
-        ObjectField { params: field(&config, 21), scene, truncation_m: 0.025 }
+        ObjectField { params: field(&config, 21), scene, truncation_m: 0.025, base: None }
     }
 
     fn queries(n: usize) -> (Vec<Point3<f64>>, Vec<Vector3<f64>>) {

@@ -115,7 +115,8 @@ mod tests {
 
     fn batch(rays: usize, per_ray: usize, active: impl Fn(usize) -> bool) -> SampleBatch {
         let n = rays * per_ray;
-        let target = |i| if active(i) { SdfTarget::Empty { weight: 1.0 } } else { SdfTarget::Ignore };
+        let target =
+            |i| if active(i) { SdfTarget::Empty { value: 1.0, weight: 1.0 } } else { SdfTarget::Ignore };
         SampleBatch {
             rays,
             samples_per_ray: per_ray,

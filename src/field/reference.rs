@@ -37,8 +37,8 @@ pub(super) fn batch(rays: usize, samples_per_ray: usize, seed: u64) -> SampleBat
         let weight = 0.5 + uniform(&mut rng);
         b.targets.push(match i % 5 {
             0 => SdfTarget::Ignore,
-            1 => SdfTarget::Empty { weight },
-            2 => SdfTarget::Background { weight: 100.0 * weight },
+            1 => SdfTarget::Empty { value: 1.5 - uniform(&mut rng), weight },
+            2 => SdfTarget::Background { value: uniform(&mut rng) - 0.5, weight: 100.0 * weight },
             _ => SdfTarget::Surface { value: uniform(&mut rng) * 2.0 - 1.0, weight: 6.0 * weight },
         });
         let with_color = i / samples_per_ray % 3 != 0 && i % 2 == 0;
@@ -136,9 +136,11 @@ pub(super) fn losses(field: &Reference<'_>, batch: &SampleBatch) -> (f64, f64) {
             let s = field.geometry(unit)[0];
             sdf += match batch.targets[i] {
                 SdfTarget::Ignore => 0.0,
-                SdfTarget::Empty { weight } => f64::from(weight) * (1.0 - s).max(0.0),
+                SdfTarget::Empty { value, weight } => f64::from(weight) * (f64::from(value) - s).max(0.0),
                 SdfTarget::Surface { value, weight } => f64::from(weight) * (s - f64::from(value)).powi(2),
-                SdfTarget::Background { weight } => f64::from(weight) * (s - 0.001).min(0.0).powi(2),
+                SdfTarget::Background { value, weight } => {
+                    f64::from(weight) * (s - f64::from(value)).min(0.0).powi(2)
+                }
             };
             if batch.color_weights[i] != 0.0 {
                 for (c, v) in seen.iter_mut().zip(field.color(unit, batch.directions[ray])) {
@@ -159,9 +161,9 @@ pub(super) fn losses(field: &Reference<'_>, batch: &SampleBatch) -> (f64, f64) {
 fn the_slope_of_a_loss_is_its_derivative() {
     for target in [
         SdfTarget::Ignore,
-        SdfTarget::Empty { weight: 2.0 },
+        SdfTarget::Empty { value: 1.0, weight: 2.0 },
         SdfTarget::Surface { value: 0.3, weight: 5.0 },
-        SdfTarget::Background { weight: 100.0 },
+        SdfTarget::Background { value: 0.001, weight: 100.0 },
     ] {
         for s in [-0.7f32, -0.1, 0.2, 0.9, 1.3] {
             let h = 1e-3;

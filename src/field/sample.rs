@@ -1,13 +1,15 @@
 //! The samples of an optimiser step, a pure function of seed and step (docs/method.md 12.3).
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::config::NON_NEGATIVE_WEIGHT;
+use super::engine::BACKGROUND_TSDF;
+use super::fused::sees_side;
 use super::pool::{FAR_M, NEAR_M, RayPool, SurfaceRay};
 use super::{BackgroundLoss, Occupancy, SampleBatch, SdfTarget, SurfaceDistance, TrainConfig};
 use crate::{
-    geometry::SceneBox,
+    geometry::{Grid3, SceneBox},
     random::{STREAM_STEP, mix, unit_of},
 };
 
@@ -23,6 +25,10 @@ pub(super) struct Sampler<'a> {
     pub truncation_m: f64,
     /// Trust in every surface ray, of 255.
     pub trust: &'a [u8],
+    /// Fused distances, meters, where rays are to teach their side of them alone.
+    pub sides: Option<&'a Grid3<f32>>,
+    /// What the network's output is added to, truncations, where it is a residual.
+    pub base: Option<&'a Grid3<f32>>,
 }
 
 /// A counter-based stream of uniform numbers in `[0, 1)`, one a ray, so that rays can be drawn in any order.
@@ -129,15 +135,19 @@ impl Sampler<'_> {
                     + band
                         * (2.0 * ((i - c.free_samples) as f64 + stream.next()) / c.band_samples as f64 - 1.0)
             };
-            slot.points[i] = self.unit(&origin, &direction, z);
-            let value = (depth - z) * per_depth;
+            let place = origin + direction * z;
+            slot.points[i] = self.unit(&place);
+            let (value, base) = ((depth - z) * per_depth, self.base(&place));
             if free {
-                slot.targets[i] = SdfTarget::Empty { weight: c.empty_weight as f32 };
+                slot.targets[i] = SdfTarget::Empty { value: 1.0 - base, weight: c.empty_weight as f32 };
                 continue;
             }
             // Behind the surface the depth says less and less: what lies there is hidden.
             let falloff = if c.behind_falloff { (1.0 + value).clamp(0.0, 1.0) } else { 1.0 };
-            slot.targets[i] = SdfTarget::Surface { value: value as f32, weight: weight * falloff as f32 };
+            if self.sides.is_none_or(|sides| sees_side(sides, tau, &place, &origin)) {
+                let value = value as f32 - base;
+                slot.targets[i] = SdfTarget::Surface { value, weight: weight * falloff as f32 };
+            }
             // The derivative of a logistic function: a bell about the surface.
             let e = (-c.color_sharpness * value).exp();
             slot.color_weights[i] = if colored { (e / ((1.0 + e) * (1.0 + e))) as f32 } else { 0.0 };
@@ -164,27 +174,31 @@ impl Sampler<'_> {
         let (origin, direction) = self.pool.views[usize::from(ray.frame)].ray(ray.pixel);
         let to = if ray.depth_m > 0.0 { f64::from(ray.depth_m) - self.truncation_m } else { FAR_M };
         self.occupancy.intervals(&origin, &direction, NEAR_M, to, intervals);
-        let target = match self.config.background {
+        let target = |base: f32| match self.config.background {
             BackgroundLoss::Off => SdfTarget::Ignore,
-            BackgroundLoss::Empty => SdfTarget::Empty { weight: self.config.empty_weight as f32 },
-            BackgroundLoss::NonNegative => SdfTarget::Background { weight: NON_NEGATIVE_WEIGHT as f32 },
+            BackgroundLoss::Empty => {
+                SdfTarget::Empty { value: 1.0 - base, weight: self.config.empty_weight as f32 }
+            }
+            BackgroundLoss::NonNegative => {
+                SdfTarget::Background { value: BACKGROUND_TSDF - base, weight: NON_NEGATIVE_WEIGHT as f32 }
+            }
         };
         let n = slot.points.len();
         for i in 0..n {
             if let Some(z) = stratified(intervals, (i as f64 + stream.next()) / n as f64) {
-                slot.points[i] = self.unit(&origin, &direction, z);
-                slot.targets[i] = target;
+                let place = origin + direction * z;
+                slot.points[i] = self.unit(&place);
+                slot.targets[i] = target(self.base(&place));
             }
         }
         *slot.direction = direction.normalize().map(|x| x as f32).into();
     }
 
-    /// Weight of a ray's surface terms: the configured one in truncations, times `2 cos / (1 + (sigma /
-    /// median)^2)` for the expected noise, times the trust in the ray.
+    /// Weight of a ray's surface terms: the configured one, times `2 cos / (1 + (sigma / median)^2)` for the
+    /// expected noise, times the trust in the ray.
     fn surface_weight(&self, ray: &SurfaceRay, trust: u8) -> f32 {
-        let normalised = self.truncation_m * self.scene.scale;
         // docs/method.md (12.5).
-        let mut weight = self.config.surface_weight * normalised * normalised * f64::from(trust) / 255.0;
+        let mut weight = self.config.surface_weight * f64::from(trust) / 255.0;
         if self.config.noise_weights {
             let ratio = f64::from(ray.sigma_m) / self.pool.median_sigma_m;
             weight *= 2.0 * f64::from(ray.cosine) / (1.0 + ratio * ratio);
@@ -192,9 +206,14 @@ impl Sampler<'_> {
         weight as f32
     }
 
-    /// Unit-cube coordinates of the point of a ray at a z-depth.
-    fn unit(&self, origin: &Point3<f64>, direction: &Vector3<f64>, z: f64) -> [f32; 3] {
-        let n = self.scene.normalise(&(origin + direction * z));
+    /// What the network's output at a place is added to, truncations.
+    fn base(&self, place: &Point3<f64>) -> f32 {
+        self.base.map_or(0.0, |base| base.sample(place))
+    }
+
+    /// Unit-cube coordinates of a place.
+    fn unit(&self, place: &Point3<f64>) -> [f32; 3] {
+        let n = self.scene.normalise(place);
         [n.x, n.y, n.z].map(|x| (0.5 * (x + 1.0)) as f32)
     }
 }

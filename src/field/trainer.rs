@@ -1,10 +1,13 @@
 //! Training of one field, step by step.
 
+use std::sync::Arc;
+
 use nalgebra::Point3;
 use rand_core::Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::fused::extended;
 use super::pool::RayPool;
 use super::sample::Sampler;
 use super::{
@@ -12,7 +15,7 @@ use super::{
     Occupancy, TrainConfig,
 };
 use crate::capture::RgbdFrame;
-use crate::geometry::SceneBox;
+use crate::geometry::{Grid3, SceneBox};
 use crate::random::stage_rng;
 
 /// Makes an engine that continues from a state.
@@ -27,6 +30,9 @@ pub struct TrainInput<'a> {
     pub scene: SceneBox,
     /// Cells near the surface points of all states.
     pub occupancy: &'a Occupancy,
+    /// Fused distances of the same frames, meters, NaN where nothing was observed. Without them a field learns
+    /// all of the distance, and from all rays.
+    pub fused: Option<&'a Grid3<f32>>,
 }
 
 /// Trains one field. Every step is a pure function of parameters, seed and step number: a resumed run gives
@@ -37,6 +43,10 @@ pub struct FieldTrainer {
     occupancy: Occupancy,
     truncation_m: f64,
     pool: RayPool,
+    /// Fused distances, meters, where rays teach their side alone.
+    sides: Option<Grid3<f32>>,
+    /// What the network's output is added to, truncations, where it is a residual.
+    base: Option<Arc<Grid3<f32>>>,
     trust: Vec<u8>,
     engine: Box<dyn FieldEngine>,
     seed: u64,
@@ -84,12 +94,23 @@ impl FieldTrainer {
         config.validate()?;
         let pool = RayPool::new(input.frames, input.occupancy, config)?;
         let mut params = FieldParams::init(&config.field, &mut stage_rng(seed, &format!("{stage}/init"), 0));
+        let truncation_m = config.derived_truncation_m(&input.scene, pool.median_sigma_m);
+        let base = input.fused.filter(|_| config.residual).map(|fused| extended(fused, truncation_m));
         // Output 0 is the distance: where nothing is observed, the field stays near its bias.
-        params.geometry[1].biases[0] = config.initial_tsdf as f32;
+        let last = &mut params.geometry[1];
+        if base.is_some() {
+            // The fused distances themselves, to begin with.
+            last.biases[0] = 0.0;
+            last.weights[..last.inputs].fill(0.0);
+        } else {
+            last.biases[0] = config.initial_tsdf as f32;
+        }
         let n = params.parameters();
         let engine = factory(EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 });
         Ok(Self {
-            truncation_m: config.derived_truncation_m(&input.scene, pool.median_sigma_m),
+            truncation_m,
+            sides: input.fused.filter(|_| config.side_test).cloned(),
+            base: base.map(Arc::new),
             trust: vec![u8::MAX; pool.surface.len()],
             config: config.clone(),
             scene: input.scene,
@@ -155,6 +176,8 @@ impl FieldTrainer {
             config,
             truncation_m: self.truncation_m,
             trust: &self.trust,
+            sides: self.sides.as_ref(),
+            base: self.base.as_deref(),
         };
         let batch = sampler.batch(key);
         // docs/method.md (12.9).
@@ -214,7 +237,12 @@ impl FieldTrainer {
     /// The field as it stands.
     #[must_use]
     pub fn field(&self) -> ObjectField {
-        ObjectField { params: self.engine.state().params, scene: self.scene, truncation_m: self.truncation_m }
+        ObjectField {
+            params: self.engine.state().params,
+            scene: self.scene,
+            truncation_m: self.truncation_m,
+            base: self.base.clone(),
+        }
     }
 
     /// What [`Self::restore`] needs.

@@ -72,6 +72,7 @@ mod poses;
 mod recording;
 mod source;
 mod synth_bag;
+mod synth_dataset;
 mod synth_error;
 mod synth_folder;
 mod synth_matrix;
@@ -96,6 +97,7 @@ pub use onnx::{MAX_MODEL_BYTES, OnnxError};
 #[cfg(feature = "onnx")]
 pub use onnx_matcher::OnnxMatcher;
 pub use recording::{object_name, open, state_count, track_camera};
+pub use synth_dataset::{DatasetLayout, write_synth_dataset};
 pub use synth_error::SynthError;
 pub use synth_folder::{write_synth, write_synth_bag, write_true_twin};
 pub use views::check_size;

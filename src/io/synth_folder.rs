@@ -200,7 +200,7 @@ fn put_workspace(folder: &RunDir, object: &Object, further: &[Object]) -> Result
 }
 
 /// What a made object takes on the disk, at least.
-fn least_bytes(config: &SynthConfig) -> u64 {
+pub(super) fn least_bytes(config: &SynthConfig) -> u64 {
     let views = (2 + config.further) * config.views;
     [views, config.width, config.height]
         .iter()
@@ -261,7 +261,7 @@ fn put_truth(
 }
 
 /// Binary little-endian PLY.
-fn ply(mesh: &TriangleMesh) -> Vec<u8> {
+pub(super) fn ply(mesh: &TriangleMesh) -> Vec<u8> {
     let mut bytes = format!(
         "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float \
          y\nproperty float z\nelement face {}\n\

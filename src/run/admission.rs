@@ -17,10 +17,11 @@ pub(super) fn checked_name(request: &ReconstructRequest) -> Result<String, RunEr
     // By names and folders alone; nothing is decoded yet.
     let found = io::object_name(&request.sources).map_err(|e| RunError::stage("capture", e))?;
     let states = io::state_count(&request.sources).map_err(|e| RunError::stage("capture", e))?;
-    if states > 2 && request.config.seeks_consistency() {
+    if states > 2 && request.config.takes_two_states() {
         let message = format!(
-            "{states} states were given, but fields are made consistent between two; give two states, or \
-             leave out `--init identity`, the presets fields and paper, and `articulation.refine`"
+            "{states} states were given, but fields are made consistent, and joints inferred as published, \
+             between two; give two states, or leave out `--init identity`, the presets fields and paper, \
+             `articulation.refine` and `joint.inference`"
         );
         return Err(RunError::stage("articulate", message));
     }

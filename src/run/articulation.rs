@@ -6,8 +6,8 @@ use super::{
 };
 use crate::{
     articulate::{
-        ArticulationProblem, ArticulationStart, ArticulationTrainer, Registration, StateModel, StatePair,
-        SurfaceRay, United, register, unite,
+        ArticulationProblem, ArticulationStart, ArticulationTrainer, FreeSpace, RegisterMethod, Registrar,
+        Registration, StateModel, StatePair, SurfaceRay, United, register_by_difference, unite,
     },
     capture::{NoiseConfig, RgbdFrame, pixel_weights},
     config::Init,
@@ -57,27 +57,41 @@ fn empty_in(surface: &StateSurface) -> impl Fn(&nalgebra::Point3<f64>) -> bool +
 /// given.
 ///
 /// # Errors
-/// No motion, no overlap, fewer motions than parts.
+/// No motion, no overlap, fewer motions than parts; a stop request, a checkpoint that cannot be written.
 pub(super) fn register_state(
     states: &[State],
     state: usize,
-    stage: &str,
-    parts: Option<usize>,
+    (stage, parts): (&str, Option<usize>),
     scene: &Scene,
+    checkpoint: Option<&Checkpoint>,
+    monitor: &Monitor,
 ) -> Result<Registration, RunError> {
+    let failed = |e| RunError::stage(stage, e);
     let pair = [&states[0].surface, &states[state].surface];
+    let surfaces = pair.map(|s| &s.samples);
+    if scene.config.register.method == RegisterMethod::Difference {
+        // Without a number of parts there are two, the fewest.
+        return register_by_difference(surfaces, parts.unwrap_or(2), &scene.config.register).map_err(failed);
+    }
     let empty = pair.map(empty_in);
     // A stream for each state: what is drawn for one does not depend on the others.
     let mut rng = stage_rng(scene.config.run.seed, "register", state as u64 - 1);
-    register(
-        &states[state].matches,
-        pair.map(|s| &s.samples),
-        [Some(&empty[0]), Some(&empty[1])],
-        parts,
-        &scene.config.register,
-        &mut rng,
-    )
-    .map_err(|e| RunError::stage(stage, e))
+    let free: [Option<FreeSpace>; 2] = [Some(&empty[0]), Some(&empty[1])];
+    let (matches, config) = (&states[state].matches, &scene.config.register);
+    let mut search = Registrar::new(matches, surfaces, free, parts, config, &mut rng).map_err(failed)?;
+    let file = format!("{}-search", stage.replace('/', "-"));
+    if let Some(saved) = checkpoint.and_then(|c| c.load(&file, monitor)) {
+        search.restore(saved);
+    }
+    while search.done() < search.total() {
+        // Kept where it was stopped: what was found does not have to be found again.
+        if let Err(stopped) = monitor.check() {
+            checkpoint.map_or(Ok(()), |c| c.save(&file, search.checkpoint()))?;
+            return Err(stopped.into());
+        }
+        search.step().map_err(failed)?;
+    }
+    Ok(search.registration())
 }
 
 /// Parts of more than two states from the registrations of state 0 with each other state.
@@ -176,7 +190,11 @@ fn optimise(
         run(&mut trainer, checkpoint, monitor)
     })?;
     let starts = from.motions.map_or_else(|| vec![Pose::identity(); start.motions.len()], <[Pose]>::to_vec);
-    let labels = (0..2).map(|s| trainer.labels(s, &states[s].surface.samples.points)).collect();
+    let labels = match config.run.init {
+        // What consistency makes better is the motions: labels by evidence on surfaces stand.
+        Init::Registration => start.labels.to_vec(),
+        Init::Identity => (0..2).map(|s| trainer.labels(s, &states[s].surface.samples.points)).collect(),
+    };
     Ok(Articulation::new(vec![trainer.motions()], labels, starts))
 }
 

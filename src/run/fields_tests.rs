@@ -83,7 +83,7 @@ fn field(start: Option<Start>, settings: &TrainConfig) -> (Result<TrainedField, 
     let points: Vec<_> =
         frames.iter().flat_map(|f| (0..f.depth_m.len()).filter_map(|p| f.world_point(p))).collect();
     let occupancy = Occupancy::new(&scene, &points, 0.05, 2);
-    let input = TrainInput { frames: &frames, scene, occupancy: &occupancy };
+    let input = TrainInput { frames: &frames, scene, occupancy: &occupancy, fused: None };
     let (events, reported) = mpsc::channel();
     let monitor = Monitor::new(events, Arc::new(AtomicBool::new(false)));
     let training = Training {

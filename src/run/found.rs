@@ -1,7 +1,7 @@
 //! Parts and motions of two states, or of more.
 
 use super::{
-    RunError, Stages,
+    Monitor, RunError, Stages,
     articulation::{Articulation, articulate, register_state, unite_states},
     scene::Scene,
     stage::stage_of,
@@ -44,8 +44,9 @@ pub(super) fn find_parts(states: &[State], scene: &Scene, stages: &mut Stages) -
     for state in 1..states.len() {
         let stage = stage_of("register", state, states.len());
         // All with state 0, whose samples carry the labels of every pair.
-        let register = || register_state(states, state, &stage, parts, scene);
-        registrations.push(stages.kept(&stage, None, |_| register())?);
+        let checkpoint = stages.checkpoint;
+        let register = |m: &Monitor| register_state(states, state, (&stage, parts), scene, checkpoint, m);
+        registrations.push(stages.kept(&stage, None, register)?);
     }
     match (states, registrations.as_slice()) {
         ([state0, state1], [one]) => found_in_pair([state0, state1], one, scene, stages),

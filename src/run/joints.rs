@@ -1,5 +1,7 @@
 //! The stage that finds the joints of parts that move.
 
+use nalgebra::{Point3, Vector3};
+
 use super::{
     articulation::{Articulation, PartsOfState},
     scene::Scene,
@@ -7,8 +9,8 @@ use super::{
 };
 use crate::{
     articulate::{
-        LiftedMatch, ObservedState, PairEvidence, ParentMotion, PartEvidence, SurfaceDraws,
-        TreeJointEstimate, kinematic_tree, static_motion,
+        JointInference, LiftedMatch, ObservedState, PairEvidence, ParentMotion, PartEvidence, SurfaceDraws,
+        TreeJointEstimate, kinematic_tree, published_joint, static_motion,
     },
     capture::PoseFindings,
     geometry::{NearestPoints, Pose},
@@ -22,6 +24,9 @@ pub(super) fn joints(
     articulation: &Articulation,
     scene: &Scene,
 ) -> Vec<TreeJointEstimate> {
+    if scene.config.joint.inference == JointInference::Published {
+        return published_joints(states, articulation);
+    }
     let draws = |(k, s): (usize, &State)| {
         let spacing_m = s.surface.sdf.spacing_m;
         SurfaceDraws::new(&poses.draws, k, &s.surface.samples, s.frames, &scene.noise, spacing_m)
@@ -42,6 +47,19 @@ pub(super) fn joints(
         (1..states.len()).map(|state| evidence.root(state, &states[state], poses)).collect();
     let extent_m = scene.bounds.extent_m();
     kinematic_tree(&root, &parts, &evidence.states, extent_m, &scene.config.joint)
+}
+
+/// Joints of all moving parts by their motions to state 1 alone, each on the static part.
+fn published_joints(states: &[State], articulation: &Articulation) -> Vec<TreeJointEstimate> {
+    let points = &states[0].surface.samples.points;
+    let middle = |part: usize| {
+        let labels = articulation.states[0].labels.iter();
+        let own = points.iter().zip(labels).filter(|(_, l)| usize::from(**l) == part).map(|(p, _)| p.coords);
+        let (sum, count) = own.fold((Vector3::zeros(), 0.0), |(sum, count), p| (sum + p, count + 1.0));
+        Point3::from(sum / f64::max(count, 1.0))
+    };
+    let motions = articulation.states[1].motions.iter().enumerate().skip(1);
+    motions.map(|(part, motion)| published_joint(motion, &middle(part))).collect()
 }
 
 /// What all states show, by part.

@@ -31,6 +31,7 @@ mod signs;
 mod stage;
 mod state;
 mod state_surface;
+mod trials;
 mod write;
 
 pub use batch::reconstruct_all;
@@ -44,3 +45,4 @@ pub use outcome::{JointSummary, Outcome, ReconstructRequest, RunError, chain};
 pub use reconstruct::reconstruct;
 pub use reconstruct_twin::{Twin, reconstruct_twin};
 pub use stage::Stages;
+pub use trials::{Method, TrialsError, TrialsRequest, trials};

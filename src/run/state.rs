@@ -11,7 +11,7 @@ use crate::{
     articulate::{LiftedMatch, ObservedState, SurfaceDraws},
     capture::RgbdFrame,
     field::{ObjectField, Occupancy, TrainInput},
-    surface::SurfaceSource,
+    surface::{SurfaceSource, TsdfVolume},
 };
 
 /// One state, in the world frame of state 0.
@@ -59,54 +59,57 @@ pub(super) fn observe<'a>(
     let occupancy = occupancy(frames, scene);
     let mut states = Vec::with_capacity(frames.len());
     for (state, (frames, Aligned { matches, drift })) in frames.iter().zip(aligned).enumerate() {
-        let field = field(state, frames, &occupancy, scene, stages)?;
-        let trained = field.as_ref().map(|f| &f.field);
-        let surface = surface(state, frames, trained, scene, stages)?;
+        let (field, surface) = observe_state(state, frames, &occupancy, scene, stages)?;
         states.push(State { frames, matches, drift, field, surface });
     }
     Ok(states)
 }
 
-/// The field of a state, where fields are wanted.
-fn field(
+/// The surface of a state, and its field, where fields are wanted.
+fn observe_state(
     state: usize,
     frames: &[RgbdFrame],
     occupancy: &Occupancy,
+    scene: &Scene,
+    stages: &mut Stages,
+) -> Result<(Option<TrainedField>, StateSurface), RunError> {
+    let config = &scene.config.surface;
+    let stage = format!("surface/state{state}");
+    // The volume is not kept: it takes twice the room of what is made of it, and as long to write as a tenth
+    // of its fusion. A field asks for it again.
+    if !scene.config.trains_fields()
+        && let Some(kept) = stages.recall::<_, RunError>(&stage)?
+    {
+        return Ok((None, kept));
+    }
+    let volume = stages.run(&format!("fusion/state{state}"), None, |_| {
+        Ok::<_, RunError>(fuse(frames, &scene.bounds, &scene.band, &scene.noise, config.nodes))
+    })?;
+    let field = field(state, frames, (occupancy, &volume), scene, stages)?;
+    // A field that was trained for consistency alone does not make the surface.
+    let trained = field.as_ref().map(|f| &f.field).filter(|_| config.source == SurfaceSource::Field);
+    let surface = stages.kept(&stage, None, |_| {
+        state_surface(frames, &volume, trained, &scene.bounds, &scene.band, &scene.noise, config)
+    })?;
+    Ok((field, surface))
+}
+
+/// The field of a state, where fields are wanted: near the occupied cells, about the fused volume.
+fn field(
+    state: usize,
+    frames: &[RgbdFrame],
+    (occupancy, volume): (&Occupancy, &TsdfVolume),
     scene: &Scene,
     stages: &mut Stages,
 ) -> Result<Option<TrainedField>, RunError> {
     if !scene.config.trains_fields() {
         return Ok(None);
     }
-    let input = TrainInput { frames, scene: scene.bounds, occupancy };
+    let fused = volume.tsdf(scene.band.min_weight);
+    let input = TrainInput { frames, scene: scene.bounds, occupancy, fused: Some(&fused) };
     let (stage, checkpoint) = (format!("field/state{state}"), stages.checkpoint);
     let train = |m: &super::Monitor| train_field(&stage, &input, scene, checkpoint, m);
     stages.run(&stage, Some(scene.config.train.steps), train).map(Some)
-}
-
-/// The surface of a state: by its field, where that is asked for, else by fusion.
-fn surface(
-    state: usize,
-    frames: &[RgbdFrame],
-    field: Option<&ObjectField>,
-    scene: &Scene,
-    stages: &mut Stages,
-) -> Result<StateSurface, RunError> {
-    let config = &scene.config.surface;
-    let stage = format!("surface/state{state}");
-    // The volume is not kept: it takes twice the room of what is made of it, and as long to write as a tenth
-    // of its fusion.
-    if let Some(kept) = stages.recall::<_, RunError>(&stage)? {
-        return Ok(kept);
-    }
-    let volume = stages.run(&format!("fusion/state{state}"), None, |_| {
-        Ok::<_, RunError>(fuse(frames, &scene.bounds, &scene.band, &scene.noise, config.nodes))
-    })?;
-    // A field that was trained for consistency alone does not make the surface.
-    let field = field.filter(|_| config.source == SurfaceSource::Field);
-    stages.kept(&stage, None, |_| {
-        state_surface(frames, &volume, field, &scene.bounds, &scene.band, &scene.noise, config)
-    })
 }
 
 /// Cells near the object in any state.

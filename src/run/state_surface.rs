@@ -38,9 +38,10 @@ impl Band {
         let sigma_m = median_over_object(all(), |f, i| f.sigma_m(i, noise)).unwrap_or(1.0);
         let depth_m = median_over_object(all(), |f, i| f64::from(f.depth_m[i])).unwrap_or(1.0);
         let one_reading_m = noise.sigma_m(depth_m);
+        let asked_m = config.truncation_m.or(config.truncation_normalized.map(|t| t / scene.scale));
         Self {
             // docs/method.md (3.1).
-            truncation_m: config.truncation_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * sigma_m)),
+            truncation_m: asked_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * sigma_m)),
             // A reading's weight is relative to one at 1 m (3.2), and the object is farther or nearer.
             min_weight: (config.min_readings * (noise.sigma_m(1.0) / one_reading_m).powi(2)) as f32,
         }
@@ -104,8 +105,11 @@ pub fn state_surface(
 ) -> Result<StateSurface, RunError> {
     let failed = |e| RunError::stage("surface", e);
     let mut tsdf = volume.tsdf(band.min_weight);
+    // Distances, visibility and free space on one grid (docs/method.md 3.4, 3.5).
+    let nodes = Grid3::over(scene, config.distance_nodes, ());
+    let free = free_space_grid(frames, &nodes, &FreeSpaceRule { noise: *noise, ..FreeSpaceRule::default() });
     if let Some(field) = field {
-        replace_by_field(&mut tsdf, field);
+        blend_in_field(&mut tsdf, volume.weights(), field, band.min_weight, &free);
     }
     let weight = Grid3 {
         origin: tsdf.origin,
@@ -118,9 +122,6 @@ pub fn state_surface(
         Some(field) => paint(&mut mesh, field),
         None => volume.paint(&mut mesh),
     }
-    // Distances, visibility and free space on one grid (docs/method.md 3.4, 3.5).
-    let nodes = Grid3::over(scene, config.distance_nodes, ());
-    let free = free_space_grid(frames, &nodes, &FreeSpaceRule { noise: *noise, ..FreeSpaceRule::default() });
     let visible = visibility_grid(frames, &nodes, band.truncation_m);
     // What was seen empty is outside, whatever an open mesh says.
     let sdf = signed_distance(&mesh, &nodes, Some(&free), &DistanceOptions::default()).map_err(failed)?;
@@ -128,14 +129,25 @@ pub fn state_surface(
     Ok(StateSurface { tsdf, weight, mesh, sdf, visible, free, samples })
 }
 
-/// Takes the field's distances at all observed nodes near a fused surface; elsewhere the fused free space
-/// stands.
-fn replace_by_field(tsdf: &mut Grid3<f32>, field: &ObjectField) {
+/// Takes the field's distances at all observed nodes near a fused surface, but where views saw that nothing
+/// is; elsewhere the fused free space stands. A field that is a residual counts as much as the least weight
+/// with which a node is observed (docs/method.md 12.5): it is a guess by its neighborhood, which readings
+/// outvote.
+fn blend_in_field(
+    tsdf: &mut Grid3<f32>,
+    weights: &[f32],
+    field: &ObjectField,
+    min_weight: f32,
+    free: &Grid3<bool>,
+) {
     let limit = field.truncation_m as f32;
     let near: Vec<usize> = (0..tsdf.values.len()).filter(|&i| tsdf.values[i].abs() < 0.999 * limit).collect();
     let points: Vec<_> = near.iter().map(|&i| tsdf.position(i)).collect();
-    for (i, d) in near.into_iter().zip(field.tsdf(&points)) {
-        tsdf.values[i] = d.clamp(-limit, limit);
+    for ((i, p), d) in near.into_iter().zip(&points).zip(field.tsdf(&points)) {
+        let share = if field.base.is_some() { min_weight / (min_weight + weights[i]) } else { 1.0 };
+        let is_carved = d < 0.0 && free.nearest(p).is_some_and(|n| free.values[n]);
+        let d = if is_carved { limit } else { d };
+        tsdf.values[i] += share * (d.clamp(-limit, limit) - tsdf.values[i]);
     }
 }
 

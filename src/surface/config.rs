@@ -19,6 +19,9 @@ pub struct SurfaceConfig {
     /// Truncation distance in meters; null = the larger of 2 % of the object's extent and four times the
     /// median of the expected depth noise.
     pub truncation_m: Option<f64>,
+    /// The same in the normalized cube, whose half side is 1 (docs/method.md 1.3), as published constants are
+    /// given; where `truncation_m` is set, that counts.
+    pub truncation_normalized: Option<f64>,
     /// A node counts as observed from this many head-on readings at the median depth.
     pub min_readings: f64,
     /// Whether shreds are taken off the borders of part surfaces and their rims straightened.
@@ -47,6 +50,7 @@ impl Default for SurfaceConfig {
             points: 25_000,
             min_component: 0.02,
             truncation_m: None,
+            truncation_normalized: None,
             min_readings: 0.2,
             mend_borders: true,
             close_holes: true,

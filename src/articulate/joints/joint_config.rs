@@ -10,10 +10,23 @@ use crate::articulate::joints::{
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct JointConfig {
+    /// What a joint is inferred from.
+    pub inference: JointInference,
     /// Robust refinement of motions.
     pub refine: RefineConfig,
     /// Dense texture matches.
     pub texture: TextureConfig,
     /// Axes along and across each other.
     pub square: SquareConfig,
+}
+
+/// What a joint is inferred from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum JointInference {
+    /// Everything that the states show of the part and what could carry it.
+    #[default]
+    Evidence,
+    /// The motion alone, on the static part, between two states (the published method's supplement, A.4).
+    Published,
 }

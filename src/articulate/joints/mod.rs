@@ -22,6 +22,7 @@ pub(crate) mod pair_evidence;
 pub(crate) mod parent_candidates;
 pub(crate) mod part_evidence;
 pub(crate) mod patch_alignment;
+pub(crate) mod published_joint;
 pub(crate) mod quadratic;
 pub(crate) mod square_axes;
 pub(crate) mod static_motion;

@@ -280,3 +280,41 @@ fn weighted_points_estimate_the_uniform_mean() {
     let volume = 8.0 * (0.2 * 0.15 * 0.05 + 0.07 * 0.1 * 0.06) / scene.scene.side_m().powi(3);
     assert!((mean(&|p| v1.occupancy(p).0) / volume - 1.0).abs() < 0.02);
 }
+
+/// What an ablation takes out of a step is its own term and nothing else.
+#[test]
+fn a_switch_takes_out_its_own_term_only() {
+    let scene = scene();
+    let of = |change: &dyn Fn(&mut ArticulationConfig)| {
+        let mut fixture = Fixture::new(&scene, LossWeights::default(), 0);
+        // Samples are drawn before: they are the same for all.
+        change(&mut fixture.config);
+        fixture.evaluate(&fixture.motions, &fixture.field).0
+    };
+    let terms = |l: &ArticulationLosses| {
+        [l.sdf, l.color, l.occupancy, l.collision_rays, l.collision_uniform, l.matching]
+    };
+    let all = of(&|_| ());
+    let w = LossWeights::default();
+    let weights = [w.sdf, w.color, w.occupancy, w.collision, w.collision, w.matching];
+    assert!(terms(&all).iter().all(|t| *t > 0.0), "{all:?}");
+    let switches: [(&dyn Fn(&mut ArticulationConfig), &[usize]); 4] = [
+        (&|c| (c.weights.sdf, c.weights.color) = (0.0, 0.0), &[0, 1]),
+        (&|c| c.weights.occupancy = 0.0, &[2]),
+        (&|c| c.weights.collision = 0.0, &[3, 4]),
+        (&|c| c.weights.matching = 0.0, &[5]),
+    ];
+    for (switch, own) in switches {
+        let without = of(switch);
+        for (k, (a, b)) in terms(&all).into_iter().zip(terms(&without)).enumerate() {
+            let expected = if own.contains(&k) { 0.0 } else { a };
+            assert_eq!(b, expected, "term {k} without {own:?}");
+        }
+        let taken: f64 = own.iter().map(|&k| weights[k] * terms(&all)[k]).sum();
+        assert!((all.total - taken - without.total).abs() < 1e-9 * all.total, "{own:?}");
+    }
+    // Visibility is no term but a weight of consistency and occupancy.
+    let without = of(&|c| c.unseen_weight = 1.0);
+    let changed: Vec<bool> = terms(&all).into_iter().zip(terms(&without)).map(|(a, b)| a != b).collect();
+    assert_eq!(changed, [true, true, true, false, false, false]);
+}

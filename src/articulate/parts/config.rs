@@ -8,6 +8,8 @@ use crate::articulate::propose::ransac::RansacConfig;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RegisterConfig {
+    /// By what parts and motions are found.
+    pub method: RegisterMethod,
     /// Motions from matches.
     pub ransac: RansacConfig,
     /// Longest distance between a moved surface point and its partner in the first rounds.
@@ -27,6 +29,7 @@ pub struct RegisterConfig {
 impl Default for RegisterConfig {
     fn default() -> Self {
         Self {
+            method: RegisterMethod::default(),
             ransac: RansacConfig::default(),
             first_reach: 0.03,
             last_reach: 0.015,
@@ -35,4 +38,15 @@ impl Default for RegisterConfig {
             least_static_share: 0.02,
         }
     }
+}
+
+/// By what parts and motions are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RegisterMethod {
+    /// What motions explain of both surfaces, and no other motion.
+    #[default]
+    Evidence,
+    /// The difference of the surfaces and the iterated closest point, of a number of parts that was given.
+    Difference,
 }

@@ -2,6 +2,8 @@
 //! what they can. Two motions of one part share their evidence, so that one of them goes first.
 //! See docs/method.md 7.2.
 
+use serde::{Deserialize, Serialize};
+
 use crate::articulate::{
     pair::reprojection::MISSED,
     parts::{
@@ -27,6 +29,7 @@ const RIVALS: usize = 3;
 const ALIKE: f64 = 0.9;
 
 /// Motions on the way from many to none.
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Step {
     pub motions: Vec<Pose>,
     pub point: EvidencePoint,

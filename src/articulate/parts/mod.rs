@@ -1,6 +1,7 @@
 //! Which motions are parts, and which surface follows which.
 
 pub(crate) mod config;
+pub(crate) mod difference;
 pub(crate) mod division;
 pub(crate) mod elimination;
 pub(crate) mod end_for_end;
@@ -11,6 +12,7 @@ pub(crate) mod labeling;
 pub(crate) mod matched_pair;
 pub(crate) mod part_count;
 pub(crate) mod register;
+pub(crate) mod registrar;
 pub(crate) mod round_parts;
 pub(crate) mod score;
 pub(crate) mod segment;

@@ -1,6 +1,8 @@
 //! Which of the proposed motions are parts: each must explain what no other does, measured on what it was not
 //! fitted to.
 
+use serde::{Deserialize, Serialize};
+
 use crate::geometry::Pose;
 use crate::{
     articulate::{
@@ -23,6 +25,7 @@ pub(crate) const LITTLE: f64 = 1.5;
 const MAJORITY: f64 = 0.5;
 
 /// The motions that are parts.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct PartCount {
     pub motions: Vec<Pose>,
     pub curve: Vec<EvidencePoint>,

@@ -5,7 +5,7 @@ use rand_core::Rng;
 
 use crate::{
     articulate::{
-        LiftedMatch, RegisterConfig, RegisterError, Registration,
+        LiftedMatch, RegisterConfig, RegisterError, Registrar, Registration,
         parts::{
             elimination::{best, steps},
             matched_pair::MatchedPair,
@@ -165,4 +165,35 @@ fn states_seen_from_opposite_sides_do_not_say_that_nothing_moved() {
 fn more_parts_than_there_are_cannot_be_asked_for() {
     let asked = found(&Scene::box_with_lid(), Some(9), Some(3));
     assert!(matches!(asked, Err(RegisterError::FewerParts { asked: 3, found: 2, .. })), "{asked:?}");
+}
+
+#[test]
+fn a_search_goes_on_from_any_of_its_steps() {
+    let scene = Scene::box_with_lid_and_drawer();
+    let cameras = camera_ring(10);
+    let [(s0, labels), (s1, _)] = [0, 1].map(|s| scene.surface(s, &cameras, 0.012));
+    let matches = matches(&scene, &s0.points, &labels, 9);
+    let config = RegisterConfig::default();
+    let begin = || {
+        let mut rng = stage_rng(0, "register", 0);
+        Registrar::new(&matches, [&s0, &s1], [None, None], None, &config, &mut rng).unwrap()
+    };
+    let mut whole = begin();
+    let mut kept = Vec::new();
+    while whole.done() < whole.total() {
+        kept.push(postcard::to_allocvec(whole.checkpoint()).unwrap());
+        whole.step().unwrap();
+    }
+    let expected = whole.registration();
+    // Before the surface proposes, before parts are counted, among the last rounds.
+    for at in [1, kept.len() - 10, kept.len() - 2] {
+        let mut search = begin();
+        search.restore(postcard::from_bytes(&kept[at]).unwrap());
+        while search.done() < search.total() {
+            search.step().unwrap();
+        }
+        let found = search.registration();
+        assert_eq!((&found.motions, &found.labels), (&expected.motions, &expected.labels), "from step {at}");
+        assert_eq!(found.curve, expected.curve);
+    }
 }

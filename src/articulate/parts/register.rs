@@ -1,35 +1,14 @@
-//! Parts and motions of an object in two states by registration: proposals from lifted matches, a choice
-//! among them by what they explain of the surfaces, then labels and motions in turn (docs/method.md 6.10).
+//! What a registration of two states finds, and what supports it.
 
 use nalgebra::Point3;
-use rand_core::Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::Pose;
 use crate::{
     articulate::{
-        observations::{LiftedMatch, SurfaceSamples},
-        pair::surface_pair::{FreeSpace, SurfacePair},
-        parts::{
-            config::RegisterConfig,
-            division::divide,
-            elimination::{best, steps},
-            end_for_end::hinged,
-            error::RegisterError,
-            evidence_curve::EvidencePoint,
-            exchange::exchanged,
-            labeling::label_of_all,
-            matched_pair::MatchedPair,
-            part_count::{PartCount, choose},
-            round_parts::turned_round,
-            score::shares,
-            settle::round,
-        },
-        propose::{
-            ransac::{Proposal, propose},
-            residual::propose_from_residual,
-        },
-        samples::spacing::reach_m,
+        observations::SurfaceSamples,
+        parts::{error::RegisterError, evidence_curve::EvidencePoint, matched_pair::MatchedPair},
+        propose::ransac::Proposal,
     },
     note::Note,
 };
@@ -66,80 +45,6 @@ pub struct Registration {
     pub notes: Vec<Note>,
     /// Sentences about evidence that the result leaves unexplained.
     pub warnings: Vec<Note>,
-}
-
-/// Motions that matches propose where the number of parts is to be found, beside the spare ones.
-const PROPOSED: usize = 8;
-/// Rounds in which the surface that is left over proposes motions.
-const RESIDUAL_ROUNDS: usize = 2;
-
-/// Finds the rigid motions of all parts and the part of every surface sample: of `parts` parts, the static
-/// one included, or of as many as the evidence supports.
-///
-/// `free` says for each state whether a world point was seen empty, where known. The result depends on the
-/// order of the inputs and on the random numbers only; swapping the states inverts the motions up to noise.
-///
-/// # Errors
-/// [`RegisterError`]: no motion, no overlap, fewer motions than asked for, or movement that no motion
-/// explains.
-pub fn register(
-    matches: &[LiftedMatch],
-    surfaces: [&SurfaceSamples; 2],
-    free: [Option<FreeSpace<'_>>; 2],
-    parts: Option<usize>,
-    config: &RegisterConfig,
-    rng: &mut impl Rng,
-) -> Result<Registration, RegisterError> {
-    let extent_m = checked_extent_m(&surfaces, parts)?;
-    let wanted = parts.map_or(PROPOSED, |p| p - 1);
-    // 1. Motions by matches, on a reach that forgives rough ones (docs/method.md 6.10).
-    let coarse = SurfacePair::new(surfaces, free, reach_m(surfaces, config.first_reach * extent_m));
-    let mut pair = MatchedPair::new(matches, extent_m, config, coarse);
-    let proposals = propose(&pair.informative, wanted, extent_m, &config.ransac, rng);
-    let mut motions: Vec<Pose> =
-        std::iter::once(Pose::identity()).chain(proposals.iter().map(|p| p.state1_from_state0)).collect();
-    for _ in 0..2 {
-        round(&pair, &mut motions);
-    }
-    // Motions of matches come first: surface that they explain proposes nothing.
-    motions = best(&pair, &steps(&pair, motions));
-    // 2. Motions by geometry, of the surface that is left over.
-    let (mut likely, mut tried) = (motions.clone(), None);
-    for _ in 0..RESIDUAL_ROUNDS {
-        // Surface that a motion explains which is likely no part's may propose another.
-        let more = propose_from_residual(&pair.surfaces, &likely, extent_m);
-        if more.is_empty() {
-            break;
-        }
-        motions.extend(more);
-        round(&pair, &mut motions);
-        let further = steps(&pair, motions.clone());
-        let found = best(&pair, &further);
-        likely = exchanged(&pair, found.clone(), &motions);
-        tried = Some(if likely == found { further } else { steps(&pair, likely.clone()) });
-    }
-    // 3. Round parts, whose turn the rounds before could not find.
-    if let Some(turned) = turned_round(&pair, &likely) {
-        tried = Some(steps(&pair, turned));
-    }
-    // 4. Division, once every motion that could be a part's is there, and the number of parts.
-    let mut tried = tried.unwrap_or_else(|| steps(&pair, motions));
-    divide(&pair, &mut tried);
-    let PartCount { motions, curve, notes, warnings } = choose(&pair, &tried, parts)?;
-    // 5. Parts turned end for end: what their surface leaves open, a hinge decides.
-    let mut motions = hinged(&pair, motions);
-    // 6. Rounds at a short reach, which leaves out partners that only seem to fit.
-    pair.surfaces = SurfacePair::new(surfaces, free, reach_m(surfaces, config.last_reach * extent_m));
-    for _ in 0..config.rounds {
-        round(&pair, &mut motions);
-    }
-    let (labels, costs) = label_of_all(&pair.surfaces, &motions);
-    let match_labels = pair.match_labels(&motions);
-    let shares = shares(&costs, motions.len());
-    let support = (0..motions.len())
-        .map(|k| support(&pair, &motions[k], k as u8, &labels, &match_labels, shares[k]))
-        .collect();
-    Ok(Registration { motions, labels, match_labels, support, proposals, curve, notes, warnings })
 }
 
 /// Longest side of the box around all surfaces.
@@ -180,7 +85,8 @@ pub(crate) fn checked_extent_m(
     }
 }
 
-fn support(
+/// What supports a motion of a registration.
+pub(crate) fn support(
     pair: &MatchedPair<'_>,
     motion: &Pose,
     label: u8,

@@ -1,0 +1,222 @@
+//! The search for the parts and motions of an object in two states: proposals from lifted matches, a choice
+//! among them by what they explain of the surfaces, then labels and motions in turn (docs/method.md 6.10). Step
+//! by step, so that who runs it can stop between two and go on later.
+
+use rand_core::Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::articulate::{
+    observations::{LiftedMatch, SurfaceSamples},
+    pair::surface_pair::{FreeSpace, SurfacePair},
+    parts::{
+        config::RegisterConfig,
+        division::divide,
+        elimination::{Step, best, steps},
+        end_for_end::hinged,
+        error::RegisterError,
+        exchange::exchanged,
+        labeling::label_of_all,
+        matched_pair::MatchedPair,
+        part_count::{PartCount, choose},
+        register::{Registration, checked_extent_m, support},
+        round_parts::turned_round,
+        score::shares,
+        settle::round,
+    },
+    propose::{
+        ransac::{Proposal, propose},
+        residual::propose_from_residual,
+    },
+    samples::spacing::reach_m,
+};
+use crate::geometry::Pose;
+
+/// Motions that matches propose where the number of parts is to be found, beside the spare ones.
+const PROPOSED: usize = 8;
+/// Rounds in which the surface that is left over proposes motions.
+const RESIDUAL_ROUNDS: usize = 2;
+/// Steps before the last rounds: proposals, residual rounds, the number of parts, hinges.
+const SEARCH_STEPS: usize = 1 + RESIDUAL_ROUNDS + 2;
+
+/// Everything that changes: continuing from it gives bit for bit what an uninterrupted search gives.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct RegistrarCheckpoint {
+    done: usize,
+    proposals: Vec<Proposal>,
+    motions: Vec<Pose>,
+    /// Motions that could all be parts; their surface proposes more.
+    likely: Vec<Pose>,
+    /// Sets of motions from many to none.
+    tried: Option<Vec<Step>>,
+    count: Option<PartCount>,
+}
+
+/// Finds the rigid motions of all parts and the part of every surface sample: of a given number of parts, the
+/// static one included, or of as many as the evidence supports.
+pub struct Registrar<'a> {
+    pair: MatchedPair<'a>,
+    samples: [&'a SurfaceSamples; 2],
+    free: [Option<FreeSpace<'a>>; 2],
+    parts: Option<usize>,
+    state: RegistrarCheckpoint,
+}
+
+impl<'a> Registrar<'a> {
+    /// Prepares the search and draws proposals from the matches. `free` says for each state whether a world
+    /// point was seen empty, where known. The result depends on the order of the inputs and on the random
+    /// numbers only; swapping the states inverts the motions up to noise.
+    ///
+    /// # Errors
+    /// [`RegisterError::Input`].
+    pub fn new(
+        matches: &'a [LiftedMatch],
+        samples: [&'a SurfaceSamples; 2],
+        free: [Option<FreeSpace<'a>>; 2],
+        parts: Option<usize>,
+        config: &'a RegisterConfig,
+        rng: &mut impl Rng,
+    ) -> Result<Self, RegisterError> {
+        let extent_m = checked_extent_m(&samples, parts)?;
+        let wanted = parts.map_or(PROPOSED, |p| p - 1);
+        // Motions by matches, on a reach that forgives rough ones (docs/method.md 6.10).
+        let coarse = SurfacePair::new(samples, free, reach_m(samples, config.first_reach * extent_m));
+        let pair = MatchedPair::new(matches, extent_m, config, coarse);
+        let proposals = propose(&pair.informative, wanted, extent_m, &config.ransac, rng);
+        let motions =
+            std::iter::once(Pose::identity()).chain(proposals.iter().map(|p| p.state1_from_state0)).collect();
+        let state = RegistrarCheckpoint { proposals, motions, ..RegistrarCheckpoint::default() };
+        Ok(Self { pair, samples, free, parts, state })
+    }
+
+    /// Steps in all.
+    #[must_use]
+    pub fn total(&self) -> usize {
+        SEARCH_STEPS + self.pair.config.rounds
+    }
+
+    /// Steps done.
+    #[must_use]
+    pub fn done(&self) -> usize {
+        self.state.done
+    }
+
+    /// Everything needed to continue.
+    #[must_use]
+    pub fn checkpoint(&self) -> &RegistrarCheckpoint {
+        &self.state
+    }
+
+    /// Continues from a checkpoint of a search with the same inputs and settings.
+    pub fn restore(&mut self, checkpoint: RegistrarCheckpoint) {
+        self.state = checkpoint;
+        if self.state.done >= SEARCH_STEPS {
+            self.shorten_reach();
+        }
+    }
+
+    /// The next step of the search.
+    ///
+    /// # Errors
+    /// [`RegisterError`]: no motion, no overlap, fewer motions than asked for, or movement that no motion
+    /// explains.
+    pub fn step(&mut self) -> Result<(), RegisterError> {
+        let mut next = self.state.done + 1;
+        match self.state.done {
+            0 => self.settle_proposals(),
+            n if n <= RESIDUAL_ROUNDS => {
+                if !self.propose_more() {
+                    next = RESIDUAL_ROUNDS + 1;
+                }
+            }
+            n if n == RESIDUAL_ROUNDS + 1 => self.count_parts()?,
+            n if n == RESIDUAL_ROUNDS + 2 => {
+                // Parts turned end for end: what their surface leaves open, a hinge decides.
+                self.state.motions = hinged(&self.pair, std::mem::take(&mut self.state.motions));
+                self.shorten_reach();
+            }
+            _ => round(&self.pair, &mut self.state.motions),
+        }
+        self.state.done = next;
+        Ok(())
+    }
+
+    /// What was found, once all steps are done.
+    #[must_use]
+    pub fn registration(self) -> Registration {
+        let Self { pair, state, .. } = self;
+        let RegistrarCheckpoint { motions, proposals, count, .. } = state;
+        let PartCount { curve, notes, warnings, .. } = count.unwrap_or_default();
+        let (labels, costs) = label_of_all(&pair.surfaces, &motions);
+        let match_labels = pair.match_labels(&motions);
+        let shares = shares(&costs, motions.len());
+        let support = (0..motions.len())
+            .map(|k| support(&pair, &motions[k], k as u8, &labels, &match_labels, shares[k]))
+            .collect();
+        Registration { motions, labels, match_labels, support, proposals, curve, notes, warnings }
+    }
+
+    /// Motions of matches come first: surface that they explain proposes nothing.
+    fn settle_proposals(&mut self) {
+        let mut motions = std::mem::take(&mut self.state.motions);
+        for _ in 0..2 {
+            round(&self.pair, &mut motions);
+        }
+        self.state.motions = best(&self.pair, &steps(&self.pair, motions));
+        self.state.likely.clone_from(&self.state.motions);
+    }
+
+    /// Motions by geometry, of the surface that is left over; whether there were any.
+    fn propose_more(&mut self) -> bool {
+        let Self { pair, state, .. } = self;
+        // Surface that a motion explains which is likely no part's may propose another.
+        let more = propose_from_residual(&pair.surfaces, &state.likely, pair.extent_m);
+        if more.is_empty() {
+            return false;
+        }
+        state.motions.extend(more);
+        round(pair, &mut state.motions);
+        let further = steps(pair, state.motions.clone());
+        let found = best(pair, &further);
+        state.likely = exchanged(pair, found.clone(), &state.motions);
+        state.tried = Some(if state.likely == found { further } else { steps(pair, state.likely.clone()) });
+        true
+    }
+
+    /// Round parts, whose turn the rounds before could not find; division, once every motion that could be a
+    /// part's is there; the number of parts.
+    fn count_parts(&mut self) -> Result<(), RegisterError> {
+        let Self { pair, state, parts, .. } = self;
+        if let Some(turned) = turned_round(pair, &state.likely) {
+            state.tried = Some(steps(pair, turned));
+        }
+        let mut tried = state.tried.take().unwrap_or_else(|| steps(pair, state.motions.clone()));
+        divide(pair, &mut tried);
+        let count = choose(pair, &tried, *parts)?;
+        state.motions.clone_from(&count.motions);
+        state.count = Some(count);
+        Ok(())
+    }
+
+    /// The last rounds are at a short reach, which leaves out partners that only seem to fit.
+    fn shorten_reach(&mut self) {
+        let last_m = self.pair.config.last_reach * self.pair.extent_m;
+        self.pair.surfaces = SurfacePair::new(self.samples, self.free, reach_m(self.samples, last_m));
+    }
+}
+
+/// The whole search at once.
+#[cfg(test)]
+pub fn register(
+    matches: &[LiftedMatch],
+    samples: [&SurfaceSamples; 2],
+    free: [Option<FreeSpace<'_>>; 2],
+    parts: Option<usize>,
+    config: &RegisterConfig,
+    rng: &mut impl Rng,
+) -> Result<Registration, RegisterError> {
+    let mut search = Registrar::new(matches, samples, free, parts, config, rng)?;
+    while search.done() < search.total() {
+        search.step()?;
+    }
+    Ok(search.registration())
+}

@@ -1,0 +1,65 @@
+//! `artitwin trials`.
+
+use std::sync::{Arc, atomic::AtomicBool};
+
+use super::{
+    args::TrialsArgs,
+    exit::{CliError, Exit},
+    progress::Progress,
+    reconstruct::stop_on_request,
+    terminal,
+};
+use crate::{
+    config::{ABLATIONS, Config, Layers},
+    run::{self, Method, Monitor, TrialsRequest},
+};
+
+/// The method that is taken apart by ablations.
+const ABLATED: &str = "paper";
+
+/// Runs trials and prints their tables.
+///
+/// # Errors
+/// Wrong settings; an object without truth; a stop request; a place that cannot be written.
+pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
+    let mut methods = Vec::new();
+    for name in &args.methods {
+        methods.push(method(name, name, &[], &args.set)?);
+    }
+    if args.ablate {
+        if !args.methods.iter().any(|m| m == ABLATED) {
+            methods.push(method(ABLATED, ABLATED, &[], &args.set)?);
+        }
+        for (term, settings) in ABLATIONS {
+            methods.push(method(&format!("{ABLATED}_without_{term}"), ABLATED, settings, &args.set)?);
+        }
+    }
+    let request = TrialsRequest {
+        objects: args.objects.clone(),
+        methods,
+        seeds: u64::from(args.seeds),
+        out: args.out.clone(),
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    let (progress, events) = Progress::start(args.json, Arc::clone(&stop));
+    stop_on_request(events.clone(), Arc::clone(&stop))?;
+    let table = run::trials(&request, &Monitor::new(events, stop));
+    progress.finish().map_err(CliError::Events)?;
+    let table = table?;
+    if !args.json {
+        terminal::print(&table.to_markdown())?;
+    }
+    let has_failed = table.trials.iter().any(|t| t.published.failed_trials > 0);
+    Ok(if has_failed { Exit::Degraded } else { Exit::Done })
+}
+
+/// A preset with some settings under a name; what was typed wins.
+fn method(name: &str, preset: &str, settings: &[&str], typed: &[String]) -> Result<Method, CliError> {
+    let mut layers = Layers::new(&Config::default())?;
+    layers.preset(preset)?;
+    settings.iter().try_for_each(|s| layers.set(s))?;
+    typed.iter().try_for_each(|s| layers.set(s))?;
+    let resolved = layers.resolve::<Config>()?;
+    resolved.config.check().map_err(|error| error.with_origin(&resolved.origins))?;
+    Ok(Method { name: name.to_owned(), config: resolved.config, origins: resolved.origins })
+}

@@ -1,0 +1,137 @@
+//! Ground truth in the form of the published datasets: `trans.json` with the joints between the start and the
+//! end state, and meshes of the whole, the static and the moving parts in both. The world is that of the
+//! cameras.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Point3, Unit, Vector3};
+use serde::Deserialize;
+
+use super::{
+    EvaluateError,
+    truth::{TrueJoint, TruePart, Truth, read_text},
+};
+use crate::{
+    geometry::{Pose, Screw},
+    io::read_mesh,
+    limits::TRUTH,
+};
+
+/// Names of the states in these datasets.
+const STATES: [&str; 2] = ["start", "end"];
+
+#[derive(Deserialize)]
+struct TransformFile {
+    trans_info: OneOrMany,
+}
+
+/// An object of two parts has its one joint, others a list.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum OneOrMany {
+    One(Box<JointTransform>),
+    Many(Vec<JointTransform>),
+}
+
+#[derive(Deserialize)]
+struct JointTransform {
+    axis: Axis,
+    #[serde(rename = "type")]
+    kind: String,
+    rotate: Option<Ends>,
+    translate: Option<Ends>,
+}
+
+#[derive(Deserialize)]
+struct Axis {
+    o: [f64; 3],
+    d: [f64; 3],
+}
+
+/// Positions in the first and the second state, degrees or meters.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(untagged)]
+enum Ends {
+    Named { l: f64, r: f64 },
+    Pair([f64; 2]),
+}
+
+impl Ends {
+    fn motion(self) -> f64 {
+        match self {
+            Self::Named { l, r } | Self::Pair([l, r]) => r - l,
+        }
+    }
+}
+
+/// The `trans.json` of a folder: of the dataset itself, of its `gt` or of its `textured_objs`.
+pub(super) fn find(folder: &Path) -> Option<PathBuf> {
+    let places = ["gt", "", "textured_objs"].map(|place| folder.join(place).join("trans.json"));
+    places.into_iter().find(|path| path.is_file())
+}
+
+/// Reads a `trans.json` and the meshes beside it, or beside its folder.
+///
+/// # Errors
+/// A file that is missing or damaged, or a joint that is none.
+pub(super) fn read(path: &Path) -> Result<Truth, EvaluateError> {
+    let text = read_text(path, TRUTH)?;
+    let file: TransformFile = serde_json::from_str(&text)
+        .map_err(|source| EvaluateError::Json { path: path.to_owned(), source })?;
+    let transforms = match file.trans_info {
+        OneOrMany::One(one) => vec![*one],
+        OneOrMany::Many(many) => many,
+    };
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let has_meshes = |folder: &&Path| folder.join("start/start_static_rotate.ply").is_file();
+    let meshes = [Some(folder), folder.parent()].into_iter().flatten().find(has_meshes).unwrap_or(folder);
+    let mesh = |state: usize, what: &str| {
+        let name = STATES[state];
+        read_mesh(&meshes.join(name).join(format!("{name}{what}_rotate.ply")))
+    };
+    let both = |what: &str| -> Result<_, EvaluateError> { Ok([mesh(0, what)?, mesh(1, what)?]) };
+    let mut parts = vec![TruePart { index: 0, name: "static".into(), joint: None, meshes: both("_static")? }];
+    for (k, transform) in transforms.iter().enumerate() {
+        let name = if transforms.len() == 1 { "dynamic".to_owned() } else { format!("dynamic_{k}") };
+        let joint = joint(transform).map_err(|problem| EvaluateError::Invalid {
+            path: path.to_owned(),
+            problem: format!("{name}: {problem}"),
+        })?;
+        let meshes = both(&format!("_{name}"))?;
+        parts.push(TruePart { index: k + 1, name, joint: Some(joint), meshes });
+    }
+    Ok(Truth { parts, whole: both("")?, seen: [Vec::new(), Vec::new()] })
+}
+
+/// The joint of a transform: about or along its axis from `l` to `r`.
+fn joint(transform: &JointTransform) -> Result<TrueJoint, &'static str> {
+    let direction = Unit::try_new(Vector3::from(transform.axis.d), 1e-9).filter(|d| d.norm() > 0.5);
+    let axis = direction.ok_or("its axis has no length")?;
+    let origin = Point3::from(transform.axis.o);
+    let (kind, motion) = match (transform.kind.as_str(), transform.rotate, transform.translate) {
+        ("rotate", Some(ends), _) => {
+            let turn = Screw {
+                direction: axis,
+                point: origin,
+                angle_rad: ends.motion().to_radians(),
+                advance_m: 0.0,
+            };
+            ("revolute", turn.motion())
+        }
+        ("translate", _, Some(ends)) => {
+            let shift = axis.into_inner() * ends.motion();
+            ("prismatic", Pose::translation(shift.x, shift.y, shift.z))
+        }
+        _ => return Err("`rotate` with its angles or `translate` with its lengths is needed"),
+    };
+    if !motion.to_homogeneous().iter().all(|x| x.is_finite()) {
+        return Err("its numbers are not finite");
+    }
+    Ok(TrueJoint {
+        kind: kind.into(),
+        axis,
+        origin,
+        state1_from_state0: motion,
+        further_from_state0: Vec::new(),
+    })
+}

@@ -1,0 +1,147 @@
+//! Methods side by side over trials, in the form of the published tables: mean and deviation, the best trial,
+//! failures; with time and memory.
+
+use std::fmt::Write as _;
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    published::{Published, PublishedRow},
+    surface_metrics::mean,
+};
+
+/// What a trial took.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrialCost {
+    /// Wall time, seconds.
+    pub seconds: f64,
+    /// Highest resident memory, MiB; `None` where the system does not count it.
+    pub peak_mib: Option<f64>,
+}
+
+/// All trials of a method on an object.
+#[derive(Clone, Debug, Serialize)]
+pub struct MethodTrials {
+    /// Name of the object.
+    pub object: String,
+    /// Name of the method.
+    pub method: String,
+    /// The published metrics.
+    pub published: Published,
+    /// Why trials failed, by the number of the seed.
+    pub failures: Vec<(usize, String)>,
+    /// What every trial took.
+    pub costs: Vec<TrialCost>,
+}
+
+/// All trials of a command.
+#[derive(Clone, Debug, Serialize)]
+pub struct TrialTable {
+    /// Trials of every object and method.
+    pub seeds: u64,
+    /// By object, then method.
+    pub trials: Vec<MethodTrials>,
+}
+
+impl TrialTable {
+    /// No trials yet, of so many seeds each.
+    #[must_use]
+    pub fn new(seeds: u64) -> Self {
+        Self { seeds, trials: Vec::new() }
+    }
+
+    /// Adds the trials of a method on an object; nothing without trials.
+    pub fn add(&mut self, object: &str, method: &str, trials: &[super::Evaluation], costs: Vec<TrialCost>) {
+        let Some(published) = Published::of(trials) else { return };
+        let failure = |(seed, t): (usize, &super::Evaluation)| Some((seed, t.failed.clone()?));
+        self.trials.push(MethodTrials {
+            object: object.to_owned(),
+            method: method.to_owned(),
+            published,
+            failures: trials.iter().enumerate().filter_map(failure).collect(),
+            costs,
+        });
+    }
+
+    /// The table as indented JSON.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        // Finite or missing numbers and text always serialize.
+        serde_json::to_string_pretty(self).unwrap_or_default()
+    }
+
+    /// A Markdown table of every object: a row a metric, a column a method.
+    #[must_use]
+    pub fn to_markdown(&self) -> String {
+        let mut out = format!(
+            "Mean ± deviation over the trials ({} seeds) in which the metric exists, and (best trial: the one \
+             with the most least values). F: no trial has it. Components below 10 % of the largest one's area \
+             are dropped, as published. Methods that infer as published are given the number of parts.\n",
+            self.seeds
+        );
+        let mut objects: Vec<&str> = self.trials.iter().map(|t| t.object.as_str()).collect();
+        objects.dedup();
+        for object in objects {
+            let own: Vec<&MethodTrials> = self.trials.iter().filter(|t| t.object == object).collect();
+            push_object(&mut out, object, &own);
+        }
+        out
+    }
+}
+
+fn push_object(out: &mut String, object: &str, methods: &[&MethodTrials]) {
+    let mut row = |cells: Vec<String>| {
+        // Writing to a string cannot fail.
+        writeln!(out, "| {} |", cells.join(" | ")).unwrap_or_default();
+    };
+    row(std::iter::once(format!("\n| {object}")).chain(methods.iter().map(|m| m.method.clone())).collect());
+    row(vec!["---".to_owned(); methods.len() + 1]);
+    let metrics = methods.first().map_or(&[][..], |m| &m.published.rows);
+    for (k, metric) in metrics.iter().enumerate() {
+        let cells = methods.iter().map(|m| m.published.rows.get(k).map_or("F".into(), metric_cell));
+        row(std::iter::once(format!("{}, {}", metric.metric, metric.unit)).chain(cells).collect());
+    }
+    let all = |name: &str, cell: &dyn Fn(&MethodTrials) -> String| {
+        std::iter::once(name.to_owned()).chain(methods.iter().map(|m| cell(m))).collect::<Vec<_>>()
+    };
+    row(all("failed trials", &|m| format!("{} of {}", m.published.failed_trials, m.costs.len())));
+    row(all("seconds", &|m| {
+        let seconds: Vec<f64> = m.costs.iter().map(|c| c.seconds).collect();
+        mean(&seconds).map_or("-".into(), |s| format!("{s:.0}"))
+    }));
+    row(all("memory, MiB", &|m| {
+        let peaks: Vec<f64> = m.costs.iter().filter_map(|c| c.peak_mib).collect();
+        mean(&peaks).map_or("-".into(), |s| format!("{s:.0}"))
+    }));
+}
+
+/// Mean, deviation and best trial of a metric; how many trials have it, where not all do.
+fn metric_cell(row: &PublishedRow) -> String {
+    let places = if row.unit == "m" { 4 } else { 3 };
+    let (Some(mean), Some(std)) = (row.mean, row.std) else { return "F".into() };
+    let best = row.best.map_or("F".into(), |b| format!("{b:.places$}"));
+    let trials = row.trials.len();
+    let of = if row.failed == 0 { String::new() } else { format!(" [{} of {trials}]", trials - row.failed) };
+    format!("{mean:.places$} ± {std:.places$} ({best}){of}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cell_says_over_how_many_trials_it_is() {
+        let row = |trials: Vec<Option<f64>>, mean, std, best| PublishedRow {
+            metric: "Axis Ang (lid)".into(),
+            unit: "deg",
+            failed: trials.iter().filter(|t| t.is_none()).count(),
+            trials,
+            mean,
+            std,
+            best,
+        };
+        let some = row(vec![Some(1.0), None, Some(3.0)], Some(2.0), Some(1.0), Some(1.0));
+        assert_eq!(metric_cell(&some), "2.000 ± 1.000 (1.000) [2 of 3]");
+        assert_eq!(metric_cell(&row(vec![None; 2], None, None, None)), "F");
+    }
+}

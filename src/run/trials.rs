@@ -1,0 +1,216 @@
+//! Trials: objects by methods by seeds, each a run of its own. What is done stays done, and a run that failed
+//! is a result: its reason is kept and stands in the tables.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Monitor, ReconstructRequest, RunError, admission::fingerprint, chain, outcome::OUTPUT_STAGE, reconstruct,
+};
+use crate::{
+    config::{Config, Origins},
+    evaluate::{self, EvaluateError, EvaluateOptions, PUBLISHED_MIN_COMPONENT, TrialCost, TrialTable, Truth},
+    files, io,
+    limits::REPORT,
+};
+
+/// Settings under a name.
+#[derive(Clone, Debug)]
+pub struct Method {
+    /// Name in tables and folders.
+    pub name: String,
+    /// Settings.
+    pub config: Config,
+    /// Where the settings came from.
+    pub origins: Origins,
+}
+
+/// What is asked of trials.
+#[derive(Clone, Debug)]
+pub struct TrialsRequest {
+    /// Recordings with their truth beside them.
+    pub objects: Vec<PathBuf>,
+    /// Methods, in the order of the tables.
+    pub methods: Vec<Method>,
+    /// Seeds 0, 1, ... of every object and method.
+    pub seeds: u64,
+    /// Folder that gets `OBJECT/METHOD/seed_K`, `trials.json` and `trials.md`.
+    pub out: PathBuf,
+}
+
+/// Why trials ended.
+#[derive(Debug, thiserror::Error)]
+pub enum TrialsError {
+    /// A run was stopped, or could not be begun or written.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// An object has no truth, or two of them one name.
+    #[error(transparent)]
+    Evaluate(#[from] EvaluateError),
+    /// Two objects would take each other's place.
+    #[error("two objects are named {0}: rename a folder, or give them to two commands")]
+    SameName(String),
+    /// A file that trials did not write has the name of one that they would.
+    #[error("{} was not written by trials: move it, or give another --out", .0.display())]
+    Taken(PathBuf),
+    /// A file could not be written.
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+/// What is kept of a trial beside its twin.
+#[derive(Serialize, Deserialize)]
+struct TrialRecord {
+    fingerprint: String,
+    #[serde(flatten)]
+    cost: TrialCost,
+    failed: Option<String>,
+}
+
+/// Runs all trials that are not done yet, and measures all of them. Methods whose inference is the published
+/// one get the number of parts of the truth, as the published methods do; others find it.
+///
+/// # Errors
+/// An object without truth; a stop request; a place that cannot be written. A run that fails for what it was
+/// given is no error but a trial that failed.
+pub fn trials(request: &TrialsRequest, monitor: &Monitor) -> Result<TrialTable, TrialsError> {
+    let tables = ["trials.json", "trials.md"].map(|name| request.out.join(name));
+    let is_own = is_table(&tables[0]);
+    if let Some(taken) = tables.iter().find(|path| path.exists() && !is_own) {
+        return Err(TrialsError::Taken(taken.clone()));
+    }
+    let mut objects: Vec<(String, &PathBuf, Truth)> = Vec::new();
+    for object in &request.objects {
+        let name =
+            io::object_name(std::slice::from_ref(object)).map_err(|e| RunError::stage("capture", e))?;
+        if objects.iter().any(|(n, ..)| *n == name) {
+            return Err(TrialsError::SameName(name));
+        }
+        objects.push((name, object, evaluate::read_truth(object)?));
+    }
+    let options =
+        EvaluateOptions { min_component: Some(PUBLISHED_MIN_COMPONENT), ..EvaluateOptions::default() };
+    let mut table = TrialTable::new(request.seeds);
+    for (name, object, truth) in &objects {
+        for method in &request.methods {
+            let folder = request.out.join(name).join(&method.name);
+            let mut records = Vec::new();
+            for seed in 0..request.seeds {
+                let own = monitor.of_object(&format!("{name}/{}/seed_{seed}", method.name));
+                let run = trial_request(object, method, truth.parts.len(), &folder, seed);
+                records.push(trial(&run, &own)?);
+            }
+            let runs: Vec<PathBuf> = (0..request.seeds).map(|s| folder.join(seed_name(s))).collect();
+            let mut measured = evaluate::trials(&runs, truth, &options);
+            for (trial, record) in measured.iter_mut().zip(&mut records).filter(|(_, r)| r.failed.is_some()) {
+                trial.failed = record.failed.take();
+            }
+            table.add(name, &method.name, &measured, records.iter().map(|r| r.cost).collect());
+        }
+    }
+    put(&tables[0], table.to_json().as_bytes())?;
+    put(&tables[1], table.to_markdown().as_bytes())?;
+    Ok(table)
+}
+
+/// Whether a file is a table of trials.
+fn is_table(path: &Path) -> bool {
+    let text = files::read_text(path, REPORT).unwrap_or_default();
+    let value: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    value["seeds"].is_u64() && value["trials"].is_array()
+}
+
+fn seed_name(seed: u64) -> String {
+    format!("seed_{seed}")
+}
+
+fn trial_request(
+    object: &Path,
+    method: &Method,
+    parts: usize,
+    folder: &Path,
+    seed: u64,
+) -> ReconstructRequest {
+    let mut request = ReconstructRequest::new([object], folder);
+    request.name = Some(seed_name(seed));
+    request.config = method.config.clone();
+    request.origins = method.origins.clone();
+    request.config.run.seed = seed;
+    if method.config.takes_two_states() {
+        request.config.run.parts = Some(parts);
+    }
+    (request.resume, request.keep) = (true, true);
+    request
+}
+
+/// Runs a trial, or finds that it was run.
+fn trial(request: &ReconstructRequest, monitor: &Monitor) -> Result<TrialRecord, TrialsError> {
+    monitor.check().map_err(RunError::from)?;
+    let name = request.name.clone().unwrap_or_default();
+    let path = request.out.join(format!("{name}.json"));
+    let fingerprint = fingerprint(request)?.text();
+    let text = files::read_text(&path, REPORT).ok();
+    let kept: Option<TrialRecord> = text.and_then(|text| serde_json::from_str(&text).ok());
+    if kept.is_none() && path.exists() {
+        return Err(TrialsError::Taken(path));
+    }
+    if let Some(kept) = kept.filter(|k| k.fingerprint == fingerprint)
+        && (kept.failed.is_some() || request.out.join(&name).is_dir())
+    {
+        return Ok(kept);
+    }
+    let (started, memory) = (Instant::now(), PeakMemory::start());
+    let failed = match reconstruct(request, monitor) {
+        Ok(_) => None,
+        // What was given cannot be reconstructed so: that is what a table shows.
+        Err(error @ RunError::Stage { .. }) if !is_of_output(&error) => Some(chain(&error)),
+        Err(error) => return Err(error.into()),
+    };
+    let cost = TrialCost { seconds: started.elapsed().as_secs_f64(), peak_mib: memory.peak_mib() };
+    let record = TrialRecord { fingerprint, cost, failed };
+    let bytes = serde_json::to_vec_pretty(&record)
+        .map_err(|e| TrialsError::Write { path: path.clone(), source: e.into() })?;
+    put(&path, &bytes)?;
+    Ok(record)
+}
+
+fn is_of_output(error: &RunError) -> bool {
+    matches!(error, RunError::Stage { stage, .. } if stage == OUTPUT_STAGE)
+}
+
+/// Writes a file that appears when it is whole.
+fn put(path: &Path, bytes: &[u8]) -> Result<(), TrialsError> {
+    let failed = |source| TrialsError::Write { path: path.to_owned(), source };
+    let part = path.with_extension("part");
+    path.parent().map_or(Ok(()), fs::create_dir_all).map_err(failed)?;
+    fs::write(&part, bytes).and_then(|()| fs::rename(&part, path)).map_err(failed)
+}
+
+/// The highest resident memory of this process since a moment; where the system does not count it, nothing.
+struct PeakMemory;
+
+impl PeakMemory {
+    fn start() -> Self {
+        // Linux: forgets the peak so far. Elsewhere there is no such file, and nothing is reported.
+        fs::write("/proc/self/clear_refs", "5").ok();
+        Self
+    }
+
+    #[expect(clippy::unused_self, reason = "only what was started can be read")]
+    fn peak_mib(&self) -> Option<f64> {
+        let status = fs::read_to_string("/proc/self/status").ok()?;
+        let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+        let kib: f64 = line.split_whitespace().next()?.parse().ok()?;
+        Some(kib / 1024.0)
+    }
+}
