@@ -130,7 +130,8 @@ codes! {
     JointAtRest = "joint_at_rest", "The joint did not move.";
     JointContradicted = "joint_contradicted", "Most observations disagree with the joint's motion.";
     StateContradicts = "state_contradicts", "A state disagrees with the joint that the others show.";
-    JointAsPublished = "joint_as_published", "A joint was read off its motion alone, as the published method does.";
+    JointAsPublished = "joint_as_published", "A joint was read off its motion alone, as the published \
+        method does.";
     AxisNotDetermined = "axis_not_determined", "The motion leaves direction or position of the axis open.";
     AxisCoarse = "axis_coarse", "The motion determines direction or position of the axis coarsely.";
     MotionNotDetermined = "motion_not_determined", "How far the joint moved is not determined.";

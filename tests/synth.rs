@@ -171,7 +171,7 @@ fn an_object_is_the_same_in_every_layout() {
     let bags = folder("synth-bags");
     write_synth(&Place::at(&bags), &config).unwrap();
     let expected = read_truth(&bags).unwrap();
-    // Poses as they were recorded: a correction by few small views would differ with the compression of colors.
+    // Poses as they were recorded: a correction would differ with the compression of colors.
     let as_recorded = CaptureConfig { refine_poses: RefinePoses::Never, ..CaptureConfig::default() };
     let read = |path: &Path| open(&[path.to_owned()], &as_recorded, 0).unwrap();
     let frames = read(&bags).states;
@@ -194,7 +194,8 @@ fn an_object_is_the_same_in_every_layout() {
                 assert_eq!((&a.depth_m, &a.mask), (&b.depth_m, &b.mask), "{layout} state {state}");
                 let apart = a.world_from_camera.inverse() * b.world_from_camera;
                 let off = (apart.translation.vector.norm(), apart.rotation.angle());
-                assert!(off.0 < 1e-9 && off.1 < 1e-7, "{off:?}");
+                // A bag writes poses as a chain of transforms, which rounds.
+                assert!(off.0 < 1e-7 && off.1 < 1e-7, "{off:?}");
                 let (k, l) = (a.intrinsics, b.intrinsics);
                 assert!(
                     (k.fx - l.fx).abs() + (k.cx - l.cx).abs() + (k.cy - l.cy).abs() < 1e-9,

@@ -8,7 +8,8 @@ use super::{
     actuator_args::{command_topic, effort_unit, servo},
     board::{BoardArgs, paper},
     recording_args::RecordingArgs,
-    wanted::{Wanted, vector},
+    trials::TrialsArgs,
+    wanted::{name, topic_of_link, vector},
 };
 use crate::{
     capture::Paper,
@@ -180,37 +181,6 @@ pub struct CheckArgs {
     /// Warnings count as errors
     #[arg(long)]
     pub strict: bool,
-}
-
-/// Options of `trials`.
-#[derive(Args, Clone, Debug)]
-pub struct TrialsArgs {
-    /// Recordings with their truth beside them: truth.json, or trans.json of a published dataset
-    #[arg(value_name = "OBJECT", required = true)]
-    pub objects: Vec<PathBuf>,
-    /// Presets to run, in the order of the table
-    #[arg(
-        long,
-        value_name = "PRESET,...",
-        value_delimiter = ',',
-        default_value = "default,registration,classical,fields,paper"
-    )]
-    pub methods: Vec<String>,
-    /// Also run the preset paper without each of its terms
-    #[arg(long)]
-    pub ablate: bool,
-    /// Trials of every object and method, with seeds 0, 1, ...
-    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u16).range(1..=1000))]
-    pub seeds: u16,
-    /// One setting of all methods, e.g. train.steps=500; may be repeated
-    #[arg(long, value_name = "KEY=VALUE")]
-    pub set: Vec<String>,
-    /// Folder that gets OBJECT/METHOD/seed_K, trials.json and trials.md. Trials that are there are not run again
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Events as lines of JSON on standard output
-    #[arg(long)]
-    pub json: bool,
 }
 
 /// Options of `evaluate`.
@@ -400,7 +370,11 @@ pub struct SynthArgs {
     pub states: u8,
     /// Write a folder in the layout of a published dataset in place of bags, with its form of the truth: dta
     /// (DigitalTwinArt) or paris
-    #[arg(long, value_parser = DatasetLayout::NAMES, conflicts_with_all = ["sensor", "board", "imu", "states"])]
+    #[arg(
+        long,
+        value_parser = DatasetLayout::NAMES,
+        conflicts_with_all = ["sensor", "board", "imu", "states"]
+    )]
     pub layout: Option<String>,
     /// Views of each state
     #[arg(long, value_name = "N", default_value_t = SynthConfig::default().views)]
@@ -417,15 +391,6 @@ pub struct SynthArgs {
     /// Where the result goes.
     #[command(flatten)]
     pub output: OutputArgs,
-}
-
-fn topic_of_link(text: &str) -> Result<(String, String), Wanted> {
-    match text.split_once('=') {
-        Some((topic, link)) if !topic.is_empty() && !link.is_empty() => {
-            Ok((topic.to_owned(), link.to_owned()))
-        }
-        _ => Err(Wanted("TOPIC=LINK, such as /gauge=handle")),
-    }
 }
 
 /// Options of `reconstruct`.
@@ -489,17 +454,6 @@ pub struct ReconstructArgs {
     /// Layers of configuration.
     #[command(flatten)]
     pub settings: SettingArgs,
-}
-
-fn name(text: &str) -> Result<String, Wanted> {
-    let mut chars = text.chars();
-    let valid = chars.next().is_some_and(|c| c.is_ascii_alphabetic())
-        && chars.all(|c| c.is_ascii_alphanumeric() || c == '_');
-    if valid && text.len() <= 64 {
-        Ok(text.to_owned())
-    } else {
-        Err(Wanted("a letter, then letters, digits and _, 64 at most"))
-    }
 }
 
 #[cfg(test)]

@@ -21,6 +21,7 @@ mod record;
 mod recording_args;
 mod render;
 mod settings;
+mod stop;
 mod synth;
 mod terminal;
 mod track;

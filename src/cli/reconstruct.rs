@@ -2,23 +2,18 @@
 
 use std::{
     path::PathBuf,
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-        mpsc::Sender,
-    },
+    sync::{Arc, atomic::AtomicBool, mpsc::Sender},
 };
 
 use super::{
     args::ReconstructArgs,
     exit::{CliError, Exit},
     progress::Progress,
-    render, terminal,
+    render,
+    stop::stop_on_request,
+    terminal,
 };
-use crate::{
-    note::NoteCode,
-    run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError},
-};
+use crate::run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError};
 
 /// Runs the pipeline, shows its progress, prints where the results lie.
 ///
@@ -89,23 +84,4 @@ fn reconstruct(
     };
     let requests: Vec<ReconstructRequest> = args.bags.iter().map(|bag| request(vec![bag.clone()])).collect();
     Ok(run::reconstruct_all(&requests, usize::from(jobs), &monitor)?)
-}
-
-/// Lets the first Ctrl-C (or SIGTERM) set the flag; the second ends the process.
-pub(super) fn stop_on_request(events: Sender<Event>, stop: Arc<AtomicBool>) -> Result<(), CliError> {
-    ctrlc::set_handler(move || {
-        // A step may take long: who asks twice does not want to wait.
-        if stop.swap(true, Ordering::Relaxed) {
-            std::process::exit(Exit::Cancelled as i32);
-        }
-        events
-            .send(Event::Note {
-                code: NoteCode::Stopping,
-                message:
-                    "stopping after this step; ask again to stop at once: finished stages are kept either way"
-                        .to_owned(),
-            })
-            .ok();
-    })?;
-    Ok(())
 }

@@ -1,18 +1,59 @@
 //! `artitwin trials`.
 
-use std::sync::{Arc, atomic::AtomicBool};
+use std::{
+    path::PathBuf,
+    sync::{Arc, atomic::AtomicBool},
+};
+
+use clap::Args;
 
 use super::{
-    args::TrialsArgs,
     exit::{CliError, Exit},
     progress::Progress,
-    reconstruct::stop_on_request,
+    stop::stop_on_request,
     terminal,
 };
 use crate::{
     config::{ABLATIONS, Config, Layers},
     run::{self, Method, Monitor, TrialsRequest},
 };
+
+/// Options of `trials`.
+#[derive(Args, Clone, Debug)]
+pub struct TrialsArgs {
+    /// Recordings with their truth beside them: truth.json, or trans.json of a published dataset
+    #[arg(value_name = "OBJECT", required = true)]
+    pub objects: Vec<PathBuf>,
+    /// Presets to run, in the order of the table
+    #[arg(
+        long,
+        value_name = "PRESET,...",
+        value_delimiter = ',',
+        default_value = "default,registration,classical,fields,paper"
+    )]
+    pub methods: Vec<String>,
+    /// Also run the preset paper without each of its terms
+    #[arg(long)]
+    pub ablate: bool,
+    /// Trials of every object and method, with seeds 0, 1, ...
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 10,
+        value_parser = clap::value_parser!(u16).range(1..=1000)
+    )]
+    pub seeds: u16,
+    /// One setting of all methods, e.g. train.steps=500; may be repeated
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Folder that gets OBJECT/METHOD/seed_K, trials.json and trials.md. Trials that are there are not run
+    /// again
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Events as lines of JSON on standard output
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// The method that is taken apart by ablations.
 const ABLATED: &str = "paper";

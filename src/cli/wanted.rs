@@ -13,3 +13,24 @@ pub(super) fn vector(text: &str) -> Result<[f64; 3], Wanted> {
         _ => Err(Wanted("three numbers x,y,z")),
     }
 }
+
+/// Reads a topic and the link that it is about.
+pub(super) fn topic_of_link(text: &str) -> Result<(String, String), Wanted> {
+    match text.split_once('=') {
+        Some((topic, link)) if !topic.is_empty() && !link.is_empty() => {
+            Ok((topic.to_owned(), link.to_owned()))
+        }
+        _ => Err(Wanted("TOPIC=LINK, such as /gauge=handle")),
+    }
+}
+
+pub(super) fn name(text: &str) -> Result<String, Wanted> {
+    let mut chars = text.chars();
+    let valid = chars.next().is_some_and(|c| c.is_ascii_alphabetic())
+        && chars.all(|c| c.is_ascii_alphanumeric() || c == '_');
+    if valid && text.len() <= 64 {
+        Ok(text.to_owned())
+    } else {
+        Err(Wanted("a letter, then letters, digits and _, 64 at most"))
+    }
+}

@@ -7,6 +7,7 @@
 mod compare;
 mod components;
 mod distance;
+mod error;
 mod joint_metrics;
 mod matching;
 mod published;
@@ -19,9 +20,8 @@ mod truth;
 
 use std::path::{Path, PathBuf};
 
-use crate::io::{MeshFileError, NpyError, UrdfError};
-
 pub use compare::{Evaluation, compare};
+pub use error::{EvaluateError, MAX_SAMPLES};
 pub use published::Published;
 pub use report::EvaluationReport;
 pub use run_files::RunFiles;
@@ -30,9 +30,6 @@ pub use truth::Truth;
 
 /// Share of the largest component below which the published evaluation drops components.
 pub const PUBLISHED_MIN_COMPONENT: f64 = 0.1;
-
-/// Most samples per surface.
-pub const MAX_SAMPLES: usize = 1_000_000;
 
 /// How to measure.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,69 +47,6 @@ impl Default for EvaluateOptions {
     fn default() -> Self {
         Self { samples: 10_000, seed: 0, min_component: None }
     }
-}
-
-/// Why a run could not be measured.
-#[derive(Debug, thiserror::Error)]
-pub enum EvaluateError {
-    /// No run was given.
-    #[error("there is no run to evaluate: name at least one output folder")]
-    NoRun,
-    /// The number of samples cannot be used.
-    #[error("{0} samples per surface cannot be drawn: choose 1 to {MAX_SAMPLES}")]
-    Samples(usize),
-    /// The disk refused.
-    #[error("cannot read {path}: {source}")]
-    Disk {
-        /// The file or folder.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The folder is no run.
-    #[error(
-        "{path} holds {count} .urdf files, one is needed: name the folder with <name>.urdf and report.json \
-         in it"
-    )]
-    NotARun {
-        /// The folder.
-        path: PathBuf,
-        /// Number of `.urdf` files in it.
-        count: usize,
-    },
-    /// A JSON file is not what it should be.
-    #[error("{path}: {source}")]
-    Json {
-        /// The file.
-        path: PathBuf,
-        /// What the parser said.
-        source: serde_json::Error,
-    },
-    /// A file of the truth or the run says something that cannot be.
-    #[error("{path}: {problem}")]
-    Invalid {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        problem: String,
-    },
-    /// Matching parts would take too long.
-    #[error("{count} movable parts; {limit} are the limit")]
-    TooManyParts {
-        /// Parts on the larger side.
-        count: usize,
-        /// Most that are matched.
-        limit: usize,
-    },
-    /// The URDF of the run could not be read.
-    #[error(transparent)]
-    Urdf(#[from] UrdfError),
-    /// A mesh of the truth could not be read.
-    #[error(transparent)]
-    Mesh(#[from] MeshFileError),
-    /// The seen points could not be read.
-    #[error(transparent)]
-    Npy(#[from] NpyError),
 }
 
 /// The truth in a folder: a `truth.json`, or a published dataset's `trans.json`.

@@ -124,8 +124,8 @@ fn push_published(out: &mut String, published: &Published, trials: usize) {
     if published.failed_trials > 0 {
         writeln!(
             out,
-            "in {} of {trials} trials a part or the twin is missing; mean and std are over the trials that have \
-             the number",
+            "in {} of {trials} trials a part or the twin is missing; mean and std are over the trials that \
+             have the number",
             published.failed_trials
         )
         .ok();

@@ -74,9 +74,10 @@ impl TrialTable {
     #[must_use]
     pub fn to_markdown(&self) -> String {
         let mut out = format!(
-            "Mean ± deviation over the trials ({} seeds) in which the metric exists, and (best trial: the one \
-             with the most least values). F: no trial has it. Components below 10 % of the largest one's area \
-             are dropped, as published. Methods that infer as published are given the number of parts.\n",
+            "Mean ± deviation over the trials ({} seeds) in which the metric exists, and (best trial: the \
+             one with the most least values). F: no trial has it. Components below 10 % of the largest one's \
+             area are dropped, as published. Methods that infer as published are given the number of \
+             parts.\n",
             self.seeds
         );
         let mut objects: Vec<&str> = self.trials.iter().map(|t| t.object.as_str()).collect();

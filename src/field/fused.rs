@@ -10,8 +10,9 @@ use crate::geometry::Grid3;
 const CUT: f32 = 0.999;
 
 /// Whether a view from `eye` (world) sees the side of the surface that a place is on, by the slope of the
-/// fused distances there (docs/method.md 3.4); true where they know no surface. Behind a wall thinner than the
-/// truncation its readings would push the other side outwards. `distance_m` is NaN where nothing was observed.
+/// fused distances there (docs/method.md 3.4); true where they know no surface. Behind a wall thinner than
+/// the truncation its readings would push the other side outwards. `distance_m` is NaN where nothing was
+/// observed.
 #[must_use]
 pub(super) fn sees_side(
     distance_m: &Grid3<f32>,

@@ -30,8 +30,8 @@ pub struct TrainInput<'a> {
     pub scene: SceneBox,
     /// Cells near the surface points of all states.
     pub occupancy: &'a Occupancy,
-    /// Fused distances of the same frames, meters, NaN where nothing was observed. Without them a field learns
-    /// all of the distance, and from all rays.
+    /// Fused distances of the same frames, meters, NaN where nothing was observed. Without them a field
+    /// learns all of the distance, and from all rays.
     pub fused: Option<&'a Grid3<f32>>,
 }
 

@@ -27,7 +27,8 @@ pub const NO_LABEL: u8 = u8::MAX;
 /// anything. `motions` take the part from state 0 to each of the `states`; the first is the identity.
 ///
 /// States vote twice: the second time those that saw the other side of a thin wall are not asked where one
-/// saw this side. Behind the surface that a state saw its distances go on through the wall (docs/method.md 9.1).
+/// saw this side. Behind the surface that a state saw its distances go on through the wall (docs/method.md
+/// 9.1).
 #[must_use]
 pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<f32> {
     let first = voted(part, motions, states, None);

@@ -1,6 +1,6 @@
 //! The search for the parts and motions of an object in two states: proposals from lifted matches, a choice
-//! among them by what they explain of the surfaces, then labels and motions in turn (docs/method.md 6.10). Step
-//! by step, so that who runs it can stop between two and go on later.
+//! among them by what they explain of the surfaces, then labels and motions in turn (docs/method.md 6.10).
+//! Step by step, so that who runs it can stop between two and go on later.
 
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};

@@ -5,6 +5,7 @@ pub mod actuation;
 #[cfg(test)]
 mod derivative_tests;
 pub mod evidence;
+pub mod jackknife;
 pub mod likely_noise;
 pub mod multibody;
 pub mod noise;

@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use crate::gap::{
     fit::{
         acting::{MAX_COLUMNS, Row},
+        jackknife::{Witness, covariance, places},
         likely_noise::most_likely_noise,
         noise::EffortNoise,
         problem::Problem,
@@ -362,7 +363,10 @@ fn fit_settled(
     }
     let end = end.unwrap_or_else(|| evaluate(problem, &model, &starts, &whitening, &frozen));
     let log_likelihood = restricted(problem, &model, &end, &whitening);
-    let (covariance, witnesses) = covariance(&end.normal, &frozen);
+    let (matrix, windows) = witnesses(&end.normal);
+    // Beside an effort that lasts, windows that pass the same places repeat each other's errors.
+    let groups = if noise.remains() { places(problem) } else { Vec::new() };
+    let (covariance, witnesses) = covariance(matrix, &windows, &groups, &frozen);
     let costs = end.normal.blocks.iter().map(|b| b.cost).collect();
     Fit { model, starts, noise, log_likelihood, covariance, witnesses, costs }
 }
@@ -418,59 +422,22 @@ fn iterate(
     now
 }
 
-/// Share of what is known of a parameter from which a window is its sole witness.
-/// derived: more than all others together.
-const SOLE: f64 = 0.5;
-
-/// Covariance of the parameters, that of the whitened residuals, widened where the parameters move by more
-/// than that when windows are left out (a jackknife of one Gauss-Newton step); and the number of windows that
-/// each rests on. See docs/method.md (14.13).
-fn covariance(normal: &Normal, frozen: &[bool]) -> (DMatrix<f64>, Vec<f64>) {
-    let mut s = normal.hessian.clone();
-    let n = s.nrows();
-    let mut windows = Vec::with_capacity(normal.blocks.len());
-    for b in &normal.blocks {
-        if let Some(inverse) = b.start.try_inverse() {
-            let weighted = b.cross.transpose() * inverse;
-            let lost = &weighted * &b.cross;
-            s -= &lost;
-            windows.push((&b.hessian - lost, &b.gradient - &weighted * b.start_gradient));
-        }
-    }
-    for i in (0..n).filter(|&i| frozen[i]) {
-        s[(i, i)] = 1.0;
-    }
-    // Parameters that the windows do not determine have no finite interval.
-    let Some(mut c) = s.clone().cholesky().map(|c| c.inverse()) else {
-        return (DMatrix::from_element(n, n, f64::INFINITY), vec![1.0; n]);
+/// What every window adds, the start states eliminated, and the matrix of all.
+fn witnesses(normal: &Normal) -> (DMatrix<f64>, Vec<Witness>) {
+    let mut matrix = normal.hessian.clone();
+    let witness = |b: &Block| {
+        // A window without its start state determined says nothing.
+        let Some(inverse) = b.start.try_inverse() else {
+            let n = b.hessian.nrows();
+            return Witness { hessian: DMatrix::zeros(n, n), gradient: DVector::zeros(n) };
+        };
+        let weighted = b.cross.transpose() * inverse;
+        let lost = &weighted * &b.cross;
+        matrix -= &lost;
+        Witness { hessian: &b.hessian - lost, gradient: &b.gradient - &weighted * b.start_gradient }
     };
-    let (mut moved, mut shares) = (vec![0.0; n], vec![(0.0, 0.0); n]);
-    for (own, gradient) in &windows {
-        // At the optimum the gradient of the other windows is minus this one's: one solve without the
-        // window gives the step that its absence makes, up to a sign.
-        let without = (&s - own).cholesky().map_or_else(|| &c * gradient, |rest| rest.solve(gradient));
-        let (known, within) = (&c * own * &c, &c * gradient);
-        for i in 0..n {
-            // Without the window that shows most of a parameter nothing is left to compare.
-            let way = if known[(i, i)] > SOLE * c[(i, i)] { within[i] } else { without[i] };
-            moved[i] += way * way;
-            shares[i] = (shares[i].0 + known[(i, i)], shares[i].1 + known[(i, i)] * known[(i, i)]);
-        }
-    }
-    // (14.13): residuals that are not white move a parameter by more than its variance says.
-    let wider: Vec<f64> = (0..n)
-        .map(|i| (moved[i] / c[(i, i)]).max(1.0).sqrt())
-        .map(|w| if w.is_finite() { w } else { 1.0 })
-        .collect();
-    for i in 0..n {
-        for j in 0..n {
-            // Rows and columns alike, which keeps the correlations.
-            c[(i, j)] = if frozen[i] || frozen[j] { 0.0 } else { c[(i, j)] * wider[i] * wider[j] };
-        }
-    }
-    let witnesses =
-        shares.iter().map(|(sum, squares)| if *squares > 0.0 { sum * sum / squares } else { 1.0 }).collect();
-    (c, witnesses)
+    let windows = normal.blocks.iter().map(witness).collect();
+    (matrix, windows)
 }
 
 /// Log likelihood with the start states integrated out, up to a constant. See docs/method.md (14.12).

@@ -1,0 +1,71 @@
+//! Why a run could not be measured.
+
+use std::path::PathBuf;
+
+use crate::io::{MeshFileError, NpyError, UrdfError};
+
+/// Most samples per surface.
+pub const MAX_SAMPLES: usize = 1_000_000;
+
+/// Why a run could not be measured.
+#[derive(Debug, thiserror::Error)]
+pub enum EvaluateError {
+    /// No run was given.
+    #[error("there is no run to evaluate: name at least one output folder")]
+    NoRun,
+    /// The number of samples cannot be used.
+    #[error("{0} samples per surface cannot be drawn: choose 1 to {MAX_SAMPLES}")]
+    Samples(usize),
+    /// The disk refused.
+    #[error("cannot read {path}: {source}")]
+    Disk {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The folder is no run.
+    #[error(
+        "{path} holds {count} .urdf files, one is needed: name the folder with <name>.urdf and report.json \
+         in it"
+    )]
+    NotARun {
+        /// The folder.
+        path: PathBuf,
+        /// Number of `.urdf` files in it.
+        count: usize,
+    },
+    /// A JSON file is not what it should be.
+    #[error("{path}: {source}")]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// What the parser said.
+        source: serde_json::Error,
+    },
+    /// A file of the truth or the run says something that cannot be.
+    #[error("{path}: {problem}")]
+    Invalid {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// Matching parts would take too long.
+    #[error("{count} movable parts; {limit} are the limit")]
+    TooManyParts {
+        /// Parts on the larger side.
+        count: usize,
+        /// Most that are matched.
+        limit: usize,
+    },
+    /// The URDF of the run could not be read.
+    #[error(transparent)]
+    Urdf(#[from] UrdfError),
+    /// A mesh of the truth could not be read.
+    #[error(transparent)]
+    Mesh(#[from] MeshFileError),
+    /// The seen points could not be read.
+    #[error(transparent)]
+    Npy(#[from] NpyError),
+}

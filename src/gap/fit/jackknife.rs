@@ -1,0 +1,161 @@
+//! How well parameters are known: by the residuals, and by how far leaving out what bears witness to them
+//! moves them. See docs/method.md (14.13).
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::gap::fit::problem::Problem;
+
+/// Share of what is known of a parameter from which a witness is its sole one.
+/// derived: more than all others together.
+const SOLE: f64 = 0.5;
+/// Places into which windows are put, each way.
+/// derived: the fewest that show a place at all, and as many again.
+const PLACES: [usize; 2] = [2, 4];
+
+/// What a window, or several of them, add to the normal equations of the parameters, start states eliminated:
+/// summand of the matrix and of the gradient.
+#[derive(Clone)]
+pub struct Witness {
+    /// Summand of the matrix.
+    pub hessian: DMatrix<f64>,
+    /// Summand of the gradient.
+    pub gradient: DVector<f64>,
+}
+
+/// The windows of a problem in groups that pass the same places the same way. What a machine does beyond any
+/// catalog repeats there, so that such windows bear one witness to a parameter, not many: cluster-robust
+/// errors (Liang and Zeger 1986) with the clusters of the discrepancy.
+#[must_use]
+pub fn places(problem: &Problem) -> Vec<Vec<usize>> {
+    let middles: Vec<(f64, bool)> = problem
+        .windows
+        .iter()
+        .map(|w| {
+            let positions = &problem.traces[w.log].position[w.start..w.start + w.len];
+            let middle = positions.iter().sum::<f64>() / positions.len().max(1) as f64;
+            (middle, positions.last() < positions.first())
+        })
+        .collect();
+    let mut order: Vec<usize> = (0..middles.len()).collect();
+    order.sort_by(|&a, &b| middles[a].0.total_cmp(&middles[b].0));
+    let mut rank = vec![0; order.len()];
+    order.iter().enumerate().for_each(|(r, &w)| rank[w] = r);
+    let group =
+        |count: usize, w: usize| 2 * (rank[w] * count / order.len().max(1)) + usize::from(middles[w].1);
+    PLACES.map(|count| (0..middles.len()).map(|w| group(count, w)).collect()).to_vec()
+}
+
+/// Covariance of the parameters, the inverse of `matrix`, widened where the parameters move by more than that
+/// when witnesses are left out (a jackknife of one Gauss-Newton step); and the number of witnesses that each
+/// rests on. The windows are the witnesses, and the windows of a group for each of the `groups`, a number a
+/// window; what widens most counts.
+#[must_use]
+pub fn covariance(
+    mut matrix: DMatrix<f64>,
+    windows: &[Witness],
+    groups: &[Vec<usize>],
+    frozen: &[bool],
+) -> (DMatrix<f64>, Vec<f64>) {
+    let n = matrix.nrows();
+    for i in (0..n).filter(|&i| frozen[i]) {
+        matrix[(i, i)] = 1.0;
+    }
+    // Parameters that the windows do not determine have no finite interval.
+    let Some(mut c) = matrix.clone().cholesky().map(|c| c.inverse()) else {
+        return (DMatrix::from_element(n, n, f64::INFINITY), vec![1.0; n]);
+    };
+    // (14.13): residuals that are not white move a parameter by more than its variance says.
+    let mut wider = vec![1.0; n];
+    let mut witnesses = Vec::new();
+    let all = std::iter::once(windows.to_vec()).chain(groups.iter().map(|g| pooled(windows, g)));
+    for own in all {
+        let (moved, count) = moves(&matrix, &c, &own);
+        if witnesses.is_empty() {
+            witnesses.clone_from(&count);
+        }
+        for i in 0..n {
+            let width = (moved[i] / c[(i, i)]).sqrt();
+            if width.is_finite() && width > wider[i] {
+                (wider[i], witnesses[i]) = (width, count[i]);
+            }
+        }
+    }
+    for i in 0..n {
+        for j in 0..n {
+            // Rows and columns alike, which keeps the correlations.
+            c[(i, j)] = if frozen[i] || frozen[j] { 0.0 } else { c[(i, j)] * wider[i] * wider[j] };
+        }
+    }
+    (c, witnesses)
+}
+
+/// The witnesses of a group as one.
+fn pooled(windows: &[Witness], groups: &[usize]) -> Vec<Witness> {
+    let mut pools: Vec<Option<Witness>> = vec![None; groups.iter().max().map_or(0, |m| m + 1)];
+    for (window, &group) in windows.iter().zip(groups) {
+        match &mut pools[group] {
+            Some(pool) => {
+                pool.hessian += &window.hessian;
+                pool.gradient += &window.gradient;
+            }
+            none => *none = Some(window.clone()),
+        }
+    }
+    pools.into_iter().flatten().collect()
+}
+
+/// Squared moves of the parameters as each witness is left out, summed, and the number of witnesses that each
+/// parameter rests on; `c` is the inverse of `matrix`.
+fn moves(matrix: &DMatrix<f64>, c: &DMatrix<f64>, witnesses: &[Witness]) -> (Vec<f64>, Vec<f64>) {
+    let n = matrix.nrows();
+    let (mut moved, mut shares) = (vec![0.0; n], vec![(0.0, 0.0); n]);
+    for Witness { hessian, gradient } in witnesses {
+        // At the optimum the gradient of the others is minus this one's: one solve without it gives the step
+        // that its absence makes, up to a sign.
+        let without = (matrix - hessian).cholesky().map_or_else(|| c * gradient, |rest| rest.solve(gradient));
+        let (known, within) = (c * hessian * c, c * gradient);
+        for i in 0..n {
+            // Without the witness that shows most of a parameter nothing is left to compare.
+            let way = if known[(i, i)] > SOLE * c[(i, i)] { within[i] } else { without[i] };
+            moved[i] += way * way;
+            shares[i] = (shares[i].0 + known[(i, i)], shares[i].1 + known[(i, i)] * known[(i, i)]);
+        }
+    }
+    let count = |(sum, squares): &(f64, f64)| if *squares > 0.0 { sum * sum / squares } else { 1.0 };
+    (moved, shares.iter().map(count).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A mean of `n` readings, each with its error: one parameter, unit weights.
+    fn mean(errors: &[f64]) -> (DMatrix<f64>, Vec<Witness>) {
+        let own = |e: &f64| Witness {
+            hessian: DMatrix::from_element(1, 1, 1.0),
+            gradient: DVector::from_element(1, *e),
+        };
+        (DMatrix::from_element(1, 1, errors.len() as f64), errors.iter().map(own).collect())
+    }
+
+    #[test]
+    fn errors_that_repeat_by_group_widen_what_independent_ones_do_not() {
+        // Ten windows a place, four places: +s, -s, +s, -s at all windows of a place.
+        let errors: Vec<f64> = (0..40).map(|k| if k / 10 % 2 == 0 { 1.0 } else { -1.0 }).collect();
+        let groups: Vec<usize> = (0..40).map(|k| k / 10).collect();
+        let (matrix, windows) = mean(&errors);
+        let variance =
+            |groups: &[Vec<usize>]| covariance(matrix.clone(), &windows, groups, &[false]).0[(0, 0)];
+        // As 40 independent readings: 1 / 40. As four of the size 1: 1 / 4, times (4 / 3)^2 of the jackknife.
+        assert!((variance(&[]) * 40.0 - 1.0).abs() < 0.1, "{}", variance(&[]));
+        let wide = variance(std::slice::from_ref(&groups));
+        assert!((wide - 0.25 * 16.0 / 9.0).abs() < 1e-9, "{wide}");
+        let count = covariance(matrix.clone(), &windows, &[groups.clone()], &[false]).1[0];
+        assert!((count - 4.0).abs() < 1e-9, "{count}");
+        // Errors that differ within a place are no more than those of windows.
+        let within: Vec<f64> = (0..40).map(|k| if k % 2 == 0 { 1.0 } else { -1.0 }).collect();
+        let (matrix, windows) = mean(&within);
+        let narrow = covariance(matrix, &windows, &[groups], &[false]).0[(0, 0)];
+        assert!((narrow * 40.0 - 1.0).abs() < 0.1, "{narrow}");
+    }
+}
