@@ -21,10 +21,12 @@ mod gpu_hash;
 #[cfg(feature = "gpu")]
 mod gpu_kernels;
 mod harmonics;
+mod learner;
 mod matrix;
 mod object;
 mod occupancy;
 mod params;
+mod passes;
 mod plan;
 mod pool;
 #[cfg(test)]
