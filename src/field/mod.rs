@@ -29,6 +29,7 @@ mod params;
 mod passes;
 mod plan;
 mod pool;
+mod radiance;
 #[cfg(test)]
 mod reference;
 mod sample;
@@ -45,6 +46,10 @@ pub use object::ObjectField;
 pub use occupancy::Occupancy;
 pub use params::{
     FEATURES, FieldConfig, FieldParams, GEOMETRY_OUTPUTS, Layer, LevelLayout, VIEW_COEFFICIENTS,
+};
+pub use radiance::{
+    HalfMotion, JointEstimate, MotionKind, RadianceCheckpoint, RadianceConfig, RadianceInput, RadianceLosses,
+    RadianceModel, RadianceTrainer,
 };
 pub use simd::InstructionSet;
 pub use trainer::{FieldTrainer, TrainInput, TrainerCheckpoint};
