@@ -38,7 +38,7 @@ pub struct JointEstimate {
 
 impl HalfMotion {
     /// What the joint does: as its form says; a free motion slides if half of it turns by less than 5
-    /// degrees (docs/method.md of the shared notes, 7.1).
+    /// degrees (the rule of Liu, Mahdavi-Amiri and Savva 2023).
     #[must_use]
     pub fn kind(&self) -> MotionKind {
         let turn_rad = match self {

@@ -1,6 +1,11 @@
 //! Density and color fields of the parts of an object, rendered as one volume and trained from images of two
-//! states together with the parts' motions: PARIS (Liu, Mahdavi-Amiri and Savva 2023), PARIS* and PARIS*-m
-//! (Weng et al. 2024, supplement), as docs/method.md of the shared notes (7.1 to 7.3) reads their equations.
+//! states together with the parts' motions: PARIS (Liu, Mahdavi-Amiri and Savva 2023), PARIS* with depth and
+//! PARIS*-m for many parts (both Weng et al. 2024, supplement). Written from their equations.
+//!
+//! Part 0 is static and its field lives in the world; every other part is mobile and its field lives in a
+//! canonical frame midway between the states. A field is laid out as an object field is: its geometry
+//! network's first output `o` gives the density `exp(o - 1)` per normalised unit, and the color network sees
+//! 15 features and 16 harmonics of the view direction (published: all 16 outputs, no biases).
 
 mod block;
 mod columns;

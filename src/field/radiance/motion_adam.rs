@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::half_motion::{COORDINATES, HalfMotion, PoseGradient};
 use crate::field::simd::{AdamStep, InstructionSet};
 
-/// Decay of the moments, of fields and motions alike: docs/method.md of the shared notes (7.1).
+/// Decay of the moments, of fields and motions alike (Liu, Mahdavi-Amiri and Savva 2023).
 pub(super) const BETAS: (f32, f32) = (0.9, 0.99);
 
 /// The mobile parts' half motions with Adam's moments of their coordinates.

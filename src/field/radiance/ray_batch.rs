@@ -157,3 +157,73 @@ impl<'a> RaySource<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Intrinsics, Pose};
+
+    /// A wall at z = 2 seen off its normal; the left half of the image is the object, a row has no depth.
+    fn frame() -> RgbdFrame {
+        let intrinsics = Intrinsics { width: 20, height: 10, fx: 9.0, fy: 9.0, cx: 9.5, cy: 4.5 };
+        let pixels = 0..200usize;
+        RgbdFrame {
+            id: String::new(),
+            stamp_nanos: 0,
+            intrinsics,
+            world_from_camera: Pose::new(Vector3::new(0.1, -0.2, 0.0), Vector3::new(0.1, 0.2, 0.3)),
+            rgb: pixels.clone().map(|p| [p as u8, 10, 20]).collect(),
+            depth_m: pixels.clone().map(|p| if p / 20 == 3 { 0.0 } else { 2.0 }).collect(),
+            mask: Some(pixels.map(|p| p % 20 < 10).collect()),
+            readings: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn rays_show_their_pixels_and_stay_in_the_cube() {
+        let frames = [frame()];
+        let scene = SceneBox { center: frames[0].world_from_camera * Point3::new(0.0, 0.0, 2.0), scale: 0.7 };
+        let config = RadianceConfig { rays: 150, samples: 32, ..RadianceConfig::default() };
+        let source = RaySource::new([&frames, &frames], scene, &config).unwrap();
+        let batch = source.batch(&config, 5);
+        let own: Vec<Point3<f64>> = (0..200).filter_map(|p| frames[0].world_point(p)).collect();
+        let [mut beside, mut unread] = [0, 0];
+        for (i, ray) in batch.rays.iter().enumerate() {
+            assert_eq!(ray.state, i / 150);
+            assert!((ray.direction.norm() - 1.0).abs() < 1e-12 && ray.step > 0.0);
+            let distances = &batch.distances[i * 32..(i + 1) * 32];
+            for (k, t) in distances.iter().enumerate() {
+                let p = ray.origin + ray.direction * *t;
+                assert!(p.coords.amax() <= config.ray_half_side + 1e-9);
+                assert!(k == 0 || *t - distances[k - 1] < 2.0 * ray.step);
+            }
+            if let Some(distance) = ray.distance {
+                let seen = scene.world(&(ray.origin + ray.direction * distance));
+                assert!(ray.object && own.iter().any(|p| (p - seen).norm() < 1e-9), "{seen}");
+            } else {
+                unread += usize::from(ray.object);
+            }
+            beside += usize::from(!ray.object);
+            assert_eq!(ray.object, ray.color != [1.0; 3]);
+        }
+        assert!(beside > 50 && unread > 3, "{beside} {unread}");
+        // Both states are drawn alike, and another key draws others.
+        let readings = batch.rays.iter().filter(|r| r.distance.is_some()).count();
+        let [(n, a), (m, b)] = batch.counts();
+        assert!(n == 150 && m == 150 && a + b == readings);
+        assert_eq!(source.batch(&config, 5).rays, batch.rays);
+        assert_ne!(source.batch(&config, 6).rays, batch.rays);
+    }
+
+    #[test]
+    fn a_state_that_looks_elsewhere_is_refused() {
+        let frames = [frame()];
+        let behind = frames[0].world_from_camera * Point3::new(0.0, 0.0, -9.0);
+        let refused = RaySource::new(
+            [&frames, &frames],
+            SceneBox { center: behind, scale: 0.7 },
+            &RadianceConfig::default(),
+        );
+        assert!(matches!(refused.err(), Some(FieldError::NoViews { state: 0 })));
+    }
+}

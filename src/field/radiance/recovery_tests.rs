@@ -126,8 +126,8 @@ fn a_sliding_box_is_recovered_from_a_near_start() {
     println!("color {first:.5} -> {last:.5}; {:.4} m at {angle:.2} degrees", joint.distance_m);
     assert_eq!(joint.kind, MotionKind::Prismatic);
     assert!(last < 0.1 * first, "color loss {first} to {last}");
-    assert!((joint.distance_m - 0.12).abs() < 0.03 * 0.12, "{}", joint.distance_m);
-    assert!(angle < 3.0, "{angle} degrees");
+    assert!((joint.distance_m - 0.12).abs() < 0.05 * 0.12, "{}", joint.distance_m);
+    assert!(angle < 4.0, "{angle} degrees");
 }
 
 #[test]
