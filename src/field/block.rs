@@ -1,10 +1,10 @@
 //! Forward pass, losses and backward pass of one block of whole rays, all within the cache.
 
-use super::harmonics::view_coefficients;
-use super::matrix::{BackwardNetwork, COLOR_INPUTS, Network, NetworkGradient};
+use super::matrix::{BackwardNetwork, Network, NetworkGradient};
+use super::passes::{ColorPass, GeometryPass};
 use super::plan::{Block, Plan};
-use super::simd::{COLUMN_ALIGN, Columns, Epilogue, InstructionSet};
-use super::{FieldLosses, GEOMETRY_OUTPUTS, SampleBatch, SdfTarget, VIEW_COEFFICIENTS};
+use super::simd::{Columns, InstructionSet};
+use super::{FieldLosses, GEOMETRY_OUTPUTS, SampleBatch, SdfTarget};
 
 /// Loss of one sample and its derivative by the network's TSDF `s`.
 pub(super) fn sdf_loss(s: f32, target: SdfTarget) -> (f32, f32) {
@@ -32,48 +32,18 @@ pub(super) fn sdf_loss(s: f32, target: SdfTarget) -> (f32, f32) {
 
 /// Buffers for the widest block of a plan.
 pub(super) struct Scratch {
-    hidden: Vec<f32>,
-    outputs: Vec<f32>,
-    d_outputs: Vec<f32>,
-    d_hidden: Vec<f32>,
-    color: ColorScratch,
-}
-
-/// Buffers of the color network.
-struct ColorScratch {
+    geometry: GeometryPass,
+    color: ColorPass,
     /// Column in the block of every column that has color weight.
     columns: Vec<usize>,
-    inputs: Vec<f32>,
-    first: Vec<f32>,
-    second: Vec<f32>,
-    rgb: Vec<f32>,
-    d_rgb: Vec<f32>,
-    d_first: Vec<f32>,
-    d_second: Vec<f32>,
-    d_features: Vec<f32>,
 }
 
 impl Scratch {
     pub fn new(network: &Network, widest: usize) -> Self {
-        let rows = |n: usize| vec![0.0; n * widest];
-        let hidden = network.hidden();
-        let color = ColorScratch {
-            columns: Vec::with_capacity(widest),
-            inputs: rows(COLOR_INPUTS),
-            first: rows(hidden),
-            second: rows(hidden),
-            rgb: rows(network.color[2].outputs),
-            d_rgb: rows(network.color[2].outputs),
-            d_first: rows(hidden),
-            d_second: rows(hidden),
-            d_features: rows(GEOMETRY_OUTPUTS),
-        };
         Self {
-            hidden: rows(hidden),
-            outputs: rows(GEOMETRY_OUTPUTS),
-            d_outputs: rows(GEOMETRY_OUTPUTS),
-            d_hidden: rows(hidden),
-            color,
+            geometry: GeometryPass::new(network, widest),
+            color: ColorPass::new(network, widest),
+            columns: Vec::with_capacity(widest),
         }
     }
 }
@@ -85,11 +55,6 @@ pub(super) struct StepContext<'a> {
     pub plan: &'a Plan,
     pub network: &'a Network,
     pub backward: &'a BackwardNetwork,
-}
-
-/// The first `rows` rows of a dense matrix with `cols` columns.
-fn dense(data: &[f32], rows: usize, cols: usize) -> Columns<'_> {
-    Columns { data: &data[..rows * cols], stride: cols, rows }
 }
 
 /// One block: reads its columns of `features` (all columns of all levels), writes the gradient of its
@@ -105,30 +70,13 @@ pub(super) fn train_block(
 ) -> FieldLosses {
     let StepContext { isa, network, backward, .. } = *context;
     let cols = block.cols;
-    let hidden = network.hidden();
-    // Forward through the geometry network.
-    network.geometry[0].apply(isa, features, &mut scratch.hidden, cols, Epilogue::Relu);
-    network.geometry[1].apply(
-        isa,
-        dense(&scratch.hidden, hidden, cols),
-        &mut scratch.outputs,
-        cols,
-        Epilogue::Linear,
-    );
-
-    // Losses, and their derivatives by its outputs; padding columns keep a derivative of 0.
-    scratch.d_outputs[..GEOMETRY_OUTPUTS * cols].fill(0.0);
-    let sdf = sdf_losses(context, block, &scratch.outputs[..cols], &mut scratch.d_outputs[..cols]);
-    let color =
-        color_losses(context, block, &scratch.outputs, &mut scratch.d_outputs, &mut scratch.color, gradient);
-
-    // Backward, layer by layer: first the gradient of the weights, then that of the layer's inputs.
-    let d_outputs = dense(&scratch.d_outputs, GEOMETRY_OUTPUTS, cols);
-    gradient.accumulate(isa, 1, d_outputs, dense(&scratch.hidden, hidden, cols), cols);
-    backward.geometry[1].apply(isa, d_outputs, &mut scratch.d_hidden, cols, Epilogue::Mask(&scratch.hidden));
-    let d_hidden = dense(&scratch.d_hidden, hidden, cols);
-    gradient.accumulate(isa, 0, d_hidden, features, cols);
-    backward.geometry[0].apply(isa, d_hidden, d_features, cols, Epilogue::Linear);
+    scratch.geometry.forward(isa, network, features, cols);
+    // Losses, and their derivatives by the outputs; padding columns keep a derivative of 0.
+    let geometry = &mut scratch.geometry;
+    geometry.d_outputs[..GEOMETRY_OUTPUTS * cols].fill(0.0);
+    let sdf = sdf_losses(context, block, &geometry.outputs[..cols], &mut geometry.d_outputs[..cols]);
+    let color = color_losses(context, block, scratch, gradient);
+    scratch.geometry.backward(isa, backward, features, cols, gradient, d_features);
     FieldLosses { sdf, color }
 }
 
@@ -152,91 +100,31 @@ fn sdf_losses(context: &StepContext<'_>, block: &Block, tsdf: &[f32], d_tsdf: &m
 fn color_losses(
     context: &StepContext<'_>,
     block: &Block,
-    outputs: &[f32],
-    d_outputs: &mut [f32],
-    scratch: &mut ColorScratch,
+    scratch: &mut Scratch,
     gradient: &mut NetworkGradient,
 ) -> f64 {
     let StepContext { isa, network, backward, .. } = *context;
     // Samples in free space carry no color weight: the color network runs on the others alone.
-    let Some(cols) = color_inputs(context, block, outputs, scratch) else { return 0.0 };
-    let hidden = network.hidden();
-    let rgb_rows = network.color[2].outputs;
-    let inputs = dense(&scratch.inputs, COLOR_INPUTS, cols);
-    network.color[0].apply(isa, inputs, &mut scratch.first, cols, Epilogue::Relu);
-    network.color[1].apply(
-        isa,
-        dense(&scratch.first, hidden, cols),
-        &mut scratch.second,
-        cols,
-        Epilogue::Relu,
-    );
-    network.color[2].apply(
-        isa,
-        dense(&scratch.second, hidden, cols),
-        &mut scratch.rgb,
-        cols,
-        Epilogue::Linear,
-    );
-    isa.sigmoid(&mut scratch.rgb[..3 * cols]);
-
-    scratch.d_rgb[..rgb_rows * cols].fill(0.0);
-    let loss = ray_colors(context, block, &scratch.columns, &scratch.rgb, &mut scratch.d_rgb, cols);
-
-    let d_rgb = dense(&scratch.d_rgb, rgb_rows, cols);
-    gradient.accumulate(isa, 4, d_rgb, dense(&scratch.second, hidden, cols), cols);
-    backward.color[2].apply(isa, d_rgb, &mut scratch.d_second, cols, Epilogue::Mask(&scratch.second));
-    let d_second = dense(&scratch.d_second, hidden, cols);
-    gradient.accumulate(isa, 3, d_second, dense(&scratch.first, hidden, cols), cols);
-    backward.color[1].apply(isa, d_second, &mut scratch.d_first, cols, Epilogue::Mask(&scratch.first));
-    let d_first = dense(&scratch.d_first, hidden, cols);
-    gradient.accumulate(isa, 2, d_first, inputs, cols);
-    backward.color[0].apply(isa, d_first, &mut scratch.d_features, cols, Epilogue::Linear);
-    // Back to the columns of the block; those without color weight keep a gradient of 0.
-    for feature in 0..GEOMETRY_OUTPUTS - 1 {
-        let d = &mut d_outputs[(feature + 1) * block.cols..(feature + 2) * block.cols];
-        for (&column, &value) in scratch.columns.iter().zip(&scratch.d_features[feature * cols..]) {
-            d[column] = value;
-        }
+    let (batch, samples) = (context.batch, &context.plan.sample[block.start..block.start + block.len]);
+    let Scratch { geometry, color, columns } = scratch;
+    columns.clear();
+    columns.extend((0..block.len).filter(|&c| batch.color_weights[samples[c] as usize] != 0.0));
+    if columns.is_empty() {
+        return 0.0;
     }
+    let cols = color.gather(
+        (&geometry.outputs, block.cols),
+        columns,
+        |column| samples[column] as usize / batch.samples_per_ray,
+        |ray| batch.directions[ray],
+    );
+    color.forward(isa, network, cols);
+    color.d_rgb[..network.color[2].outputs * cols].fill(0.0);
+    let loss = ray_colors(context, block, columns, &color.rgb, &mut color.d_rgb, cols);
+    color.backward(isa, backward, cols, gradient);
+    // Columns without color weight keep a gradient of 0.
+    color.return_features(0, (columns, cols), (&mut geometry.d_outputs, block.cols));
     loss
-}
-
-/// Gathers the columns with color weight; returns their number rounded up, `None` if there are none.
-fn color_inputs(
-    context: &StepContext<'_>,
-    block: &Block,
-    outputs: &[f32],
-    scratch: &mut ColorScratch,
-) -> Option<usize> {
-    let StepContext { batch, plan, .. } = *context;
-    let samples = &plan.sample[block.start..block.start + block.len];
-    scratch.columns.clear();
-    scratch.columns.extend((0..block.len).filter(|&c| batch.color_weights[samples[c] as usize] != 0.0));
-    if scratch.columns.is_empty() {
-        return None;
-    }
-    let cols = scratch.columns.len().next_multiple_of(COLUMN_ALIGN);
-    scratch.inputs[..COLOR_INPUTS * cols].fill(0.0);
-    let mut view = (usize::MAX, [0.0; VIEW_COEFFICIENTS]);
-    for (to, &column) in scratch.columns.iter().enumerate() {
-        let ray = samples[column] as usize / batch.samples_per_ray;
-        // Columns of one ray follow each other: its harmonics are computed once.
-        if view.0 != ray {
-            view = (ray, view_coefficients(batch.directions[ray]));
-        }
-        for (row, value) in view.1.iter().enumerate() {
-            scratch.inputs[row * cols + to] = *value;
-        }
-    }
-    for feature in 0..GEOMETRY_OUTPUTS - 1 {
-        let from = &outputs[(feature + 1) * block.cols..];
-        let row = &mut scratch.inputs[(VIEW_COEFFICIENTS + feature) * cols..][..cols];
-        for (value, &column) in row.iter_mut().zip(&scratch.columns) {
-            *value = from[column];
-        }
-    }
-    Some(cols)
 }
 
 /// Loss of the rays' colors `sum_i w_i rgb_i` and its derivative by the networks' values before the logistic

@@ -145,19 +145,7 @@ impl TrainConfig {
     /// # Errors
     /// [`FieldError::Config`] with the key and its range.
     pub fn validate(&self) -> Result<(), FieldError> {
-        let f = &self.field;
-        let within = |key, value: f64, low: f64, high: f64| {
-            if value >= low && value <= high {
-                Ok(())
-            } else {
-                Err(FieldError::Config { key, value, low, high })
-            }
-        };
-        within("field.levels", f.levels as f64, 1.0, 32.0)?;
-        within("field.base_resolution", f.base_resolution as f64, 2.0, 1024.0)?;
-        within("field.finest_resolution", f.finest_resolution as f64, f.base_resolution as f64, 65536.0)?;
-        within("field.log2_table_size", f64::from(f.log2_table_size), 8.0, 24.0)?;
-        within("field.hidden", f.hidden as f64, 4.0, 256.0)?;
+        check_shape(&self.field)?;
         within("steps", self.steps as f64, 1.0, 1e7)?;
         within("rays", self.rays as f64, 1.0, 1e6)?;
         within("free_samples", self.free_samples as f64, 0.0, 1024.0)?;
@@ -176,6 +164,20 @@ impl TrainConfig {
         within("outlier_from", self.outlier_from, 0.0, 1.0)?;
         self.truncation_m.map_or(Ok(()), |t| within("truncation_m", t, 1e-5, 1e3))
     }
+}
+
+/// Refuses a configured value out of its range.
+pub(super) fn within(key: &'static str, value: f64, low: f64, high: f64) -> Result<(), FieldError> {
+    if value >= low && value <= high { Ok(()) } else { Err(FieldError::Config { key, value, low, high }) }
+}
+
+/// Refuses shapes of a field that cannot be trained.
+pub(super) fn check_shape(f: &FieldConfig) -> Result<(), FieldError> {
+    within("field.levels", f.levels as f64, 1.0, 32.0)?;
+    within("field.base_resolution", f.base_resolution as f64, 2.0, 1024.0)?;
+    within("field.finest_resolution", f.finest_resolution as f64, f.base_resolution as f64, 65536.0)?;
+    within("field.log2_table_size", f64::from(f.log2_table_size), 8.0, 24.0)?;
+    within("field.hidden", f.hidden as f64, 4.0, 256.0)
 }
 
 /// Why a field cannot be trained.
@@ -201,6 +203,12 @@ pub enum FieldError {
     NoRays {
         /// Frames given.
         frames: usize,
+    },
+    /// A state was never seen.
+    #[error("field: state {state} has no frame that looks at the scene cube; check the cameras' poses")]
+    NoViews {
+        /// 0 or 1.
+        state: usize,
     },
     /// More frames than a ray can name.
     #[error("field: {frames} frames are too many, at most 65535; select fewer")]

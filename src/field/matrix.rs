@@ -108,17 +108,18 @@ impl Network {
 /// The transposes that the backward pass needs.
 pub(super) struct BackwardNetwork {
     pub geometry: [Matrix; 2],
-    /// The first carries gradients to the 15 features only.
+    /// The first carries gradients to the inputs from the one that was asked for on.
     pub color: [Matrix; 3],
 }
 
 impl BackwardNetwork {
-    pub fn pack(network: &Network) -> Self {
+    /// `from` is the first input of the color network that has a gradient: [`VIEW_COEFFICIENTS`] where view
+    /// directions are given and nothing is carried back to them, else 0.
+    pub fn pack(network: &Network, from: usize) -> Self {
         let (g, c) = (&network.geometry, &network.color);
         Self {
             geometry: [g[0].transposed(0), g[1].transposed(0)],
-            // View directions are given: nothing is carried back to them.
-            color: [c[0].transposed(VIEW_COEFFICIENTS), c[1].transposed(0), c[2].transposed(0)],
+            color: [c[0].transposed(from), c[1].transposed(0), c[2].transposed(0)],
         }
     }
 }

@@ -22,12 +22,15 @@ mod gpu_hash;
 #[cfg(feature = "gpu")]
 mod gpu_kernels;
 mod harmonics;
+mod learner;
 mod matrix;
 mod object;
 mod occupancy;
 mod params;
+mod passes;
 mod plan;
 mod pool;
+mod radiance;
 #[cfg(test)]
 mod reference;
 mod sample;
@@ -44,6 +47,10 @@ pub use object::ObjectField;
 pub use occupancy::Occupancy;
 pub use params::{
     FEATURES, FieldConfig, FieldParams, GEOMETRY_OUTPUTS, Layer, LevelLayout, VIEW_COEFFICIENTS,
+};
+pub use radiance::{
+    HalfMotion, JointEstimate, MotionKind, RadianceCheckpoint, RadianceConfig, RadianceInput, RadianceLosses,
+    RadianceModel, RadianceTrainer,
 };
 pub use simd::InstructionSet;
 pub use trainer::{FieldTrainer, TrainInput, TrainerCheckpoint};

@@ -349,7 +349,7 @@ mod tests {
             (object.tsdf(&points), object.rgb(&points, &directions), object.colors(&points, &directions));
         for (i, p) in points.iter().enumerate() {
             let unit: [f64; 3] = object.scene.normalise(p).coords.map(|x| 0.5 * (x + 1.0)).into();
-            let view = directions[i].map(|x| x as f32).into();
+            let view = directions[i].into();
             assert!((f64::from(tsdf[i]) - 0.025 * reference.geometry(unit)[0]).abs() < 1e-6);
             for (c, expected) in reference.color(unit, view).into_iter().enumerate() {
                 assert!((f64::from(rgb[i][c]) - expected).abs() < 1e-5);
@@ -366,7 +366,7 @@ mod tests {
         let samples = object.colors(&points, &directions);
         let color = |p: &Point3<f64>, d: &Vector3<f64>| {
             let unit: [f64; 3] = object.scene.normalise(p).coords.map(|x| 0.5 * (x + 1.0)).into();
-            reference.color(unit, d.map(|x| x as f32).into())
+            reference.color(unit, (*d).into())
         };
         let (h, mut compared) = (1e-7, 0);
         for (i, p) in points.iter().enumerate() {

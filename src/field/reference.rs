@@ -108,8 +108,8 @@ impl<'a> Reference<'a> {
     }
 
     /// Color after the logistic function.
-    pub fn color(&self, unit: [f64; 3], direction: [f32; 3]) -> Vec<f64> {
-        let mut x: Vec<f64> = view_coefficients(direction).map(f64::from).to_vec();
+    pub fn color(&self, unit: [f64; 3], direction: [f64; 3]) -> Vec<f64> {
+        let mut x = view_coefficients(direction).to_vec();
         x.extend_from_slice(&self.geometry(unit)[1..]);
         let hidden = self.layer(3, &self.layer(2, &x, true), true);
         self.layer(4, &hidden, false).into_iter().map(|y| 1.0 / (1.0 + (-y).exp())).collect()
@@ -143,7 +143,7 @@ pub(super) fn losses(field: &Reference<'_>, batch: &SampleBatch) -> (f64, f64) {
                 }
             };
             if batch.color_weights[i] != 0.0 {
-                for (c, v) in seen.iter_mut().zip(field.color(unit, batch.directions[ray])) {
+                for (c, v) in seen.iter_mut().zip(field.color(unit, batch.directions[ray].map(f64::from))) {
                     *c += f64::from(batch.color_weights[i]) * v;
                 }
             }

@@ -32,10 +32,10 @@ pub(super) struct Sampler<'a> {
 }
 
 /// A counter-based stream of uniform numbers in `[0, 1)`, one a ray, so that rays can be drawn in any order.
-struct Stream(u64);
+pub(super) struct Stream(pub u64);
 
 impl Stream {
-    fn next(&mut self) -> f64 {
+    pub fn next(&mut self) -> f64 {
         let bits = mix(self.0);
         self.0 = self.0.wrapping_add(STREAM_STEP);
         unit_of(bits)

@@ -10,15 +10,22 @@ pub(in crate::field) struct AdamStep {
     rate: f32,
     /// `epsilon sqrt(1 - beta2^t)`.
     epsilon: f32,
+    /// Decay of the first and of the second moment.
+    betas: (f32, f32),
 }
 
 impl AdamStep {
-    /// Coefficients of step `t`, counted from 1.
+    /// Coefficients of step `t`, counted from 1, with [`ADAM_BETAS`].
     pub(in crate::field) fn new(learning_rate: f32, t: u64) -> Self {
+        Self::with_betas(learning_rate, t, ADAM_BETAS)
+    }
+
+    /// As [`Self::new`] with other decays of the moments.
+    pub(in crate::field) fn with_betas(learning_rate: f32, t: u64, betas: (f32, f32)) -> Self {
         let power = |beta: f32| f64::from(beta).powf(t as f64);
-        let second = (1.0 - power(ADAM_BETAS.1)).sqrt();
-        let rate = f64::from(learning_rate) * second / (1.0 - power(ADAM_BETAS.0));
-        Self { rate: rate as f32, epsilon: (f64::from(ADAM_EPSILON) * second) as f32 }
+        let second = (1.0 - power(betas.1)).sqrt();
+        let rate = f64::from(learning_rate) * second / (1.0 - power(betas.0));
+        Self { rate: rate as f32, epsilon: (f64::from(ADAM_EPSILON) * second) as f32, betas }
     }
 }
 
@@ -90,8 +97,9 @@ unsafe fn lanes<S: Lanes>(
     unsafe {
         // docs/method.md (12.9), the bias corrections being part of rate and epsilon.
         let g = s.load(gradient);
-        let m = s.fma(s.load(first), s.splat(ADAM_BETAS.0), s.mul(g, s.splat(1.0 - ADAM_BETAS.0)));
-        let v = s.fma(s.load(second), s.splat(ADAM_BETAS.1), s.mul(s.mul(g, g), s.splat(1.0 - ADAM_BETAS.1)));
+        let (b1, b2) = step.betas;
+        let m = s.fma(s.load(first), s.splat(b1), s.mul(g, s.splat(1.0 - b1)));
+        let v = s.fma(s.load(second), s.splat(b2), s.mul(s.mul(g, g), s.splat(1.0 - b2)));
         let m = s.keep_above(s.abs(m), s.splat(SMALLEST_FIRST), m);
         let v = s.keep_above(v, s.splat(SMALLEST_SECOND), v);
         let update = s.div(s.mul(m, s.splat(step.rate)), s.add(s.sqrt(v), s.splat(step.epsilon)));

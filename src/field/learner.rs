@@ -1,0 +1,219 @@
+//! The parameters of one field while they are trained: reading the hash grid, adding to its gradient, Adam.
+//!
+//! Results do not depend on the number of threads: work is cut into the same pieces whatever runs them, and
+//! every piece is computed in order.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::matrix::{NetworkGradient, padded};
+use super::simd::{AdamStep, InstructionSet, LevelGeometry, PointColumns};
+use super::{EngineState, FEATURES, FieldParams};
+
+/// Points that one task encodes at one level.
+const ENCODE_POINTS: usize = 8192;
+/// Table floats whose moments are known to be 0 or not together; see [`update_table`].
+const CHUNK: usize = 128;
+/// Floats of a level that one task updates.
+const UPDATE_FLOATS: usize = 1024 * CHUNK;
+
+/// Parameters, moments and the table's gradient of one field.
+pub(super) struct Learner {
+    pub isa: InstructionSet,
+    pub params: FieldParams,
+    first: Vec<f32>,
+    second: Vec<f32>,
+    /// Gradient of the table; all 0 between steps.
+    table_gradient: Vec<f32>,
+    /// Chunks of the table that a gradient has reached.
+    awake: Vec<bool>,
+    steps: u64,
+}
+
+/// The gradient of encoded features, block by block: a block of columns `start..end` has its
+/// `padded(2 levels)` rows of `end - start` floats at `padded(2 levels) * start`.
+#[derive(Clone, Copy)]
+pub(super) struct FeatureGradient<'a> {
+    pub points: PointColumns<'a>,
+    pub blocks: &'a [Range<usize>],
+    pub data: &'a [f32],
+}
+
+impl Learner {
+    /// Continues from a checkpoint on a chosen instruction set.
+    ///
+    /// # Panics
+    /// If the moments do not have the parameters' number.
+    pub fn resume(state: EngineState, isa: InstructionSet) -> Self {
+        let EngineState { params, first, second, steps } = state;
+        let n = params.parameters();
+        assert!(
+            first.len() == n && second.len() == n,
+            "{n} parameters with {} and {} moments",
+            first.len(),
+            second.len()
+        );
+        let floats = params.table.len();
+        // A checkpoint has no such flags; moments show where a gradient was.
+        let moved = |(m, v): (&[f32], &[f32])| m.iter().chain(v).any(|&x| x != 0.0);
+        let awake = params.levels.iter().flat_map(|l| {
+            let range = l.offset..l.offset + l.entries * FEATURES;
+            first[range.clone()].chunks(CHUNK).zip(second[range].chunks(CHUNK)).map(moved).collect::<Vec<_>>()
+        });
+        let awake = awake.collect();
+        Self { isa, params, table_gradient: vec![0.0; floats], awake, first, second, steps }
+    }
+
+    /// What [`Self::resume`] needs.
+    pub fn state(&self) -> EngineState {
+        EngineState {
+            params: self.params.clone(),
+            first: self.first.clone(),
+            second: self.second.clone(),
+            steps: self.steps,
+        }
+    }
+
+    /// Counts a step; its coefficients are `step_of(number)`, numbers from 1.
+    pub fn begin_step(&mut self, step_of: impl FnOnce(u64) -> AdamStep) -> AdamStep {
+        self.steps += 1;
+        step_of(self.steps)
+    }
+
+    /// Features of all levels at all points, level-major: `[2 levels][points]`.
+    pub fn encode(&self, points: PointColumns<'_>, features: &mut Vec<f32>) {
+        let columns = points.x.len();
+        features.resize(FEATURES * self.params.levels.len() * columns, 0.0);
+        if columns == 0 {
+            return;
+        }
+        // Level by level: one table stays in the cache while many points read it.
+        let tasks: Vec<_> = features
+            .chunks_exact_mut(FEATURES * columns)
+            .zip(&self.params.levels)
+            .flat_map(|(rows, layout)| {
+                let (a, b) = rows.split_at_mut(columns);
+                a.chunks_mut(ENCODE_POINTS)
+                    .zip(b.chunks_mut(ENCODE_POINTS))
+                    .enumerate()
+                    .map(move |(i, (a, b))| (layout, i, a, b))
+            })
+            .collect();
+        tasks.into_par_iter().for_each(|(layout, i, a, b)| {
+            let table = &self.params.table[layout.offset..layout.offset + layout.entries * FEATURES];
+            let points = points.range(i * ENCODE_POINTS..i * ENCODE_POINTS + a.len());
+            self.isa.encode(LevelGeometry::new(layout), table, points, a, b);
+        });
+    }
+
+    /// Adds the table's gradient, every level by one task, and lets Adam move the table.
+    pub fn scatter(&mut self, features: FeatureGradient<'_>, learning: Option<AdamStep>) {
+        let d_rows = padded(FEATURES * self.params.levels.len());
+        let isa = self.isa;
+        let sizes: Vec<usize> = self.params.levels.iter().map(|l| l.entries * FEATURES).collect();
+        let chunks: Vec<usize> = sizes.iter().map(|s| s.div_ceil(CHUNK)).collect();
+        // One task a level adds to its table, so that additions need no atomics and keep their order.
+        let gradients = split(&mut self.table_gradient, &sizes);
+        let table = split(&mut self.params.table, &sizes);
+        let (first, second) = (split(&mut self.first, &sizes), split(&mut self.second, &sizes));
+        let awake = split(&mut self.awake, &chunks);
+        let tables = table.into_iter().zip(first).zip(second).zip(awake);
+        let mut levels: Vec<_> = self.params.levels.iter().enumerate().zip(gradients).zip(tables).collect();
+        levels.reverse(); // fine levels take longest
+        // One level a task: several large ones in one piece of work would leave threads idle.
+        levels.into_par_iter().with_max_len(1).for_each(
+            |(((l, layout), gradient), (((table, first), second), awake))| {
+                let level = LevelGeometry::new(layout);
+                for block in features.blocks {
+                    let cols = block.len();
+                    let d = &features.data[d_rows * block.start..][..d_rows * cols];
+                    let (a, b) = (&d[FEATURES * l * cols..][..cols], &d[(FEATURES * l + 1) * cols..][..cols]);
+                    isa.scatter(level, gradient, features.points.range(block.clone()), a, b);
+                }
+                if let Some(step) = learning {
+                    update_table(isa, step, table, first, second, gradient, awake);
+                }
+            },
+        );
+    }
+
+    /// Adam on the layers.
+    pub fn update_layers(&mut self, step: AdamStep, gradient: &NetworkGradient) {
+        let mut gradient = gradient.unpack(&self.params);
+        let floats = self.params.table.len();
+        let (mut first, mut second) = (&mut self.first[floats..], &mut self.second[floats..]);
+        let mut gradient = gradient.as_mut_slice();
+        for layer in self.params.geometry.iter_mut().chain(&mut self.params.color) {
+            for values in [&mut layer.weights, &mut layer.biases] {
+                let n = values.len();
+                let (m, rest_m) = first.split_at_mut(n);
+                let (v, rest_v) = second.split_at_mut(n);
+                let (g, rest_g) = gradient.split_at_mut(n);
+                self.isa.adam(step, values, m, v, g);
+                (first, second, gradient) = (rest_m, rest_v, rest_g);
+            }
+        }
+    }
+
+    /// The whole gradient in the order of [`FieldParams::flatten`]; the table's is cleared, as a step expects
+    /// it.
+    pub fn take_gradient(&mut self, layers: &NetworkGradient) -> Vec<f32> {
+        let mut all = self.table_gradient.clone();
+        self.table_gradient.fill(0.0);
+        all.extend(layers.unpack(&self.params));
+        all
+    }
+}
+
+/// Cuts the front of a slice into pieces of the given sizes.
+fn split<'a, T>(mut rest: &'a mut [T], sizes: &[usize]) -> Vec<&'a mut [T]> {
+    let mut pieces = Vec::with_capacity(sizes.len());
+    for &size in sizes {
+        let (piece, others) = rest.split_at_mut(size);
+        pieces.push(piece);
+        rest = others;
+    }
+    pieces
+}
+
+/// Adam on the table of one level.
+///
+/// This is dense Adam: every entry moves by its momentum in every step. Chunks that no gradient has ever
+/// reached have moments of 0 and would not move, so they are skipped; that changes no bit of the result.
+fn update_table(
+    isa: InstructionSet,
+    step: AdamStep,
+    table: &mut [f32],
+    first: &mut [f32],
+    second: &mut [f32],
+    gradient: &mut [f32],
+    awake: &mut [bool],
+) {
+    let pieces = table
+        .par_chunks_mut(UPDATE_FLOATS)
+        .zip(first.par_chunks_mut(UPDATE_FLOATS))
+        .zip(second.par_chunks_mut(UPDATE_FLOATS))
+        .zip(gradient.par_chunks_mut(UPDATE_FLOATS))
+        .zip(awake.par_chunks_mut(UPDATE_FLOATS / CHUNK));
+    pieces.for_each(|((((p, m), v), g), awake)| {
+        for (flag, g) in awake.iter_mut().zip(g.chunks(CHUNK)) {
+            *flag = *flag || g.iter().any(|&x| x != 0.0);
+        }
+        let mut from = 0;
+        while from < awake.len() {
+            let to = (from..awake.len()).find(|&c| awake[c] != awake[from]).unwrap_or(awake.len());
+            if awake[from] {
+                let range = from * CHUNK..(to * CHUNK).min(p.len());
+                isa.adam(
+                    step,
+                    &mut p[range.clone()],
+                    &mut m[range.clone()],
+                    &mut v[range.clone()],
+                    &mut g[range],
+                );
+            }
+            from = to;
+        }
+    });
+}

@@ -1,0 +1,177 @@
+//! The two networks of a field forward and backward on one block of columns.
+
+use super::harmonics::view_coefficients;
+use super::matrix::{BackwardNetwork, COLOR_INPUTS, Network, NetworkGradient};
+use super::simd::{COLUMN_ALIGN, Columns, Epilogue, InstructionSet};
+use super::{GEOMETRY_OUTPUTS, VIEW_COEFFICIENTS};
+
+/// The first `rows` rows of a dense matrix with `cols` columns.
+fn dense(data: &[f32], rows: usize, cols: usize) -> Columns<'_> {
+    Columns { data: &data[..rows * cols], stride: cols, rows }
+}
+
+/// Activations of the geometry network and their gradients; matrices are dense with the block's columns.
+pub(super) struct GeometryPass {
+    hidden: Vec<f32>,
+    d_hidden: Vec<f32>,
+    /// [`GEOMETRY_OUTPUTS`] rows, after [`Self::forward`].
+    pub outputs: Vec<f32>,
+    /// Their gradient, to be filled before [`Self::backward`].
+    pub d_outputs: Vec<f32>,
+}
+
+impl GeometryPass {
+    /// For blocks of at most `widest` columns.
+    pub fn new(network: &Network, widest: usize) -> Self {
+        let rows = |n: usize| vec![0.0; n * widest];
+        let hidden = network.hidden();
+        Self {
+            hidden: rows(hidden),
+            d_hidden: rows(hidden),
+            outputs: rows(GEOMETRY_OUTPUTS),
+            d_outputs: rows(GEOMETRY_OUTPUTS),
+        }
+    }
+
+    pub fn forward(&mut self, isa: InstructionSet, network: &Network, features: Columns<'_>, cols: usize) {
+        let hidden = network.hidden();
+        network.geometry[0].apply(isa, features, &mut self.hidden, cols, Epilogue::Relu);
+        let inner = dense(&self.hidden, hidden, cols);
+        network.geometry[1].apply(isa, inner, &mut self.outputs, cols, Epilogue::Linear);
+    }
+
+    /// Adds to the layers' gradient and writes that of the features, `padded(2 levels)` rows: layer by layer
+    /// first the gradient of the weights, then that of the layer's inputs.
+    pub fn backward(
+        &mut self,
+        isa: InstructionSet,
+        backward: &BackwardNetwork,
+        features: Columns<'_>,
+        cols: usize,
+        gradient: &mut NetworkGradient,
+        d_features: &mut [f32],
+    ) {
+        let hidden = backward.geometry[0].inputs;
+        let d_outputs = dense(&self.d_outputs, GEOMETRY_OUTPUTS, cols);
+        gradient.accumulate(isa, 1, d_outputs, dense(&self.hidden, hidden, cols), cols);
+        let mask = Epilogue::Mask(&self.hidden);
+        backward.geometry[1].apply(isa, d_outputs, &mut self.d_hidden, cols, mask);
+        let d_hidden = dense(&self.d_hidden, hidden, cols);
+        gradient.accumulate(isa, 0, d_hidden, features, cols);
+        backward.geometry[0].apply(isa, d_hidden, d_features, cols, Epilogue::Linear);
+    }
+}
+
+/// Activations of the color network and their gradients; matrices are dense with `cols` columns.
+pub(super) struct ColorPass {
+    first: Vec<f32>,
+    second: Vec<f32>,
+    d_first: Vec<f32>,
+    d_second: Vec<f32>,
+    /// [`COLOR_INPUTS`] rows, filled by [`Self::gather`].
+    inputs: Vec<f32>,
+    /// After [`Self::forward`]: three rows of colors in `[0, 1]`, and padding.
+    pub rgb: Vec<f32>,
+    /// Gradient by the values before the logistic function, to be filled before [`Self::backward`] (padding
+    /// 0).
+    pub d_rgb: Vec<f32>,
+    /// After [`Self::backward`]: gradient of the inputs from the first that has one.
+    pub d_inputs: Vec<f32>,
+}
+
+impl ColorPass {
+    /// For blocks of at most `widest` columns.
+    pub fn new(network: &Network, widest: usize) -> Self {
+        let rows = |n: usize| vec![0.0; n * widest];
+        let (hidden, outputs) = (network.hidden(), network.color[2].outputs);
+        Self {
+            first: rows(hidden),
+            second: rows(hidden),
+            d_first: rows(hidden),
+            d_second: rows(hidden),
+            inputs: rows(COLOR_INPUTS),
+            rgb: rows(outputs),
+            d_rgb: rows(outputs),
+            d_inputs: rows(COLOR_INPUTS),
+        }
+    }
+
+    /// Fills the inputs at some columns of a block, given its geometry outputs with `block_cols` columns, the
+    /// ray of a column and the unit direction of a ray; returns the number of columns rounded up.
+    pub fn gather(
+        &mut self,
+        (outputs, block_cols): (&[f32], usize),
+        columns: &[usize],
+        ray_of: impl Fn(usize) -> usize,
+        direction_of: impl Fn(usize) -> [f32; 3],
+    ) -> usize {
+        let cols = columns.len().next_multiple_of(COLUMN_ALIGN);
+        self.inputs[..COLOR_INPUTS * cols].fill(0.0);
+        let mut view = (usize::MAX, [0.0; VIEW_COEFFICIENTS]);
+        for (to, &column) in columns.iter().enumerate() {
+            let ray = ray_of(column);
+            // Columns of one ray follow each other: its harmonics are computed once.
+            if view.0 != ray {
+                view = (ray, view_coefficients(direction_of(ray)));
+            }
+            for (row, value) in view.1.iter().enumerate() {
+                self.inputs[row * cols + to] = *value;
+            }
+        }
+        for feature in 0..GEOMETRY_OUTPUTS - 1 {
+            let from = &outputs[(feature + 1) * block_cols..];
+            let row = &mut self.inputs[(VIEW_COEFFICIENTS + feature) * cols..][..cols];
+            for (value, &column) in row.iter_mut().zip(columns) {
+                *value = from[column];
+            }
+        }
+        cols
+    }
+
+    /// Writes the features' gradient to the geometry outputs' gradient of the block, at the columns that were
+    /// gathered; `features` is the row of `d_inputs` that the features begin at.
+    pub fn return_features(
+        &self,
+        features: usize,
+        (columns, cols): (&[usize], usize),
+        (d_outputs, block_cols): (&mut [f32], usize),
+    ) {
+        for feature in 0..GEOMETRY_OUTPUTS - 1 {
+            let d = &mut d_outputs[(feature + 1) * block_cols..(feature + 2) * block_cols];
+            for (&column, &value) in columns.iter().zip(&self.d_inputs[(features + feature) * cols..]) {
+                d[column] = value;
+            }
+        }
+    }
+
+    pub fn forward(&mut self, isa: InstructionSet, network: &Network, cols: usize) {
+        let hidden = network.hidden();
+        let inputs = dense(&self.inputs, COLOR_INPUTS, cols);
+        network.color[0].apply(isa, inputs, &mut self.first, cols, Epilogue::Relu);
+        let first = dense(&self.first, hidden, cols);
+        network.color[1].apply(isa, first, &mut self.second, cols, Epilogue::Relu);
+        let second = dense(&self.second, hidden, cols);
+        network.color[2].apply(isa, second, &mut self.rgb, cols, Epilogue::Linear);
+        isa.sigmoid(&mut self.rgb[..3 * cols]);
+    }
+
+    /// Adds to the layers' gradient and writes that of the inputs.
+    pub fn backward(
+        &mut self,
+        isa: InstructionSet,
+        backward: &BackwardNetwork,
+        cols: usize,
+        gradient: &mut NetworkGradient,
+    ) {
+        let [hidden, rows] = [backward.color[1].inputs, backward.color[2].inputs];
+        let d_rgb = dense(&self.d_rgb, rows, cols);
+        gradient.accumulate(isa, 4, d_rgb, dense(&self.second, hidden, cols), cols);
+        backward.color[2].apply(isa, d_rgb, &mut self.d_second, cols, Epilogue::Mask(&self.second));
+        let d_second = dense(&self.d_second, hidden, cols);
+        gradient.accumulate(isa, 3, d_second, dense(&self.first, hidden, cols), cols);
+        backward.color[1].apply(isa, d_second, &mut self.d_first, cols, Epilogue::Mask(&self.first));
+        let d_first = dense(&self.d_first, hidden, cols);
+        gradient.accumulate(isa, 2, d_first, dense(&self.inputs, COLOR_INPUTS, cols), cols);
+        backward.color[0].apply(isa, d_first, &mut self.d_inputs, cols, Epilogue::Linear);
+    }
+}

@@ -1,0 +1,160 @@
+//! How the radiance fields of an object's parts are trained.
+
+use serde::{Deserialize, Serialize};
+
+use super::super::config::{check_shape, within};
+use super::super::simd::COLUMN_ALIGN;
+use super::super::{FieldConfig, FieldError};
+
+/// Optimiser steps that the published schedules are given for (Liu, Mahdavi-Amiri and Savva 2023).
+const PUBLISHED_STEPS: f64 = 30_000.0;
+/// Published steps at which the fields' rate is halved.
+const FIELD_STEPS: [f64; 5] = [10_000.0, 15_000.0, 18_000.0, 20_000.0, 25_000.0];
+/// Published steps at which the motions' rate is multiplied by 0.33.
+const MOTION_STEPS: [f64; 6] = [5_000.0, 10_000.0, 15_000.0, 18_000.0, 20_000.0, 25_000.0];
+
+/// Shape, samples, schedule and loss weights of PARIS, PARIS* and PARIS*-m.
+///
+/// The defaults suit a processor and are smaller than what was published: hash grids of 16 levels up to
+/// 4096 nodes a side ([`Self::published_field`]), 256 rays a state whose number is adapted so that a step
+/// has about 262,144 samples of a fixed length, and 30,000 steps. Here the numbers of rays and of samples
+/// a ray are fixed; the samples of a ray divide its way through the scene cube.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RadianceConfig {
+    /// Hash grid and networks of every part.
+    pub field: FieldConfig,
+    /// Number of parts: one static, the others mobile.
+    pub parts: usize,
+    /// Optimiser steps; the published schedules are scaled to them.
+    pub steps: usize,
+    /// Rays a step of each state.
+    pub rays: usize,
+    /// Samples on every ray, a multiple of 16.
+    pub samples: usize,
+    /// Half the side of the cube that every field spans, in normalised units (the object spans 0.9 of one;
+    /// published: 1.5). Larger than [`Self::ray_half_side`], because a mobile part between its states may
+    /// stand out of the cube of both.
+    pub half_side: f64,
+    /// Half the side of the cube that rays are sampled in, normalised units (published: 1.5 as well).
+    pub ray_half_side: f64,
+    /// Learning rate of the fields (published: 0.002).
+    pub learning_rate: f64,
+    /// Factor on the published learning rates of the motions.
+    pub motion_rate_scale: f64,
+    /// Weight of the binary cross entropy between opacity and mask (published: 0.1).
+    pub mask_weight: f64,
+    /// Weight of the squared error of the rendered distance, normalised units (PARIS*: 0.01; PARIS: 0).
+    pub depth_weight: f64,
+    /// Weight of the entropy of the parts' shares of a ray's opacity (published code: 0).
+    pub part_entropy_weight: f64,
+    /// Samples with a smaller rendering weight have no color: they count as the white background. The
+    /// color network is not run there, which is most of the cost; 0 runs it wherever there is any weight.
+    pub color_threshold: f64,
+    /// Whether the second phase, with typed joints, goes on with the fields that the first one found.
+    pub keep_fields: bool,
+}
+
+impl Default for RadianceConfig {
+    fn default() -> Self {
+        Self {
+            field: FieldConfig {
+                levels: 12,
+                base_resolution: 16,
+                finest_resolution: 512,
+                log2_table_size: 17,
+                hidden: 64,
+            },
+            parts: 2,
+            steps: 3000,
+            rays: 256,
+            samples: 96,
+            half_side: 1.5,
+            ray_half_side: 1.0,
+            learning_rate: 0.002,
+            motion_rate_scale: 1.0,
+            mask_weight: 0.1,
+            depth_weight: 0.01,
+            part_entropy_weight: 0.0,
+            color_threshold: 1e-4,
+            keep_fields: false,
+        }
+    }
+}
+
+impl RadianceConfig {
+    /// The published hash grid: 16 levels of two features, 2^19 entries, 16 to 4096 nodes a side (growth
+    /// 1.4472693). The published networks have no biases; these have.
+    #[must_use]
+    pub fn published_field() -> FieldConfig {
+        FieldConfig {
+            levels: 16,
+            base_resolution: 16,
+            finest_resolution: 4096,
+            log2_table_size: 19,
+            hidden: 64,
+        }
+    }
+
+    /// Refuses values that cannot be trained with.
+    ///
+    /// # Errors
+    /// [`FieldError::Config`] with the key and its range.
+    pub fn validate(&self) -> Result<(), FieldError> {
+        check_shape(&self.field)?;
+        within("parts", self.parts as f64, 2.0, 64.0)?;
+        within("steps", self.steps as f64, 1.0, 1e7)?;
+        within("rays", self.rays as f64, 1.0, 1e5)?;
+        within("samples", self.samples as f64, 16.0, 4096.0)?;
+        // Rays begin at whole vectors of the kernels.
+        within("samples modulo 16", (self.samples % COLUMN_ALIGN) as f64, 0.0, 0.0)?;
+        within("half_side", self.half_side, 0.1, 100.0)?;
+        within("ray_half_side", self.ray_half_side, 0.1, self.half_side)?;
+        within("learning_rate", self.learning_rate, 1e-8, 1.0)?;
+        within("motion_rate_scale", self.motion_rate_scale, 0.0, 1e3)?;
+        within("mask_weight", self.mask_weight, 0.0, 1e6)?;
+        within("depth_weight", self.depth_weight, 0.0, 1e6)?;
+        within("part_entropy_weight", self.part_entropy_weight, 0.0, 1e6)?;
+        within("color_threshold", self.color_threshold, 0.0, 0.1)
+    }
+
+    /// Learning rate of the fields at a step, from 0: halved at a third, a half, 0.6, two thirds and five
+    /// sixths of the steps.
+    pub(super) fn field_rate(&self, step: usize) -> f64 {
+        self.learning_rate * 0.5f64.powi(self.passed(&FIELD_STEPS, step))
+    }
+
+    /// Factor on the motions' learning rates at a step, from 0.
+    pub(super) fn motion_rate(&self, step: usize) -> f64 {
+        self.motion_rate_scale * 0.33f64.powi(self.passed(&MOTION_STEPS, step))
+    }
+
+    /// How many of the published milestones a step has passed, scaled to the configured number of steps.
+    fn passed(&self, milestones: &[f64], step: usize) -> i32 {
+        let published = step as f64 / self.steps as f64 * PUBLISHED_STEPS;
+        milestones.iter().filter(|&&m| published >= m).count() as i32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_fall_where_the_published_ones_do() {
+        let c = RadianceConfig { steps: 300, ..RadianceConfig::default() };
+        assert_eq!((c.field_rate(0), c.field_rate(99)), (0.002, 0.002));
+        assert_eq!((c.field_rate(100), c.field_rate(299)), (0.001, 0.002 / 32.0));
+        assert_eq!((c.motion_rate(49), c.motion_rate(50)), (1.0, 0.33));
+        assert!((c.motion_rate(299) - 0.33f64.powi(6)).abs() < 1e-15);
+    }
+
+    #[test]
+    fn values_out_of_range_are_refused() {
+        assert!(RadianceConfig::default().validate().is_ok());
+        let bad = RadianceConfig { samples: 40, ..RadianceConfig::default() };
+        assert!(matches!(bad.validate(), Err(FieldError::Config { key: "samples modulo 16", .. })));
+        let bad = RadianceConfig { ray_half_side: 2.0, ..RadianceConfig::default() };
+        assert!(matches!(bad.validate(), Err(FieldError::Config { key: "ray_half_side", .. })));
+    }
+}

@@ -1,0 +1,262 @@
+//! One optimiser step of all fields and half motions.
+//!
+//! Results do not depend on the number of threads: work is cut into the same pieces whatever runs them, every
+//! piece is computed in order, and partial sums are added in the order of the pieces.
+
+use std::ops::Range;
+use std::sync::Mutex;
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::block::{PartSlot, PartView, Scratch, StepContext, train_block};
+use super::columns::{PartColumns, turned};
+use super::half_motion::PoseGradient;
+use super::loss::{RadianceLosses, RayShare};
+use super::motion_adam::{BETAS, MotionState};
+use super::pieces::{block_rays, blocks, groups};
+use super::position::by_position;
+use super::ray_batch::RayBatch;
+use super::{HalfMotion, RadianceConfig};
+use crate::field::learner::{FeatureGradient, Learner};
+use crate::field::matrix::{BackwardNetwork, Network, NetworkGradient, padded};
+use crate::field::simd::{AdamStep, InstructionSet, PointColumns};
+use crate::field::{EngineState, FEATURES, VIEW_COEFFICIENTS};
+use crate::geometry::Pose;
+
+/// The fields of all parts in training; the first is static.
+pub(super) struct RadianceEngine {
+    fields: Vec<Learner>,
+    /// Kept between steps for their memory.
+    columns: Vec<PartColumns>,
+}
+
+/// Gradient of a batch's loss.
+pub(super) struct RadianceGradient {
+    pub losses: RadianceLosses,
+    /// Of every part's layers; those of the tables are in the learners.
+    layers: Vec<NetworkGradient>,
+    /// By every mobile part's half motion.
+    pub by_pose: Vec<PoseGradient>,
+}
+
+impl RadianceEngine {
+    /// Continues from the state of every part's field.
+    ///
+    /// # Panics
+    /// If moments do not have the parameters' number.
+    pub fn new(states: Vec<EngineState>) -> Self {
+        let isa = InstructionSet::detect();
+        let fields: Vec<_> = states.into_iter().map(|s| Learner::resume(s, isa)).collect();
+        let columns = fields.iter().map(|_| PartColumns::default()).collect();
+        Self { fields, columns }
+    }
+
+    /// What [`Self::new`] needs.
+    pub fn states(&self) -> Vec<EngineState> {
+        self.fields.iter().map(Learner::state).collect()
+    }
+
+    /// One step of fields and motions down the gradient of a batch; `number` counts from 0.
+    ///
+    /// The published code runs every batch twice, for the fields and then for the motions; here one gradient
+    /// moves both.
+    pub fn step(
+        &mut self,
+        batch: &RayBatch,
+        motions: &mut MotionState,
+        config: &RadianceConfig,
+        number: usize,
+    ) -> RadianceLosses {
+        let gradient = self.backward(batch, &motions.motions, config);
+        let rate = config.field_rate(number) as f32;
+        for (k, layers) in gradient.layers.iter().enumerate() {
+            let step = self.fields[k].begin_step(|t| AdamStep::with_betas(rate, t, BETAS));
+            self.scatter(k, batch, Some(step));
+            self.fields[k].update_layers(step, layers);
+        }
+        motions.step(self.fields[0].isa, &gradient.by_pose, config.motion_rate(number));
+        gradient.losses
+    }
+
+    /// Losses and gradients of every part's field in the order of
+    /// [`FieldParams::flatten`](crate::field::FieldParams::flatten); changes nothing.
+    #[cfg(test)]
+    pub fn gradient(
+        &mut self,
+        batch: &RayBatch,
+        motions: &[HalfMotion],
+        config: &RadianceConfig,
+    ) -> (RadianceGradient, Vec<Vec<f32>>) {
+        let gradient = self.backward(batch, motions, config);
+        let fields = (0..self.fields.len()).map(|k| {
+            self.scatter(k, batch, None);
+            self.fields[k].take_gradient(&gradient.layers[k])
+        });
+        let fields = fields.collect();
+        (gradient, fields)
+    }
+
+    /// Adds the gradient of a part's table and lets Adam move it.
+    fn scatter(&mut self, part: usize, batch: &RayBatch, learning: Option<AdamStep>) {
+        let per = batch.samples;
+        let blocks: Vec<_> = blocks(0..batch.rays.len(), per).map(|r| r.start * per..r.end * per).collect();
+        let columns = &self.columns[part];
+        let features =
+            FeatureGradient { points: columns.points(), blocks: &blocks, data: &columns.d_features };
+        self.fields[part].scatter(features, learning);
+    }
+
+    /// Forward and backward pass of a batch.
+    fn backward(
+        &mut self,
+        batch: &RayBatch,
+        motions: &[HalfMotion],
+        config: &RadianceConfig,
+    ) -> RadianceGradient {
+        let halves: Vec<Pose> =
+            std::iter::once(Pose::identity()).chain(motions.iter().map(HalfMotion::pose)).collect();
+        for ((field, columns), half) in self.fields.iter().zip(&mut self.columns).zip(&halves) {
+            columns.fill(batch, half, config.half_side);
+            let mut features = std::mem::take(&mut columns.features);
+            field.encode(columns.points(), &mut features);
+            columns.features = features;
+        }
+        let networks: Vec<Network> = self.fields.iter().map(|f| Network::pack(&f.params)).collect();
+        // Only what moves has a use for the gradient by view directions.
+        let first = |k: usize| if k == 0 { VIEW_COEFFICIENTS } else { 0 };
+        let backwards: Vec<_> =
+            networks.iter().enumerate().map(|(k, n)| BackwardNetwork::pack(n, first(k))).collect();
+        let groups = groups(batch.rays.len(), batch.samples);
+        let mut tasks: Vec<(Range<usize>, Vec<&mut [f32]>)> =
+            groups.iter().map(|g| (g.clone(), Vec::new())).collect();
+        let mut parts = Vec::with_capacity(networks.len());
+        for (k, columns) in self.columns.iter_mut().enumerate() {
+            let rows = padded(FEATURES * self.fields[k].params.levels.len());
+            let PartColumns { x, y, z, inside, directions, features, d_features } = columns;
+            d_features.resize(rows * batch.distances.len(), 0.0);
+            // Each group writes a piece of the gradient of its own.
+            let mut rest = d_features.as_mut_slice();
+            for (group, pieces) in &mut tasks {
+                let (own, others) = rest.split_at_mut(rows * group.len() * batch.samples);
+                pieces.push(own);
+                rest = others;
+            }
+            let (network, backward) = (&networks[k], &backwards[k]);
+            let view = PartView { network, backward, features, inside, directions, mobile: k > 0 };
+            parts.push((view, PointColumns { x, y, z }));
+        }
+        let (parts, points): (Vec<_>, Vec<_>) = parts.into_iter().unzip();
+        let isa = self.fields[0].isa;
+        let context = StepContext { isa, config, batch, shares: shares(batch), parts };
+        let fields = &self.fields;
+        // As many buffers as threads are at work, in place of one a group.
+        let pool = Mutex::new(Vec::new());
+        let run = |(rays, mut pieces): (Range<usize>, Vec<&mut [f32]>)| {
+            let scratch = pool.lock().ok().and_then(|mut p| p.pop());
+            let widest = block_rays(batch.samples) * batch.samples;
+            let mut scratch = scratch.unwrap_or_else(|| Scratch::new(&context, widest));
+            let mut sum = run_group(&context, rays.clone(), &halves, &mut scratch, &mut pieces);
+            if let Ok(mut p) = pool.lock() {
+                p.push(scratch);
+            }
+            for (m, by_pose) in sum.by_pose.iter_mut().enumerate() {
+                let (k, rays) = (m + 1, rays.clone());
+                let moved = by_position(
+                    &fields[k],
+                    points[k],
+                    pieces[k],
+                    (batch, rays),
+                    &halves[k],
+                    config.half_side,
+                );
+                by_pose.merge(&moved);
+            }
+            sum
+        };
+        let sums: Vec<_> = tasks.into_par_iter().with_max_len(1).map(run).collect();
+        // Summed in the order of the groups, whatever the number of threads.
+        let mut total = RadianceGradient::zeros(&networks);
+        sums.iter().for_each(|sum| total.add(sum));
+        total
+    }
+}
+
+impl RadianceGradient {
+    fn zeros(networks: &[Network]) -> Self {
+        Self {
+            losses: RadianceLosses::default(),
+            layers: networks.iter().map(NetworkGradient::zeros).collect(),
+            by_pose: vec![PoseGradient::default(); networks.len() - 1],
+        }
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.losses.add(&other.losses);
+        for (a, b) in self.layers.iter_mut().zip(&other.layers) {
+            a.add(b);
+        }
+        for (a, b) in self.by_pose.iter_mut().zip(&other.by_pose) {
+            a.merge(b);
+        }
+    }
+}
+
+/// The blocks of a group of rays, without the motions' gradient by positions.
+fn run_group(
+    context: &StepContext<'_>,
+    rays: Range<usize>,
+    halves: &[Pose],
+    scratch: &mut Scratch,
+    pieces: &mut [&mut [f32]],
+) -> RadianceGradient {
+    let batch = context.batch;
+    let networks: Vec<&Network> = context.parts.iter().map(|p| p.network).collect();
+    let mut sum = RadianceGradient {
+        losses: RadianceLosses::default(),
+        layers: networks.iter().map(|n| NetworkGradient::zeros(n)).collect(),
+        by_pose: vec![PoseGradient::default(); networks.len() - 1],
+    };
+    let mut d_directions = vec![vec![Vector3::zeros(); block_rays(batch.samples)]; networks.len()];
+    for block in blocks(rays.clone(), batch.samples) {
+        let parts = sum.layers.iter_mut().zip(&mut *pieces).zip(&mut d_directions);
+        let mut slots = Vec::with_capacity(networks.len());
+        for ((layers, piece), directions) in parts {
+            slots.push(block_slot(layers, piece, directions, &rays, &block));
+        }
+        let losses = train_block(context, block.clone(), scratch, &mut slots);
+        sum.losses.add(&losses);
+        for (m, by_pose) in sum.by_pose.iter_mut().enumerate() {
+            let half = &halves[m + 1];
+            for (ray, by) in batch.rays[block.clone()].iter().zip(&d_directions[m + 1]) {
+                if ray.state == 0 {
+                    by_pose.add_turned(&turned(half, 0, &ray.direction), by);
+                } else {
+                    by_pose.add_turned_back(half, &ray.direction, by);
+                }
+            }
+        }
+    }
+    sum
+}
+
+/// Where a block of a group writes the gradient of a part.
+fn block_slot<'a>(
+    layers: &'a mut NetworkGradient,
+    piece: &'a mut [f32],
+    directions: &'a mut [Vector3<f64>],
+    group: &Range<usize>,
+    block: &Range<usize>,
+) -> PartSlot<'a> {
+    let per_ray = piece.len() / group.len();
+    let d_features = &mut piece[(block.start - group.start) * per_ray..(block.end - group.start) * per_ray];
+    PartSlot { layers, d_features, d_directions: &mut directions[..block.len()] }
+}
+
+/// How much a ray of each state counts: every mean is over a state, and both states count half.
+fn shares(batch: &RayBatch) -> [RayShare; 2] {
+    batch.counts().map(|(rays, readings)| RayShare {
+        ray: 0.5 / rays.max(1) as f64,
+        reading: 0.5 / readings.max(1) as f64,
+    })
+}

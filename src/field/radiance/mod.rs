@@ -1,0 +1,36 @@
+//! Density and color fields of the parts of an object, rendered as one volume and trained from images of two
+//! states together with the parts' motions: PARIS (Liu, Mahdavi-Amiri and Savva 2023), PARIS* with depth and
+//! PARIS*-m for many parts (both Weng et al. 2024, supplement). Written from their equations.
+//!
+//! Part 0 is static and its field lives in the world; every other part is mobile and its field lives in a
+//! canonical frame midway between the states. A field is laid out as an object field is: its geometry
+//! network's first output `o` gives the density `exp(o - 1)` per normalised unit, and the color network sees
+//! 15 features and 16 harmonics of the view direction (published: all 16 outputs, no biases).
+
+mod block;
+mod columns;
+mod composite;
+mod config;
+mod engine;
+#[cfg(test)]
+mod engine_tests;
+mod half_motion;
+mod joint;
+mod loss;
+mod model;
+mod motion_adam;
+mod pieces;
+mod position;
+mod ray_batch;
+#[cfg(test)]
+mod recovery_tests;
+#[cfg(test)]
+mod reference;
+mod trainer;
+
+pub use config::RadianceConfig;
+pub use half_motion::HalfMotion;
+pub use joint::{JointEstimate, MotionKind};
+pub use loss::RadianceLosses;
+pub use model::RadianceModel;
+pub use trainer::{RadianceCheckpoint, RadianceInput, RadianceTrainer};

@@ -1,0 +1,65 @@
+//! Adam on the half motions.
+
+use serde::{Deserialize, Serialize};
+
+use super::half_motion::{COORDINATES, HalfMotion, PoseGradient};
+use crate::field::simd::{AdamStep, InstructionSet};
+
+/// Decay of the moments, of fields and motions alike (Liu, Mahdavi-Amiri and Savva 2023).
+pub(super) const BETAS: (f32, f32) = (0.9, 0.99);
+
+/// The mobile parts' half motions with Adam's moments of their coordinates.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct MotionState {
+    /// One a mobile part.
+    pub motions: Vec<HalfMotion>,
+    first: Vec<f32>,
+    second: Vec<f32>,
+    steps: u64,
+}
+
+impl MotionState {
+    /// No history.
+    pub fn new(motions: Vec<HalfMotion>) -> Self {
+        let n = COORDINATES * motions.len();
+        Self { motions, first: vec![0.0; n], second: vec![0.0; n], steps: 0 }
+    }
+
+    /// Whether the moments have the motions' number.
+    pub fn is_consistent(&self) -> bool {
+        let n = COORDINATES * self.motions.len();
+        self.first.len() == n && self.second.len() == n
+    }
+
+    /// One step down a gradient; `scale` is a factor on the published rates.
+    pub fn step(&mut self, isa: InstructionSet, by_pose: &[PoseGradient], scale: f64) {
+        self.steps += 1;
+        let pairs = self.motions.iter().zip(by_pose);
+        let mut gradient: Vec<f32> = pairs.flat_map(|(m, g)| m.gradient(g).map(|x| x as f32)).collect();
+        // The kernel moves zeros: what comes out is the change at a rate of 1, which every coordinate scales.
+        let mut change = vec![0.0; gradient.len()];
+        let adam = AdamStep::with_betas(1.0, self.steps, BETAS);
+        isa.adam(adam, &mut change, &mut self.first, &mut self.second, &mut gradient);
+        for (motion, change) in self.motions.iter_mut().zip(change.chunks_exact(COORDINATES)) {
+            let rates = motion.rates();
+            *motion = motion.stepped(&std::array::from_fn(|k| scale * rates[k] * f64::from(change[k])));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn the_first_step_is_one_rate_down_the_gradient() {
+        let mut state = MotionState::new(vec![HalfMotion::free(), HalfMotion::prismatic()]);
+        let up = PoseGradient { torque: Vector3::zeros(), force: Vector3::new(2.0, 0.5, 0.1) };
+        state.step(InstructionSet::detect(), &[up, up], 0.5);
+        let t = state.motions[0].pose().translation.vector;
+        assert!((t - Vector3::repeat(0.001 - 0.0005)).norm() < 1e-9, "{t}");
+        let HalfMotion::Prismatic { distance, .. } = state.motions[1] else { panic!("another kind") };
+        assert!((distance - (0.1 - 0.0025)).abs() < 1e-8, "{distance}");
+    }
+}

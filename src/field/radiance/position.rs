@@ -1,0 +1,84 @@
+//! The gradient of a half motion by the places that it takes samples to.
+
+use std::ops::Range;
+
+use nalgebra::Vector3;
+
+use super::columns::{canonical, place};
+use super::half_motion::PoseGradient;
+use super::pieces::{block_rays, blocks};
+use super::ray_batch::RayBatch;
+use crate::field::FEATURES;
+use crate::field::learner::Learner;
+use crate::field::matrix::padded;
+use crate::field::simd::{LevelGeometry, LevelJacobian, PointColumns};
+use crate::geometry::Pose;
+
+/// Gradient by the half motion of a part, given that of the encoded features of a group of rays, block by
+/// block.
+pub(super) fn by_position(
+    field: &Learner,
+    points: PointColumns<'_>,
+    d_features: &[f32],
+    (batch, rays): (&RayBatch, Range<usize>),
+    half: &Pose,
+    half_side: f64,
+) -> PoseGradient {
+    let by_unit = by_unit_coordinates(field, points, d_features, batch, &rays);
+    let mut gradient = PoseGradient::default();
+    let first = rays.start * batch.samples;
+    for (i, by_unit) in by_unit.into_iter().enumerate() {
+        if by_unit == [0.0; 3] {
+            continue;
+        }
+        let ray = &batch.rays[(first + i) / batch.samples];
+        let point = place(ray, batch.distances[first + i]);
+        // A normalised unit is this much of the part's cube.
+        let by_image = Vector3::from(by_unit.map(f64::from)) * (0.5 / half_side);
+        if ray.state == 0 {
+            gradient.add_forward(half, &canonical(half, 0, &point), &by_image);
+        } else {
+            gradient.add_inverse(half, &point, &by_image);
+        }
+    }
+    gradient
+}
+
+/// Gradient of every sample of a group by its unit coordinates.
+fn by_unit_coordinates(
+    field: &Learner,
+    points: PointColumns<'_>,
+    d_features: &[f32],
+    batch: &RayBatch,
+    rays: &Range<usize>,
+) -> Vec<[f32; 3]> {
+    let samples = batch.samples;
+    let rows = padded(FEATURES * field.params.levels.len());
+    let mut sums = vec![[0.0f32; 3]; rays.len() * samples];
+    let mut jacobian = vec![0.0f32; 8 * block_rays(samples) * samples];
+    // Level by level: one table stays in the cache while many points read it.
+    for (l, layout) in field.params.levels.iter().enumerate() {
+        let level = LevelGeometry::new(layout);
+        let table = &field.params.table[layout.offset..layout.offset + layout.entries * FEATURES];
+        for block in blocks(rays.clone(), samples) {
+            let columns = block.start * samples..block.end * samples;
+            let (cols, first) = (columns.len(), columns.start - rays.start * samples);
+            let d = &d_features[rows * first..][..rows * cols];
+            let (a, b) = (&d[FEATURES * l * cols..][..cols], &d[(FEATURES * l + 1) * cols..][..cols]);
+            // Most rays pass through empty space, where nothing has a slope.
+            if a.iter().chain(b).all(|&x| x == 0.0) {
+                continue;
+            }
+            let mut slices = jacobian[..8 * cols].chunks_exact_mut(cols);
+            let mut four = || [(); 4].map(|()| slices.next().unwrap_or_default());
+            let out = LevelJacobian { first: four(), second: four() };
+            field.isa.encode_jacobian(level, table, points.range(columns), out);
+            for (i, sum) in sums[first..first + cols].iter_mut().enumerate() {
+                for (k, s) in sum.iter_mut().enumerate() {
+                    *s += a[i] * jacobian[(1 + k) * cols + i] + b[i] * jacobian[(5 + k) * cols + i];
+                }
+            }
+        }
+    }
+    sums
+}

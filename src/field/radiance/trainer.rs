@@ -1,0 +1,204 @@
+//! Training of all parts' fields and motions, step by step.
+
+use rand_core::Rng;
+use serde::{Deserialize, Serialize};
+
+use super::engine::RadianceEngine;
+use super::loss::RadianceLosses;
+use super::motion_adam::MotionState;
+use super::ray_batch::RaySource;
+use super::{HalfMotion, RadianceConfig, RadianceModel};
+use crate::capture::RgbdFrame;
+use crate::field::{EngineState, FieldError, FieldParams};
+use crate::geometry::SceneBox;
+use crate::random::stage_rng;
+
+/// What the fields are trained on.
+#[derive(Clone, Copy)]
+pub struct RadianceInput<'a> {
+    /// Frames of state 0 and of state 1, with masks; depth is used where its loss has a weight.
+    pub states: [&'a [RgbdFrame]; 2],
+    /// The normalised frame: the object in both states spans 0.9 of its cube.
+    pub scene: SceneBox,
+}
+
+/// Trains the fields and motions of an object's parts. Every step is a pure function of parameters, seed and
+/// step number: a resumed run gives the parameters of an uninterrupted one, bit by bit.
+///
+/// As recommended for PARIS it is used twice: [`Self::free`] finds free motions, and [`Self::typed`] goes on
+/// with the revolute or prismatic joints that they show.
+pub struct RadianceTrainer<'a> {
+    config: RadianceConfig,
+    scene: SceneBox,
+    source: RaySource<'a>,
+    engine: RadianceEngine,
+    motions: MotionState,
+    seed: u64,
+    stage: String,
+    done: usize,
+}
+
+/// Everything that a stopped training needs besides its input and configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RadianceCheckpoint {
+    /// Parameters and moments of every part's field.
+    pub fields: Vec<EngineState>,
+    /// Half motions of the mobile parts with their moments.
+    motions: MotionState,
+    /// Steps done.
+    pub done: usize,
+}
+
+impl<'a> RadianceTrainer<'a> {
+    /// Fresh fields, and free motions at their published start. `stage` names the random streams.
+    ///
+    /// # Errors
+    /// [`FieldError`]: a value out of range, or a state that no frame shows.
+    pub fn free(
+        input: &RadianceInput<'a>,
+        config: &RadianceConfig,
+        seed: u64,
+        stage: &str,
+    ) -> Result<Self, FieldError> {
+        let motions = vec![HalfMotion::free(); config.parts.saturating_sub(1)];
+        Self::from_motions(input, config, motions, seed, stage)
+    }
+
+    /// Typed joints that start from the motions of a model; its fields go on if the configuration says so,
+    /// else there are fresh ones.
+    ///
+    /// # Errors
+    /// [`FieldError`]: a value out of range, another number or shape of parts, or a state that no frame
+    /// shows.
+    pub fn typed(
+        input: &RadianceInput<'a>,
+        config: &RadianceConfig,
+        found: &RadianceModel,
+        seed: u64,
+        stage: &str,
+    ) -> Result<Self, FieldError> {
+        let motions = found.motions.iter().map(HalfMotion::typed).collect();
+        let mut trainer = Self::from_motions(input, config, motions, seed, stage)?;
+        if config.keep_fields {
+            let kept = found.fields.iter().cloned().map(fresh_state).collect();
+            trainer.check_fields(&kept)?;
+            trainer.engine = RadianceEngine::new(kept);
+        }
+        Ok(trainer)
+    }
+
+    /// Fresh fields, and the half motions of the mobile parts as they are given.
+    ///
+    /// # Errors
+    /// [`FieldError`]: a value out of range, another number of motions than of mobile parts, or a state that
+    /// no frame shows.
+    pub fn from_motions(
+        input: &RadianceInput<'a>,
+        config: &RadianceConfig,
+        motions: Vec<HalfMotion>,
+        seed: u64,
+        stage: &str,
+    ) -> Result<Self, FieldError> {
+        config.validate()?;
+        expect("motions", motions.len(), config.parts - 1)?;
+        let source = RaySource::new(input.states, input.scene, config)?;
+        let init = |part: usize| {
+            let mut rng = stage_rng(seed, &format!("{stage}/init"), part as u64);
+            fresh_state(FieldParams::init(&config.field, &mut rng))
+        };
+        Ok(Self {
+            config: config.clone(),
+            scene: input.scene,
+            source,
+            engine: RadianceEngine::new((0..config.parts).map(init).collect()),
+            motions: MotionState::new(motions),
+            seed,
+            stage: stage.to_owned(),
+            done: 0,
+        })
+    }
+
+    /// Continues from a checkpoint of a trainer with the same input, configuration, seed and stage.
+    ///
+    /// # Errors
+    /// [`FieldError::Checkpoint`] if it does not fit.
+    pub fn restore(&mut self, checkpoint: RadianceCheckpoint) -> Result<(), FieldError> {
+        let RadianceCheckpoint { fields, motions, done } = checkpoint;
+        self.check_fields(&fields)?;
+        expect("motions", motions.motions.len(), self.config.parts - 1)?;
+        expect("consistent motions", usize::from(motions.is_consistent()), 1)?;
+        for field in &fields {
+            expect("steps", field.steps as usize, done)?;
+        }
+        (self.engine, self.motions, self.done) = (RadianceEngine::new(fields), motions, done);
+        Ok(())
+    }
+
+    /// Refuses fields of another number or shape than the configured ones.
+    fn check_fields(&self, fields: &Vec<EngineState>) -> Result<(), FieldError> {
+        expect("fields", fields.len(), self.config.parts)?;
+        let own = FieldParams::init(&self.config.field, &mut stage_rng(0, "shape", 0));
+        for field in fields {
+            expect("parameters", field.params.parameters(), own.parameters())?;
+            expect("first moments", field.first.len(), own.parameters())?;
+            expect("second moments", field.second.len(), own.parameters())?;
+            expect("levels of this layout", usize::from(field.params.levels == own.levels), 1)?;
+        }
+        Ok(())
+    }
+
+    /// One optimiser step of fields and motions.
+    pub fn step(&mut self) -> RadianceLosses {
+        // One number for the step; each ray derives a stream from it.
+        let key = stage_rng(self.seed, &self.stage, self.done as u64).next_u64();
+        let batch = self.source.batch(&self.config, key);
+        self.done += 1;
+        self.engine.step(&batch, &mut self.motions, &self.config, self.done - 1)
+    }
+
+    /// Steps done.
+    #[must_use]
+    pub fn done(&self) -> usize {
+        self.done
+    }
+
+    /// Steps in all.
+    #[must_use]
+    pub fn total(&self) -> usize {
+        self.config.steps
+    }
+
+    /// The half motions of the mobile parts as they stand.
+    #[must_use]
+    pub fn motions(&self) -> &[HalfMotion] {
+        &self.motions.motions
+    }
+
+    /// Fields and motions as they stand.
+    #[must_use]
+    pub fn model(&self) -> RadianceModel {
+        RadianceModel {
+            scene: self.scene,
+            half_side: self.config.half_side,
+            fields: self.engine.states().into_iter().map(|s| s.params).collect(),
+            motions: self.motions.motions.clone(),
+        }
+    }
+
+    /// What [`Self::restore`] needs.
+    #[must_use]
+    pub fn checkpoint(&self) -> RadianceCheckpoint {
+        RadianceCheckpoint { fields: self.engine.states(), motions: self.motions.clone(), done: self.done }
+    }
+}
+
+/// Parameters without a history.
+fn fresh_state(params: FieldParams) -> EngineState {
+    let n = params.parameters();
+    EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 }
+}
+
+/// Refuses a count that is not the expected one.
+fn expect(what: &'static str, found: usize, expected: usize) -> Result<(), FieldError> {
+    if found == expected { Ok(()) } else { Err(FieldError::Checkpoint { what, found, expected }) }
+}
