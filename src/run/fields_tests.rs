@@ -8,7 +8,7 @@ use super::*;
 use crate::{
     capture::RgbdFrame,
     field::{EngineError, FieldConfig, FieldLosses, Occupancy, SampleBatch},
-    geometry::{Intrinsics, Pose, SceneBox},
+    geometry::{Grid3, Intrinsics, Pose, SceneBox},
 };
 
 /// How an engine fails.
@@ -153,4 +153,52 @@ fn losses_that_are_no_numbers_on_the_cpu_end_the_run_with_a_message() {
     let Err(RunError::Stage { stage, source }) = result else { panic!("trained") };
     assert_eq!(stage, "field/state0");
     assert!(source.to_string().contains("not a finite number after 1 steps"), "{source}");
+}
+
+#[test]
+fn a_residual_starts_as_the_fused_distances_and_keeps_to_the_side_that_was_seen() {
+    let frames = wall();
+    let scene = SceneBox::around(&Point3::new(-0.4, -0.3, 0.5), &Point3::new(0.4, 0.3, 0.7));
+    let points: Vec<_> =
+        frames.iter().flat_map(|f| (0..f.depth_m.len()).filter_map(|p| f.world_point(p))).collect();
+    let occupancy = Occupancy::new(&scene, &points, 0.05, 2);
+    // A wall of 1 cm at 0.6 m, known from both sides; the cameras see one.
+    let mut fused = Grid3::over(&scene, 81, 0.0f32);
+    for i in 0..fused.values.len() {
+        let z = fused.position(i).z;
+        fused.values[i] = f64::max(0.6 - z, z - 0.61).min(0.03) as f32;
+    }
+    let input = TrainInput { frames: &frames, scene, occupancy: &occupancy, fused: Some(&fused) };
+    // Fine enough for the wall.
+    let field = FieldConfig {
+        levels: 6,
+        base_resolution: 8,
+        finest_resolution: 128,
+        log2_table_size: 15,
+        hidden: 16,
+    };
+    let settings = TrainConfig { field, steps: 200, rays: 256, ..settings() };
+    let trained = |settings: &TrainConfig, steps: usize| {
+        let mut trainer = FieldTrainer::new(&input, settings, 7, "field/state0").unwrap();
+        (0..steps).for_each(|_| {
+            trainer.step();
+        });
+        trainer.field()
+    };
+    let about: Vec<Point3<f64>> = (0..60)
+        .map(|k| Point3::new(0.004 * f64::from(k % 10) - 0.02, 0.01, 0.58 + 0.001 * f64::from(k)))
+        .collect();
+    let off = |settings: &TrainConfig, steps: usize, near: fn(f64) -> bool| {
+        let found = trained(settings, steps).tsdf(&about);
+        let errors = about.iter().zip(found).filter(|(p, _)| near(p.z));
+        errors.map(|(p, d)| (d - fused.sample(p)).abs()).fold(0.0, f32::max)
+    };
+    assert!(off(&settings, 0, |_| true) < 1e-7, "{}", off(&settings, 0, |_| true));
+    // Behind the middle of the wall the cameras know nothing: their readings would go on into it.
+    let behind = |z: f64| (0.607..0.62).contains(&z);
+    let (with, without) = (off(&settings, 200, behind), {
+        let all = TrainConfig { side_test: false, ..settings };
+        off(&all, 200, behind)
+    });
+    assert!(without > 0.003 && with < 0.5 * without, "{with} {without}");
 }

@@ -25,19 +25,8 @@ pub const NO_LABEL: u8 = u8::MAX;
 
 /// Truncated signed distance of a part in the world as it stands in state 0, meters; NaN where no state says
 /// anything. `motions` take the part from state 0 to each of the `states`; the first is the identity.
-///
-/// States vote twice: the second time those that saw the other side of a thin wall are not asked where one
-/// saw this side. Behind the surface that a state saw its distances go on through the wall (docs/method.md
-/// 9.1).
 #[must_use]
 pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<f32> {
-    let first = voted(part, motions, states, None);
-    // One state was asked for its sides when its views were fused.
-    if states.len() < 2 { first } else { voted(part, motions, states, Some(&first)) }
-}
-
-/// The vote at every node; `sides` are the distances of a first vote.
-fn voted(part: u8, motions: &[Pose], states: &[LabelledState], sides: Option<&Grid3<f32>>) -> Grid3<f32> {
     let template = &states[0].tsdf;
     let mut out = Grid3 {
         origin: template.origin,
@@ -49,29 +38,20 @@ fn voted(part: u8, motions: &[Pose], states: &[LabelledState], sides: Option<&Gr
     out.values.par_chunks_mut(layer).enumerate().for_each(|(z, values)| {
         for (i, value) in values.iter_mut().enumerate() {
             let x = template.position(z * layer + i);
-            *value = vote(part, &x, motions, states, sides);
+            *value = vote(part, &x, motions, states);
         }
     });
     out
 }
 
 /// Weighted mean of what all states say about one place. See docs/method.md (9.1).
-fn vote(
-    part: u8,
-    place: &Point3<f64>,
-    motions: &[Pose],
-    states: &[LabelledState],
-    sides: Option<&Grid3<f32>>,
-) -> f32 {
+fn vote(part: u8, place: &Point3<f64>, motions: &[Pose], states: &[LabelledState]) -> f32 {
     let (mut sum, mut weight, mut elsewhere) = (0.0, 0.0, None::<f32>);
-    // Votes of states that saw the other side.
-    let mut far_side = (0.0, 0.0);
-    let slope = sides.map(|first| first.sample_with_gradient(place).1);
     for (k, (motion, state)) in motions.iter().zip(states).enumerate() {
         // State 0 stays where it is: even the identity would round.
-        let there = if k == 0 { *place } else { motion * place };
-        let Some(node) = state.tsdf.nearest(&there) else { continue };
-        let (distance, own_slope) = state.tsdf.sample_with_gradient(&there);
+        let place = if k == 0 { *place } else { motion * place };
+        let Some(node) = state.tsdf.nearest(&place) else { continue };
+        let distance = state.tsdf.sample(&place);
         // No vote where nothing was observed, so that no surface is invented.
         if !distance.is_finite() {
             continue;
@@ -80,14 +60,8 @@ fn vote(
         let label = state.labels.values[node];
         let w = state.weight.values[node].max(1e-3);
         if label == part {
-            let own_slope = motion.rotation.cast::<f32>().inverse_transform_vector(&own_slope);
-            // Unknown slopes speak for no side.
-            if slope.is_some_and(|slope| slope.dot(&own_slope) < 0.0) {
-                far_side = (far_side.0 + w * distance, far_side.1 + w);
-            } else {
-                sum += w * distance;
-                weight += w;
-            }
+            sum += w * distance;
+            weight += w;
         // Seen empty in this state: the part is not here.
         } else if label == NO_LABEL || distance > 0.5 * free {
             sum += w * free;
@@ -96,9 +70,6 @@ fn vote(
             // Another part stands here and may hide this one: a vote only where no state has a better one.
             elsewhere = Some(free);
         }
-    }
-    if weight == 0.0 {
-        (sum, weight) = far_side;
     }
     if weight > 0.0 { sum / weight } else { elsewhere.unwrap_or(f32::NAN) }
 }
@@ -136,34 +107,5 @@ mod tests {
         let still = part_tsdf(0, &[Pose::identity(); 2], &states);
         assert!(at(&still, -0.3, -0.17) > 0.02 && at(&still, -0.3, -0.23) < -0.02, "seen in state 1 only");
         assert!(at(&still, 0.3, 0.05) > 0.0);
-    }
-
-    /// A plate of 0.04 about z = 0, of which each state saw one side: its distances go on through the plate.
-    #[test]
-    fn a_thin_wall_that_two_states_saw_from_either_side_keeps_its_thickness() {
-        let scene = SceneBox::around(&Point3::new(-0.5, -0.5, -0.5), &Point3::new(0.5, 0.5, 0.5));
-        let seen_from = |up: f64| {
-            let mut tsdf = Grid3::over(&scene, 101, f32::NAN);
-            let (mut weight, mut labels) =
-                (Grid3::over(&scene, 101, 0.0), Grid3::over(&scene, 101, NO_LABEL));
-            for i in 0..tsdf.values.len() {
-                let d = up * tsdf.position(i).z - 0.02;
-                if d > -0.08 {
-                    tsdf.values[i] = d.min(0.08) as f32;
-                    // As fusion weighs what lies behind.
-                    weight.values[i] = (2.0 * (1.0 + d / 0.08)).clamp(0.0, 1.0) as f32;
-                }
-                if d.abs() < 0.08 {
-                    labels.values[i] = 0;
-                }
-            }
-            LabelledState { tsdf, weight, labels, truncation_m: 0.08 }
-        };
-        let both = part_tsdf(0, &[Pose::identity(); 2], &[seen_from(1.0), seen_from(-1.0)]);
-        for z in [-0.05, -0.03, -0.025, -0.015, 0.015, 0.025, 0.03, 0.05] {
-            let d = both.sample(&Point3::new(0.1, 0.1, z));
-            let expected = (f64::abs(z) - 0.02) as f32;
-            assert!((d - expected).abs() < 0.003, "{z}: {d} for {expected}");
-        }
     }
 }
