@@ -1,4 +1,5 @@
-//! Files that are read: regular ones, up to a limit. Every file that somebody names is opened here.
+//! Files that are read: regular ones, up to a limit. Every file that somebody names is opened here. And small
+//! files that are written whole.
 
 use std::{
     fs::{File, Metadata, OpenOptions},
@@ -63,6 +64,18 @@ pub fn read(path: &Path, limit: FileLimit) -> io::Result<Vec<u8>> {
 pub fn read_text(path: &Path, limit: FileLimit) -> io::Result<String> {
     String::from_utf8(read(path, limit)?)
         .map_err(|e| io::Error::new(ErrorKind::InvalidData, format!("not UTF-8 text: {e}")))
+}
+
+/// Writes a small file beside its place first: after a crash the old one is there or the new one, and no half
+/// of one.
+///
+/// # Errors
+/// What the system says.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let mut part = path.as_os_str().to_owned();
+    part.push(".part");
+    let written = std::fs::write(&part, bytes).and_then(|()| std::fs::rename(&part, path));
+    written.inspect_err(|_| drop(std::fs::remove_file(&part)))
 }
 
 #[cfg(test)]

@@ -508,7 +508,7 @@ mod tests {
     #[test]
     fn every_preset_is_valid_and_changes_only_what_it_names() {
         for (name, text) in super::super::PRESETS {
-            assert!(text.lines().count() <= 25, "{name}");
+            assert!(text.lines().count() <= 32, "{name}");
             let mut layers = Layers::new(&crate::config::Config::default()).unwrap();
             layers.preset(name).unwrap();
             let resolved: Resolved<crate::config::Config> = layers.resolve().unwrap();

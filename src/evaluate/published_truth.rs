@@ -5,7 +5,6 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Point3, Unit, Vector3};
-use serde::Deserialize;
 
 use super::{
     EvaluateError,
@@ -13,56 +12,12 @@ use super::{
 };
 use crate::{
     geometry::{Pose, Screw},
-    io::read_mesh,
+    io::{JointTransform, JointTransforms, read_mesh},
     limits::TRUTH,
 };
 
 /// Names of the states in these datasets.
 const STATES: [&str; 2] = ["start", "end"];
-
-#[derive(Deserialize)]
-struct TransformFile {
-    trans_info: OneOrMany,
-}
-
-/// An object of two parts has its one joint, others a list.
-#[derive(Deserialize)]
-#[serde(untagged)]
-enum OneOrMany {
-    One(Box<JointTransform>),
-    Many(Vec<JointTransform>),
-}
-
-#[derive(Deserialize)]
-struct JointTransform {
-    axis: Axis,
-    #[serde(rename = "type")]
-    kind: String,
-    rotate: Option<Ends>,
-    translate: Option<Ends>,
-}
-
-#[derive(Deserialize)]
-struct Axis {
-    o: [f64; 3],
-    d: [f64; 3],
-}
-
-/// Positions in the first and the second state, degrees or meters.
-#[derive(Clone, Copy, Deserialize)]
-#[serde(untagged)]
-enum Ends {
-    Named { l: f64, r: f64 },
-    Pair([f64; 2]),
-}
-
-impl Ends {
-    fn motion(self) -> f64 {
-        match self {
-            Self::Named { l, r } | Self::Pair([l, r]) => r - l,
-        }
-    }
-}
 
 /// The `trans.json` of a folder: of the dataset itself, of its `gt` or of its `textured_objs`.
 pub(super) fn find(folder: &Path) -> Option<PathBuf> {
@@ -76,12 +31,9 @@ pub(super) fn find(folder: &Path) -> Option<PathBuf> {
 /// A file that is missing or damaged, or a joint that is none.
 pub(super) fn read(path: &Path) -> Result<Truth, EvaluateError> {
     let text = read_text(path, TRUTH)?;
-    let file: TransformFile = serde_json::from_str(&text)
+    let file: JointTransforms = serde_json::from_str(&text)
         .map_err(|source| EvaluateError::Json { path: path.to_owned(), source })?;
-    let transforms = match file.trans_info {
-        OneOrMany::One(one) => vec![*one],
-        OneOrMany::Many(many) => many,
-    };
+    let transforms = file.joints();
     let folder = path.parent().unwrap_or(Path::new("."));
     let has_meshes = |folder: &&Path| folder.join("start/start_static_rotate.ply").is_file();
     let meshes = [Some(folder), folder.parent()].into_iter().flatten().find(has_meshes).unwrap_or(folder);

@@ -88,6 +88,7 @@ mod views;
 
 pub use bag_writer::{BagWriteError, BagWriter};
 pub use camera::pinhole;
+pub use dataset::{JointTransform, JointTransforms};
 pub use inspect::{inspect, inspect_with, printable};
 pub use live_view::LiveEye;
 pub use offered_qos::OfferedQos;

@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use super::{
     Committed, Place, ResultKind, RunDir,
+    dataset::{Ends, JointTransform, JointTransforms, TransformAxis},
     synth_error::SynthError,
     synth_folder::{least_bytes, ply},
     synth_matrix::rows,
@@ -55,36 +56,6 @@ impl DatasetLayout {
 /// Names of the states in these layouts.
 const STATES: [&str; 2] = ["start", "end"];
 
-#[derive(Serialize)]
-struct Transforms {
-    input: String,
-    trans_info: Vec<JointTransform>,
-}
-
-#[derive(Serialize)]
-struct JointTransform {
-    axis: Axis,
-    #[serde(rename = "type")]
-    kind: &'static str,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    rotate: Option<Ends>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    translate: Option<Ends>,
-}
-
-#[derive(Serialize)]
-struct Axis {
-    o: [f64; 3],
-    d: [f64; 3],
-}
-
-/// Positions in the first and the second state, degrees or meters.
-#[derive(Serialize)]
-struct Ends {
-    l: f64,
-    r: f64,
-}
-
 /// Makes an object, films it in both states and writes it in a published layout.
 ///
 /// # Errors
@@ -113,7 +84,7 @@ pub fn write_synth_dataset(
         // JSON is YAML, too.
         folder.put("init_keyframes.yml", &serde_json::to_vec_pretty(&keyframes)?)?;
     }
-    let transforms = Transforms { input: format!("synth, seed {}", config.seed), trans_info: joints };
+    let transforms = JointTransforms::of(format!("synth, seed {}", config.seed), joints);
     folder.put(&format!("{}/trans.json", layout.truth()), &serde_json::to_vec_pretty(&transforms)?)?;
     Ok((folder.commit()?, object))
 }
@@ -127,12 +98,14 @@ fn transform(object: &Object, part: usize) -> Result<JointTransform, SynthError>
     let (axis, origin) = object.axis_in_world(part).ok_or_else(|| held("has no joint"))?;
     let [q0, q1] = joint.positions;
     let (kind, rotate, translate) = match joint.kind {
-        PartJointKind::Revolute => ("rotate", Some(Ends { l: q0.to_degrees(), r: q1.to_degrees() }), None),
-        PartJointKind::Prismatic => ("translate", None, Some(Ends { l: q0, r: q1 })),
+        PartJointKind::Revolute => {
+            ("rotate", Some(Ends::Named { l: q0.to_degrees(), r: q1.to_degrees() }), None)
+        }
+        PartJointKind::Prismatic => ("translate", None, Some(Ends::Named { l: q0, r: q1 })),
         PartJointKind::Screw { .. } => return Err(held("moves along a screw")),
     };
-    let axis = Axis { o: origin.coords.into(), d: axis.into_inner().into() };
-    Ok(JointTransform { axis, kind, rotate, translate })
+    let axis = TransformAxis { o: origin.coords.into(), d: axis.into_inner().into() };
+    Ok(JointTransform { axis, kind: kind.into(), rotate, translate })
 }
 
 /// Surfaces of the whole, the static part and the moving ones, as they stand in a state.

@@ -2,7 +2,7 @@
 //! publishes it again.
 
 use std::{
-    fs, io,
+    io,
     path::{Path, PathBuf},
 };
 
@@ -82,12 +82,8 @@ fn inside(session: &Path, folder: &Path) -> PathBuf {
 }
 
 fn write(path: &Path, note: &impl Serialize) {
-    // After a crash the old note is there or the new one, and no half of one.
-    let temporary = path.with_extension("json.part");
-    let written = serde_json::to_string_pretty(note)
-        .map_err(io::Error::from)
-        .and_then(|text| fs::write(&temporary, text));
-    if let Err(error) = written.and_then(|()| fs::rename(&temporary, path)) {
+    let text = serde_json::to_vec_pretty(note).map_err(io::Error::from);
+    if let Err(error) = text.and_then(|text| files::write_whole(path, &text)) {
         log::warn!(
             "`{}` was not written: {error}; after a restart the node will not publish this again",
             path.display()
@@ -107,6 +103,8 @@ fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]

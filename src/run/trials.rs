@@ -188,12 +188,11 @@ fn is_of_output(error: &RunError) -> bool {
     matches!(error, RunError::Stage { stage, .. } if stage == OUTPUT_STAGE)
 }
 
-/// Writes a file that appears when it is whole.
+/// Writes a file that appears when it is whole, in a folder that is made for it.
 fn put(path: &Path, bytes: &[u8]) -> Result<(), TrialsError> {
     let failed = |source| TrialsError::Write { path: path.to_owned(), source };
-    let part = path.with_extension("part");
     path.parent().map_or(Ok(()), fs::create_dir_all).map_err(failed)?;
-    fs::write(&part, bytes).and_then(|()| fs::rename(&part, path)).map_err(failed)
+    files::write_whole(path, bytes).map_err(failed)
 }
 
 /// The highest resident memory of this process since a moment; where the system does not count it, nothing.

@@ -157,12 +157,13 @@ mod tests {
     }
 
     #[test]
-    fn small_motions_of_two_parts_are_found() {
+    fn lifts_of_two_parts_are_found() {
         let rest = [Pose::translation(-0.3, 0.0, 0.0), Pose::translation(0.3, 0.1, 0.0)];
-        let moves = [
-            Pose::translation(0.01, 0.02, 0.03),
-            Pose::from_parts(Vector3::new(0.0, 0.0, 0.025).into(), nalgebra::UnitQuaternion::identity()),
-        ];
+        // Along the surface the iterated closest point hardly moves: a lift, and a lift with a tilt.
+        let tilt = nalgebra::UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.04);
+        let about = rest[1] * Point3::new(0.0, 0.0, 0.2);
+        let lift = Vector3::new(0.0, 0.0, 0.025) + about.coords - tilt * about.coords;
+        let moves = [Pose::translation(0.0, 0.0, 0.03), Pose::from_parts(lift.into(), tilt)];
         let before = surface(&[(rest[0], 0.2), (rest[1], 0.2)]);
         let after = surface(&[(moves[0] * rest[0], 0.2), (moves[1] * rest[1], 0.2)]);
         let found = register_by_difference([&before, &after], 3, &RegisterConfig::default()).unwrap();

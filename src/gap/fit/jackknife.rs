@@ -150,7 +150,7 @@ mod tests {
         assert!((variance(&[]) * 40.0 - 1.0).abs() < 0.1, "{}", variance(&[]));
         let wide = variance(std::slice::from_ref(&groups));
         assert!((wide - 0.25 * 16.0 / 9.0).abs() < 1e-9, "{wide}");
-        let count = covariance(matrix.clone(), &windows, &[groups.clone()], &[false]).1[0];
+        let count = covariance(matrix.clone(), &windows, std::slice::from_ref(&groups), &[false]).1[0];
         assert!((count - 4.0).abs() < 1e-9, "{count}");
         // Errors that differ within a place are no more than those of windows.
         let within: Vec<f64> = (0..40).map(|k| if k % 2 == 0 { 1.0 } else { -1.0 }).collect();
