@@ -264,7 +264,7 @@ fn trials_are_run_once_and_failures_stand_in_the_table() {
     };
     let (code, table, log) = run(&[]);
     assert!([Some(0), Some(3)].contains(&code), "{log}");
-    assert!(table.contains("| clamshell | registration | classical |"), "{table}");
+    assert!(table.contains("\n\n| clamshell | registration | classical |\n| ---"), "{table}");
     assert!(table.contains("Axis Ang") && table.contains("seconds"), "{table}");
     let json: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(out.join("trials.json")).expect("a table"))

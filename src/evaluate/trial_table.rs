@@ -91,11 +91,12 @@ impl TrialTable {
 }
 
 fn push_object(out: &mut String, object: &str, methods: &[&MethodTrials]) {
+    out.push('\n');
     let mut row = |cells: Vec<String>| {
         // Writing to a string cannot fail.
         writeln!(out, "| {} |", cells.join(" | ")).unwrap_or_default();
     };
-    row(std::iter::once(format!("\n| {object}")).chain(methods.iter().map(|m| m.method.clone())).collect());
+    row(std::iter::once(object.to_owned()).chain(methods.iter().map(|m| m.method.clone())).collect());
     row(vec!["---".to_owned(); methods.len() + 1]);
     let metrics = methods.first().map_or(&[][..], |m| &m.published.rows);
     for (k, metric) in metrics.iter().enumerate() {
