@@ -194,7 +194,7 @@ fn an_object_is_the_same_in_every_layout() {
                 assert_eq!((&a.depth_m, &a.mask), (&b.depth_m, &b.mask), "{layout} state {state}");
                 let apart = a.world_from_camera.inverse() * b.world_from_camera;
                 let off = (apart.translation.vector.norm(), apart.rotation.angle());
-                // A bag has poses of the camera's link beside the view, and the optical frame swings about it.
+                // A bag has poses of the link beside the view, and the optical frame swings about it.
                 assert!(off.0 < 1e-6 && off.1 < 1e-7, "{off:?}");
                 let (k, l) = (a.intrinsics, b.intrinsics);
                 assert!(
