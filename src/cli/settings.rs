@@ -11,7 +11,7 @@ impl SettingArgs {
     /// # Errors
     /// If a layer is wrong or the values cannot be used.
     pub fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
-        finish(self.layers()?)
+        Config::checked(self.layers()?)
     }
 
     fn layers(&self) -> Result<Layers, ConfigError> {
@@ -49,7 +49,7 @@ impl ReconstructArgs {
             value.into_iter().try_for_each(|value| layers.assign(option, key, value))?;
         }
         self.recording.assign(&mut layers)?;
-        finish(layers)
+        Config::checked(layers)
     }
 }
 
@@ -61,15 +61,8 @@ impl InspectArgs {
     pub fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
         let mut layers = self.settings.layers()?;
         self.recording.assign(&mut layers)?;
-        finish(layers)
+        Config::checked(layers)
     }
-}
-
-fn finish(layers: Layers) -> Result<Resolved<Config>, ConfigError> {
-    let resolved: Resolved<Config> = layers.resolve()?;
-    // With the origin of the value: the file and line, or the option.
-    resolved.config.check().map_err(|error| error.with_origin(&resolved.origins))?;
-    Ok(resolved)
 }
 
 #[cfg(test)]

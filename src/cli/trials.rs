@@ -100,7 +100,6 @@ fn method(name: &str, preset: &str, settings: &[&str], typed: &[String]) -> Resu
     layers.preset(preset)?;
     settings.iter().try_for_each(|s| layers.set(s))?;
     typed.iter().try_for_each(|s| layers.set(s))?;
-    let resolved = layers.resolve::<Config>()?;
-    resolved.config.check().map_err(|error| error.with_origin(&resolved.origins))?;
+    let resolved = Config::checked(layers)?;
     Ok(Method { name: name.to_owned(), config: resolved.config, origins: resolved.origins })
 }

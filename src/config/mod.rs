@@ -77,6 +77,16 @@ impl Config {
         Ok(layers.resolve()?.config)
     }
 
+    /// The configuration of all layers.
+    ///
+    /// # Errors
+    /// If a value cannot be used, with its origin: the file and line, or the option.
+    pub fn checked(layers: Layers) -> Result<Resolved<Self>, ConfigError> {
+        let resolved: Resolved<Self> = layers.resolve()?;
+        resolved.config.check().map_err(|error| error.with_origin(&resolved.origins))?;
+        Ok(resolved)
+    }
+
     /// Whether parts and motions are sought by consistency between the states' fields (docs/method.md 12.8).
     #[must_use]
     pub fn seeks_consistency(&self) -> bool {

@@ -27,6 +27,13 @@ pub struct PublishedRow {
     pub best: Option<f64>,
 }
 
+impl PublishedRow {
+    /// Digits behind the point that its numbers are printed with.
+    pub(super) fn places(&self) -> usize {
+        if self.unit == "m" { 4 } else { 3 }
+    }
+}
+
 /// The published metrics of all trials.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Published {

@@ -12,12 +12,9 @@ use super::{
 };
 use crate::{
     geometry::{Pose, Screw},
-    io::{JointTransform, JointTransforms, read_mesh},
+    io::{JointTransform, JointTransforms, STATES, read_mesh},
     limits::TRUTH,
 };
-
-/// Names of the states in these datasets.
-const STATES: [&str; 2] = ["start", "end"];
 
 /// The `trans.json` of a folder: of the dataset itself, of its `gt` or of its `textured_objs`.
 pub(super) fn find(folder: &Path) -> Option<PathBuf> {

@@ -104,7 +104,7 @@ fn push_published(out: &mut String, published: &Published, trials: usize) {
     writeln!(out, "\nmetrics as published{spread}").ok();
     let mut rows = vec![["metric", "unit", "mean", "std", "best", "trials"].map(String::from).to_vec()];
     for row in &published.rows {
-        let places = if row.unit == "m" { 4 } else { 3 };
+        let places = row.places();
         // F, as the tables print a failed trial.
         let failed = |v: Option<f64>| v.map_or("F".into(), |v| format!("{v:.places$}"));
         rows.push(vec![

@@ -119,7 +119,7 @@ fn push_object(out: &mut String, object: &str, methods: &[&MethodTrials]) {
 
 /// Mean, deviation and best trial of a metric; how many trials have it, where not all do.
 fn metric_cell(row: &PublishedRow) -> String {
-    let places = if row.unit == "m" { 4 } else { 3 };
+    let places = row.places();
     let (Some(mean), Some(std)) = (row.mean, row.std) else { return "F".into() };
     let best = row.best.map_or("F".into(), |b| format!("{b:.places$}"));
     let trials = row.trials.len();

@@ -12,7 +12,7 @@ use super::simd::{
 };
 use super::{FEATURES, FieldParams, GEOMETRY_OUTPUTS, VIEW_COEFFICIENTS};
 use crate::geometry::{Grid3, SceneBox};
-use crate::surface::{ColorField, ColorSample};
+use crate::surface::{ColorField, ColorSample, TriangleMesh};
 
 /// Points that one task evaluates at a time.
 const CHUNK: usize = 512;
@@ -63,6 +63,23 @@ impl ObjectField {
             (0..points.len()).map(|i| std::array::from_fn(|c| b.rgb[c * b.cols + i])).collect::<Vec<_>>()
         };
         points.par_chunks(CHUNK).zip(directions.par_chunks(CHUNK)).map(chunk).collect::<Vec<_>>().concat()
+    }
+
+    /// Colors a mesh in the world as seen along the inward normals.
+    pub fn paint(&self, mesh: &mut TriangleMesh) {
+        let mut normals = vec![Vector3::<f64>::zeros(); mesh.vertices.len()];
+        for t in 0..mesh.triangles.len() {
+            let n = mesh.area_normal(t).cast();
+            mesh.triangles[t].iter().for_each(|&v| normals[v as usize] += n);
+        }
+        let directions: Vec<_> =
+            normals.iter().map(|n| -n.try_normalize(1e-15).unwrap_or_else(Vector3::z)).collect();
+        let points: Vec<_> = mesh.vertices.iter().map(|p| p.cast::<f64>()).collect();
+        mesh.colors = self
+            .rgb(&points, &directions)
+            .iter()
+            .map(|c| c.map(|x| (255.0 * x).round().clamp(0.0, 255.0) as u8))
+            .collect();
     }
 
     /// Signed distances in meters, cut to `+-truncation_m`, at those nodes of a grid shaped like `template`

@@ -76,6 +76,7 @@ mod synth_dataset;
 mod synth_error;
 mod synth_folder;
 mod synth_matrix;
+mod synth_png;
 mod synth_sensor;
 mod synth_twin;
 mod topics;
@@ -88,7 +89,7 @@ mod views;
 
 pub use bag_writer::{BagWriteError, BagWriter};
 pub use camera::pinhole;
-pub use dataset::{JointTransform, JointTransforms};
+pub use dataset::{JointTransform, JointTransforms, STATES};
 pub use inspect::{inspect, inspect_with, printable};
 pub use live_view::LiveEye;
 pub use offered_qos::OfferedQos;

@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::bag::Bag;
+use super::{bag::Bag, dataset::STATES};
 use crate::capture::{CaptureError, MAX_STATES};
 
 /// What is to be opened.
@@ -54,7 +54,7 @@ impl Source {
         if path.join("init_keyframes.yml").is_file() || path.join("cam_K.txt").is_file() {
             return Ok(Self::Keyframes(path.to_owned()));
         }
-        if ["start", "end"].iter().all(|s| path.join(s).join("camera_train.json").is_file()) {
+        if STATES.iter().all(|s| path.join(s).join("camera_train.json").is_file()) {
             return Ok(Self::StartEnd(path.to_owned()));
         }
         let state = |s: usize| {

@@ -1,10 +1,8 @@
 //! A made recording as a rosbag2 folder, with the topics of a RealSense driver.
 
-use std::{io::Cursor, path::Path};
+use std::path::Path;
 
-use image::{
-    DynamicImage, ExtendedColorType, ImageBuffer, ImageEncoder as _, ImageFormat, codecs::jpeg::JpegEncoder,
-};
+use image::{ExtendedColorType, ImageEncoder as _, codecs::jpeg::JpegEncoder};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 
 use super::{
@@ -15,6 +13,7 @@ use super::{
         definitions::RosMessage, encode, imu::Imu,
     },
     synth_error::SynthError,
+    synth_png::depth_png,
 };
 use crate::{
     geometry::{Intrinsics, Pose},
@@ -126,11 +125,7 @@ fn put_images(bag: &mut BagWriter, stamp: i64, k: &Intrinsics, frame: &SynthFram
     };
     put(bag, COLOR, stamp, &color)?;
     // compressedDepth: 12 bytes of quantization, unused for 16UC1, then the PNG.
-    let mut png = Cursor::new(Vec::new());
-    if let Some(image) = ImageBuffer::from_raw(width, height, frame.depth_mm.clone()) {
-        DynamicImage::ImageLuma16(image).write_to(&mut png, ImageFormat::Png)?;
-    }
-    let data = [&[0; 12], png.get_ref().as_slice()].concat();
+    let data = [&[0; 12], depth_png(k, &frame.depth_mm)?.as_slice()].concat();
     let depth =
         CompressedImage { header: header(stamp, OPTICAL), format: "16UC1; compressedDepth png".into(), data };
     // Logged later under the same stamp: a reader must pair by stamp, not by the time of recording.

@@ -1,18 +1,19 @@
 //! A made object as a folder in one of the layouts that published articulated-object datasets use
 //! (docs/method.md 2.1), with their form of the truth.
 
-use std::{collections::BTreeMap, io::Cursor};
+use std::collections::BTreeMap;
 
-use image::{DynamicImage, ImageBuffer, ImageFormat};
+use image::{DynamicImage, ImageBuffer};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::Serialize;
 
 use super::{
     Committed, Place, ResultKind, RunDir,
-    dataset::{Ends, JointTransform, JointTransforms, TransformAxis},
+    dataset::{Ends, JointTransform, JointTransforms, STATES, TransformAxis},
     synth_error::SynthError,
     synth_folder::{least_bytes, ply},
     synth_matrix::rows,
+    synth_png::{depth_png, png},
 };
 use crate::{
     geometry::{Intrinsics, Pose},
@@ -52,9 +53,6 @@ impl DatasetLayout {
         }
     }
 }
-
-/// Names of the states in these layouts.
-const STATES: [&str; 2] = ["start", "end"];
 
 /// Makes an object, films it in both states and writes it in a published layout.
 ///
@@ -110,9 +108,7 @@ fn transform(object: &Object, part: usize) -> Result<JointTransform, SynthError>
 
 /// Surfaces of the whole, the static part and the moving ones, as they stand in a state.
 fn put_meshes(folder: &RunDir, truth: &str, object: &Object, state: usize) -> Result<(), SynthError> {
-    let poses = object.world_from_parts(state);
-    let meshes: Vec<TriangleMesh> =
-        poses.iter().enumerate().map(|(k, pose)| object.mesh(k).transformed(pose)).collect();
+    let meshes = object.meshes(state);
     let name = STATES[state];
     let put = |what: &str, mesh: &TriangleMesh| {
         folder.put(&format!("{truth}/{name}/{name}{what}_rotate.ply"), &ply(mesh))
@@ -198,19 +194,4 @@ fn mask_of(frame: &SynthFrame) -> Result<&[bool], SynthError> {
 fn color_png(k: &Intrinsics, rgb: &[[u8; 3]]) -> Result<Vec<u8>, SynthError> {
     let image = ImageBuffer::from_raw(k.width as u32, k.height as u32, rgb.as_flattened().to_vec());
     png(image.map(DynamicImage::ImageRgb8))
-}
-
-/// Depth in millimeters, 16 bits.
-fn depth_png(k: &Intrinsics, depth_mm: &[u16]) -> Result<Vec<u8>, SynthError> {
-    let image = ImageBuffer::from_raw(k.width as u32, k.height as u32, depth_mm.to_vec());
-    png(image.map(DynamicImage::ImageLuma16))
-}
-
-/// PNG file of an image; nothing of pixels that do not fill it.
-fn png(image: Option<DynamicImage>) -> Result<Vec<u8>, SynthError> {
-    let mut file = Cursor::new(Vec::new());
-    if let Some(image) = image {
-        image.write_to(&mut file, ImageFormat::Png)?;
-    }
-    Ok(file.into_inner())
 }

@@ -250,9 +250,7 @@ fn put_truth(
     state: usize,
     recording: &SynthState,
 ) -> Result<(), RunDirError> {
-    let poses = object.world_from_parts(state);
-    let meshes: Vec<TriangleMesh> =
-        poses.iter().enumerate().map(|(k, pose)| object.mesh(k).transformed(pose)).collect();
+    let meshes = object.meshes(state);
     for (k, mesh) in meshes.iter().enumerate() {
         folder.put(&format!("truth/state{state}/part_{k}.ply"), &ply(mesh))?;
     }

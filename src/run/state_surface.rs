@@ -1,6 +1,5 @@
 //! The surface of one state: field, mesh, distance field, visibility, points.
 
-use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -119,7 +118,7 @@ pub fn state_surface(
     };
     let mut mesh = keep_components(&marching_cubes(&tsdf, 0.0), config.min_component);
     match field {
-        Some(field) => paint(&mut mesh, field),
+        Some(field) => field.paint(&mut mesh),
         None => volume.paint(&mut mesh),
     }
     let visible = visibility_grid(frames, &nodes, band.truncation_m);
@@ -149,21 +148,4 @@ fn blend_in_field(
         let d = if is_carved { limit } else { d };
         tsdf.values[i] += share * (d.clamp(-limit, limit) - tsdf.values[i]);
     }
-}
-
-/// Colors a mesh by a field seen along the inward normals.
-fn paint(mesh: &mut TriangleMesh, field: &ObjectField) {
-    let mut normals = vec![Vector3::<f64>::zeros(); mesh.vertices.len()];
-    for t in 0..mesh.triangles.len() {
-        let n = mesh.area_normal(t).cast();
-        mesh.triangles[t].iter().for_each(|&v| normals[v as usize] += n);
-    }
-    let directions: Vec<_> =
-        normals.iter().map(|n| -n.try_normalize(1e-15).unwrap_or_else(Vector3::z)).collect();
-    let points: Vec<_> = mesh.vertices.iter().map(|p| p.cast::<f64>()).collect();
-    mesh.colors = field
-        .rgb(&points, &directions)
-        .iter()
-        .map(|c| c.map(|x| (255.0 * x).round().clamp(0.0, 255.0) as u8))
-        .collect();
 }

@@ -169,14 +169,15 @@ fn trial(request: &ReconstructRequest, monitor: &Monitor) -> Result<TrialRecord,
     {
         return Ok(kept);
     }
-    let (started, memory) = (Instant::now(), PeakMemory::start());
+    forget_peak();
+    let started = Instant::now();
     let failed = match reconstruct(request, monitor) {
         Ok(_) => None,
         // What was given cannot be reconstructed so: that is what a table shows.
         Err(error @ RunError::Stage { .. }) if !is_of_output(&error) => Some(chain(&error)),
         Err(error) => return Err(error.into()),
     };
-    let cost = TrialCost { seconds: started.elapsed().as_secs_f64(), peak_mib: memory.peak_mib() };
+    let cost = TrialCost { seconds: started.elapsed().as_secs_f64(), peak_mib: peak_mib() };
     let record = TrialRecord { fingerprint, cost, failed };
     let bytes = serde_json::to_vec_pretty(&record)
         .map_err(|e| TrialsError::Write { path: path.clone(), source: e.into() })?;
@@ -195,21 +196,17 @@ fn put(path: &Path, bytes: &[u8]) -> Result<(), TrialsError> {
     files::write_whole(path, bytes).map_err(failed)
 }
 
-/// The highest resident memory of this process since a moment; where the system does not count it, nothing.
-struct PeakMemory;
+/// Forgets the highest resident memory of this process so far. Elsewhere than on Linux there is no such file,
+/// and nothing is reported.
+fn forget_peak() {
+    fs::write("/proc/self/clear_refs", "5").ok();
+}
 
-impl PeakMemory {
-    fn start() -> Self {
-        // Linux: forgets the peak so far. Elsewhere there is no such file, and nothing is reported.
-        fs::write("/proc/self/clear_refs", "5").ok();
-        Self
-    }
-
-    #[expect(clippy::unused_self, reason = "only what was started can be read")]
-    fn peak_mib(&self) -> Option<f64> {
-        let status = fs::read_to_string("/proc/self/status").ok()?;
-        let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
-        let kib: f64 = line.split_whitespace().next()?.parse().ok()?;
-        Some(kib / 1024.0)
-    }
+/// The highest resident memory of this process since it was forgotten; where the system does not count it,
+/// nothing.
+fn peak_mib() -> Option<f64> {
+    let status = fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    let kib: f64 = line.split_whitespace().next()?.parse().ok()?;
+    Some(kib / 1024.0)
 }

@@ -161,6 +161,13 @@ impl Object {
         merge(&meshes.iter().collect::<Vec<_>>())
     }
 
+    /// Surface of every part in the world as it stands in a state.
+    #[must_use]
+    pub fn meshes(&self, state: usize) -> Vec<TriangleMesh> {
+        let poses = self.world_from_parts(state);
+        poses.iter().enumerate().map(|(part, pose)| self.mesh(part).transformed(pose)).collect()
+    }
+
     /// Center and radius of a sphere in the world that holds the object in both states, meters.
     #[must_use]
     pub fn bounding_sphere(&self) -> (Point3<f64>, f64) {

@@ -55,8 +55,6 @@ pub struct RegistrarCheckpoint {
 /// static one included, or of as many as the evidence supports.
 pub struct Registrar<'a> {
     pair: MatchedPair<'a>,
-    samples: [&'a SurfaceSamples; 2],
-    free: [Option<FreeSpace<'a>>; 2],
     parts: Option<usize>,
     state: RegistrarCheckpoint,
 }
@@ -85,7 +83,7 @@ impl<'a> Registrar<'a> {
         let motions =
             std::iter::once(Pose::identity()).chain(proposals.iter().map(|p| p.state1_from_state0)).collect();
         let state = RegistrarCheckpoint { proposals, motions, ..RegistrarCheckpoint::default() };
-        Ok(Self { pair, samples, free, parts, state })
+        Ok(Self { pair, parts, state })
     }
 
     /// Steps in all.
@@ -199,8 +197,9 @@ impl<'a> Registrar<'a> {
 
     /// The last rounds are at a short reach, which leaves out partners that only seem to fit.
     fn shorten_reach(&mut self) {
+        let SurfacePair { samples, free, .. } = self.pair.surfaces;
         let last_m = self.pair.config.last_reach * self.pair.extent_m;
-        self.pair.surfaces = SurfacePair::new(self.samples, self.free, reach_m(self.samples, last_m));
+        self.pair.surfaces = SurfacePair::new(samples, free, reach_m(samples, last_m));
     }
 }
 

@@ -1,6 +1,6 @@
 //! The trained fields and motions as other stages ask them: densities, colors, meshes, joints.
 
-use nalgebra::{Point3, Unit, Vector3};
+use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 use super::block::density;
@@ -8,7 +8,7 @@ use super::joint::in_world;
 use super::{HalfMotion, JointEstimate};
 use crate::field::{FieldParams, ObjectField};
 use crate::geometry::{Grid3, Pose, SceneBox};
-use crate::surface::{TriangleMesh, marching_cubes, vertex_normals};
+use crate::surface::{TriangleMesh, marching_cubes};
 
 /// Density of the surface, per normalised unit (published).
 const SURFACE_DENSITY: f64 = 10.0;
@@ -76,13 +76,7 @@ impl RadianceModel {
             }
         }
         let mut mesh = marching_cubes(&grid, 0.0);
-        let points: Vec<Point3<f64>> = mesh.vertices.iter().map(|v| v.cast()).collect();
-        let inward = |n: &Vector3<f32>| {
-            Unit::try_new(-n.cast::<f64>(), 0.0).unwrap_or_else(Vector3::z_axis).into_inner()
-        };
-        let directions: Vec<Vector3<f64>> = vertex_normals(&mesh).iter().map(inward).collect();
-        let rgb = field.rgb(&points, &directions);
-        mesh.colors = rgb.into_iter().map(|c| c.map(|v| (255.0 * v).round() as u8)).collect();
+        field.paint(&mut mesh);
         mesh.transformed(&self.canonical_from_state0(part).inverse())
     }
 }

@@ -65,17 +65,13 @@ pub fn covariance(
         return (DMatrix::from_element(n, n, f64::INFINITY), vec![1.0; n]);
     };
     // (14.13): residuals that are not white move a parameter by more than its variance says.
-    let mut wider = vec![1.0; n];
-    let mut witnesses = Vec::new();
-    let all = std::iter::once(windows.to_vec()).chain(groups.iter().map(|g| pooled(windows, g)));
-    for own in all {
-        let (moved, count) = moves(&matrix, &c, &own);
-        if witnesses.is_empty() {
-            witnesses.clone_from(&count);
-        }
+    let width = |moved: &[f64], i: usize| Some((moved[i] / c[(i, i)]).sqrt()).filter(|w| w.is_finite());
+    let (moved, mut witnesses) = moves(&matrix, &c, windows);
+    let mut wider: Vec<f64> = (0..n).map(|i| width(&moved, i).unwrap_or(1.0).max(1.0)).collect();
+    for group in groups {
+        let (moved, count) = moves(&matrix, &c, &pooled(windows, group));
         for i in 0..n {
-            let width = (moved[i] / c[(i, i)]).sqrt();
-            if width.is_finite() && width > wider[i] {
+            if let Some(width) = width(&moved, i).filter(|w| *w > wider[i]) {
                 (wider[i], witnesses[i]) = (width, count[i]);
             }
         }

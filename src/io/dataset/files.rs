@@ -20,6 +20,8 @@ use crate::{
     note::Note,
 };
 
+/// Names of the states in the layouts that have a folder a state.
+pub const STATES: [&str; 2] = ["start", "end"];
 /// Depth and masks may have so many times the pixels of their color image.
 const MOST_LARGER: usize = 16;
 /// ... or so many pixels.

@@ -8,6 +8,7 @@ mod npz;
 mod pickle;
 mod start_end;
 
+pub use files::STATES;
 pub use joint_transforms::{Ends, JointTransform, JointTransforms, TransformAxis};
 pub use keyframes::open_keyframes;
 pub use start_end::open_start_end;

@@ -11,8 +11,8 @@ use rayon::prelude::*;
 use serde_json::Value;
 
 use super::files::{
-    Entry, MAX_FRAMES, camera, image_error, image_size, optional, pose_from_opengl, read_image, read_text,
-    refuse, spread,
+    Entry, MAX_FRAMES, STATES, camera, image_error, image_size, optional, pose_from_opengl, read_image,
+    read_text, refuse, spread,
 };
 use crate::{
     capture::{Capture, CaptureConfig, CaptureError, RgbdFrame},
@@ -34,7 +34,7 @@ pub fn open_start_end(folder: &Path, config: &CaptureConfig) -> Result<Capture, 
         ),
     ));
     let mut found = Vec::new();
-    for (state, name) in ["start", "end"].iter().enumerate() {
+    for (state, name) in STATES.iter().enumerate() {
         let part = folder.join(name);
         let json = part.join("camera_train.json");
         let (k, entries) = cameras(&json)?;
