@@ -23,9 +23,9 @@ pub mod export {
 pub mod field {
     pub use crate::field::{
         BurnEngine, CpuEngine, EngineError, EngineState, FieldConfig, FieldEngine, FieldParams, FieldTrainer,
-        HalfMotion, InstructionSet, JointEstimate, MotionKind, ObjectField, Occupancy, RadianceCheckpoint,
-        RadianceConfig, RadianceInput, RadianceLosses, RadianceModel, RadianceTrainer, SampleBatch,
-        SdfTarget, StepPhase, TrainConfig, TrainInput, adapters,
+        HalfMotion, InstructionSet, ObjectField, Occupancy, RadianceCheckpoint, RadianceConfig,
+        RadianceInput, RadianceLosses, RadianceModel, RadianceTrainer, SampleBatch, SdfTarget, StepPhase,
+        TrainConfig, TrainInput, adapters,
     };
 }
 pub mod gap {

@@ -89,8 +89,9 @@ pub enum ConfigCommand {
 #[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Configuration, later wins")]
 pub struct SettingArgs {
-    /// Settings of a built-in preset: default, fields, preview, paper, registration or classical
-    #[arg(long, value_name = "NAME")]
+    /// Settings of a built-in preset: default, fields, preview; to compare with: paper, paris, paris-depth,
+    /// paris-depth-multi, registration, classical
+    #[arg(long, visible_alias = "method", value_name = "NAME")]
     pub preset: Option<String>,
     /// YAML file that holds the settings that differ
     #[arg(long, value_name = "FILE")]

@@ -29,7 +29,7 @@ pub struct TrialsArgs {
         long,
         value_name = "PRESET,...",
         value_delimiter = ',',
-        default_value = "default,registration,classical,fields,paper"
+        default_value = "default,registration,classical,fields,paper,paris,paris-depth,paris-depth-multi"
     )]
     pub methods: Vec<String>,
     /// Also run the preset paper without each of its terms

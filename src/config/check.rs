@@ -2,7 +2,7 @@
 //!
 //! Groups with rules of their own check themselves; the rest are ranges, listed here.
 
-use super::{Config, error::ConfigError};
+use super::{Config, Engine, Method, error::ConfigError};
 use crate::{articulate::TrainerError, capture::CaptureError, field::FieldError};
 
 /// Smallest value of what must be positive.
@@ -26,12 +26,19 @@ impl Config {
             CaptureError::Setting { key, reason } => unusable(key, reason),
             other => unusable("capture", other),
         })?;
-        self.train.validate().map_err(|error| match error {
-            FieldError::Config { key, value, low, high } => {
-                outside(&format!("train.{key}"), value, low, high)
+        let of_fields = |group: &'static str| {
+            move |error| match error {
+                FieldError::Config { key, value, low, high } => {
+                    outside(&format!("{group}.{key}"), value, low, high)
+                }
+                other => unusable(group, other),
             }
-            other => unusable("train", other),
-        })?;
+        };
+        self.train.validate().map_err(of_fields("train"))?;
+        self.radiance.validate().map_err(of_fields("radiance"))?;
+        if self.run.method == Method::Radiance && self.run.engine != Engine::Cpu {
+            return Err(unusable("run.engine", "radiance fields are trained on the CPU alone; give cpu"));
+        }
         self.articulation.check().map_err(|error| match error {
             TrainerError::Setting { name, value, remedy } => {
                 unusable(format!("articulation.{name}"), format!("{value}; {remedy}"))
@@ -205,6 +212,7 @@ mod tests {
             "capture.noise.grazing_cosine=0",
             "train.rays=0",
             "train.field.levels=99",
+            "radiance.rays=0",
             "surface.nodes=1",
             "surface.truncation_m=-1",
             "matching.ratio=0",

@@ -26,13 +26,13 @@ pub use origins::Origins;
 #[cfg(test)]
 pub use preset::PRESETS;
 pub use preset::preset_cost;
-pub use run::{Engine, Init, RunConfig};
+pub use run::{Engine, Init, Method, RunConfig};
 
 use crate::{
     articulate::{ArticulationConfig, JointConfig, JointInference, RegisterConfig},
     capture::{CaptureConfig, MatchConfig},
     export::{ExportConfig, LookConfig},
-    field::TrainConfig,
+    field::{RadianceConfig, TrainConfig},
     model::ModelConfig,
     surface::{SurfaceConfig, SurfaceSource},
 };
@@ -47,6 +47,8 @@ pub struct Config {
     pub capture: CaptureConfig,
     /// Object fields: shape, samples, schedule.
     pub train: TrainConfig,
+    /// Radiance fields of the parts, where the method is theirs.
+    pub radiance: RadianceConfig,
     /// Surfaces and distance fields.
     pub surface: SurfaceConfig,
     /// Pixel matches between the states.
@@ -66,7 +68,7 @@ pub struct Config {
 }
 
 impl Config {
-    /// The settings of a built-in preset: `default`, `preview`, `fields` or `paper`.
+    /// The settings of a built-in preset: such as `default` or `preview`.
     ///
     /// # Errors
     /// If there is none of that name.
@@ -90,19 +92,22 @@ impl Config {
     /// Whether parts and motions are sought by consistency between the states' fields (docs/method.md 12.8).
     #[must_use]
     pub fn seeks_consistency(&self) -> bool {
-        self.articulation.refine || self.run.init == Init::Identity
+        self.run.method == Method::Surfaces && (self.articulation.refine || self.run.init == Init::Identity)
     }
 
     /// Whether the run is defined for two states alone.
     #[must_use]
     pub fn takes_two_states(&self) -> bool {
-        self.seeks_consistency() || self.joint.inference == JointInference::Published
+        self.run.method == Method::Radiance
+            || self.seeks_consistency()
+            || self.joint.inference == JointInference::Published
     }
 
     /// Whether the run needs neural fields.
     #[must_use]
     pub fn trains_fields(&self) -> bool {
         // For surfaces, or for the consistency between states.
-        self.surface.source == SurfaceSource::Field || self.seeks_consistency()
+        self.run.method == Method::Surfaces
+            && (self.surface.source == SurfaceSource::Field || self.seeks_consistency())
     }
 }

@@ -4,11 +4,14 @@ use super::error::ConfigError;
 
 /// Name and text of every preset.
 // Built in, so that the program needs no files beside it.
-pub const PRESETS: [(&str, &str); 6] = [
+pub const PRESETS: [(&str, &str); 9] = [
     ("default", include_str!("../../launch_configs/default.yaml")),
     ("fields", include_str!("../../launch_configs/fields.yaml")),
     ("preview", include_str!("../../launch_configs/preview.yaml")),
     ("paper", include_str!("../../launch_configs/paper.yaml")),
+    ("paris", include_str!("../../launch_configs/paris.yaml")),
+    ("paris-depth", include_str!("../../launch_configs/paris-depth.yaml")),
+    ("paris-depth-multi", include_str!("../../launch_configs/paris-depth-multi.yaml")),
     ("registration", include_str!("../../launch_configs/registration.yaml")),
     ("classical", include_str!("../../launch_configs/classical.yaml")),
 ];
@@ -30,6 +33,9 @@ pub fn preset_cost(name: &str) -> Option<&'static str> {
             "the published method, for comparison: joint errors up to a hundred times those of the preset \
              default",
         ),
+        "paris" | "paris-depth" | "paris-depth-multi" => {
+            Some("the published methods on images alone, for comparison: often miss the motion")
+        }
         "registration" => {
             Some("surfaces of the preset default; joints by registration alone, for comparison")
         }

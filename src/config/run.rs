@@ -21,6 +21,8 @@ pub struct RunConfig {
     pub engine: Engine,
     /// Where the part motions start from.
     pub init: Init,
+    /// What parts and motions are found by.
+    pub method: Method,
 }
 
 impl Default for RunConfig {
@@ -31,6 +33,7 @@ impl Default for RunConfig {
             parts: None,
             engine: Engine::default(),
             init: Init::default(),
+            method: Method::default(),
         }
     }
 }
@@ -46,6 +49,17 @@ pub enum Engine {
     Burn,
     /// burn on a GPU; needs the `gpu` feature.
     Gpu,
+}
+
+/// What parts and motions are found by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// Surfaces of the states, matched, registered and compared.
+    #[default]
+    Surfaces,
+    /// Images alone, explained by radiance fields of the parts (docs/method.md 12.11).
+    Radiance,
 }
 
 /// Where the part motions start from.

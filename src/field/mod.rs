@@ -49,8 +49,8 @@ pub use params::{
     FEATURES, FieldConfig, FieldParams, GEOMETRY_OUTPUTS, Layer, LevelLayout, VIEW_COEFFICIENTS,
 };
 pub use radiance::{
-    HalfMotion, JointEstimate, MotionKind, RadianceCheckpoint, RadianceConfig, RadianceInput, RadianceLosses,
-    RadianceModel, RadianceTrainer,
+    HalfMotion, RadianceCheckpoint, RadianceConfig, RadianceInput, RadianceLosses, RadianceModel,
+    RadianceTrainer,
 };
 pub use simd::InstructionSet;
 pub use trainer::{FieldTrainer, TrainInput, TrainerCheckpoint};

@@ -33,6 +33,16 @@ pub(super) struct Found {
     pub warnings: Vec<Note>,
 }
 
+impl Found {
+    /// Nothing but where the motions of the moving parts start.
+    pub fn of_starts(starts: &[Pose]) -> Self {
+        let starts = std::iter::once(Pose::identity()).chain(starts.iter().copied()).collect();
+        let articulation = Articulation::new(Vec::new(), Vec::new(), starts);
+        let (registered, curve) = (Vec::new(), Vec::new());
+        Self { articulation, registered, curve, notes: Vec::new(), warnings: Vec::new() }
+    }
+}
+
 /// Parts and motions: registers state 0 with every other state, and makes the parts of all pairs.
 ///
 /// # Errors

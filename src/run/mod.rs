@@ -23,6 +23,7 @@ mod matching;
 mod monitor;
 mod outcome;
 mod pictures;
+mod radiance;
 mod reconstruct;
 mod reconstruct_twin;
 mod run_motion;

@@ -2,17 +2,18 @@
 
 use super::{
     RunError, Stages,
-    alignment::align,
+    alignment::{Aligned, Drift, align},
     assemble::assemble,
     found::{Found, find_parts, more_views},
     joints::joints,
     left_out::{left_out, warnings},
+    radiance::{published_starts, radiance_model},
     scene::Scene,
     state::{State, observe},
 };
 use crate::{
     capture::Capture,
-    config::Config,
+    config::{Config, Init, Method},
     export::{PartCountReport, screw_notes},
     geometry::Pose,
     io::OnnxMatcher,
@@ -57,6 +58,9 @@ pub fn reconstruct_twin(
     let aligned = align(capture, matcher, config, stages)?;
     // Behind the alignment, as the box holds the object in all states.
     let scene = Scene::of(capture, config)?;
+    if config.run.method == Method::Radiance {
+        return radiance_twin(name, capture, aligned, &scene, stages);
+    }
     // The surface of each state by itself (docs/method.md 3).
     let states = observe(&capture.states, aligned, &scene, stages)?;
     // Parts and motions, state 0 with each other state (docs/method.md 6, 7).
@@ -73,26 +77,59 @@ pub fn reconstruct_twin(
     let model = stages.kept("assemble", None, |_| {
         assemble(name, &states, &found.articulation, &left_out, joints, &scene)
     })?;
-    check(&model)?;
-    let model = named(model, config.export.names, &config.export.prefix);
-    Ok(twin(model, &states, found, &scene, stages))
+    let drifts: Vec<_> = states.iter().map(|s| s.drift.as_ref()).collect();
+    let twin = twin(sound(model, config)?, &drifts, found, &scene, stages);
+    Ok(Twin { replaced_engines: replaced_engines(&states), ..twin })
 }
 
-/// Refuses a model that is not sound.
-fn check(model: &ArticulatedModel) -> Result<(), RunError> {
-    let findings = validate(model);
+/// Images to a model (docs/method.md 12.11).
+fn radiance_twin(
+    name: &str,
+    capture: &Capture,
+    aligned: Vec<Aligned>,
+    scene: &Scene,
+    stages: &mut Stages,
+) -> Result<Twin, RunError> {
+    let drifts: Vec<Option<Drift>> = aligned.iter().map(|a| a.drift.clone()).collect();
+    let found = match scene.config.run.init {
+        Init::Identity => Found::of_starts(&published_starts(scene)?),
+        Init::Registration => find_parts(&observe(&capture.states, aligned, scene, stages)?, scene, stages)?,
+    };
+    let model = radiance_model(name, &capture.states, &found.articulation.starts[1..], scene, stages)?;
+    let drifts: Vec<_> = drifts.iter().map(Option::as_ref).collect();
+    Ok(twin(sound(model, scene.config)?, &drifts, found, scene, stages))
+}
+
+/// The model with the names that are asked for; refuses one that is not sound.
+fn sound(model: ArticulatedModel, config: &Config) -> Result<ArticulatedModel, RunError> {
+    let findings = validate(&model);
     if findings.is_empty() {
-        return Ok(());
+        return Ok(named(model, config.export.names, &config.export.prefix));
     }
     let list = findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
     Err(RunError::stage("validate", format!("the model is not sound: {list}")))
 }
 
-/// The model with all that is reported about it.
-fn twin(model: ArticulatedModel, states: &[State], found: Found, scene: &Scene, stages: &mut Stages) -> Twin {
+/// States whose field was not trained by the engine that was asked for.
+fn replaced_engines(states: &[State]) -> Vec<String> {
+    let replaced = |(state, s): (usize, &State)| {
+        let why = s.field.as_ref()?.replaced.as_ref()?;
+        Some(format!("field of state {state} finished by the cpu engine: {why}"))
+    };
+    states.iter().enumerate().filter_map(replaced).collect()
+}
+
+/// The model of states that drifted so with all that is reported about it.
+fn twin(
+    model: ArticulatedModel,
+    drifts: &[Option<&Drift>],
+    found: Found,
+    scene: &Scene,
+    stages: &mut Stages,
+) -> Twin {
     let Found { articulation, registered, curve, mut notes, warnings } = found;
     cautions(&model).for_each(|c| stages.monitor.warn(&c));
-    if states.len() > 2 {
+    if drifts.len() > 2 {
         let views = more_views(&model);
         views.iter().for_each(|n| stages.monitor.note(n));
         notes.extend(views);
@@ -103,11 +140,7 @@ fn twin(model: ArticulatedModel, states: &[State], found: Found, scene: &Scene, 
     let config = scene.config;
     let part_count =
         PartCountReport::new(config.run.parts, model.links.len(), &curve, config.register.least_score);
-    let drifts = || states.iter().skip(1).map(|s| s.drift.as_ref());
-    let replaced = |(state, s): (usize, &State)| {
-        let why = s.field.as_ref()?.replaced.as_ref()?;
-        Some(format!("field of state {state} finished by the cpu engine: {why}"))
-    };
+    let drifts = || drifts.iter().skip(1).copied();
     Twin {
         // The first part is the static one.
         starts: articulation.starts[1..].to_vec(),
@@ -116,7 +149,7 @@ fn twin(model: ArticulatedModel, states: &[State], found: Found, scene: &Scene, 
         drifts: drifts().map(|d| d.map(|d| d.world_from_world0)).collect(),
         notes,
         warnings: drifts().flatten().map(|d| d.note.clone()).chain(warnings).collect(),
-        replaced_engines: states.iter().enumerate().filter_map(replaced).collect(),
+        replaced_engines: Vec::new(),
         model,
     }
 }

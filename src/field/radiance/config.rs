@@ -24,8 +24,12 @@ const MOTION_STEPS: [f64; 6] = [5_000.0, 10_000.0, 15_000.0, 18_000.0, 20_000.0,
 pub struct RadianceConfig {
     /// Hash grid and networks of every part.
     pub field: FieldConfig,
-    /// Number of parts: one static, the others mobile.
+    /// Number of parts: one static, the others mobile. Not a setting: its keys are `run.parts` and
+    /// [`Self::many_parts`].
+    #[serde(skip, default = "two")]
     pub parts: usize,
+    /// Whether there are as many parts as asked for (PARIS*-m); else two (PARIS, PARIS*).
+    pub many_parts: bool,
     /// Optimiser steps; the published schedules are scaled to them.
     pub steps: usize,
     /// Rays a step of each state.
@@ -53,6 +57,13 @@ pub struct RadianceConfig {
     pub color_threshold: f64,
     /// Whether the second phase, with typed joints, goes on with the fields that the first one found.
     pub keep_fields: bool,
+    /// Nodes along a side of the grid that a part's surface is cut from (published: 256).
+    pub mesh_nodes: usize,
+}
+
+/// The fewest parts.
+fn two() -> usize {
+    2
 }
 
 impl Default for RadianceConfig {
@@ -65,7 +76,8 @@ impl Default for RadianceConfig {
                 log2_table_size: 17,
                 hidden: 64,
             },
-            parts: 2,
+            parts: two(),
+            many_parts: false,
             steps: 3000,
             rays: 256,
             samples: 96,
@@ -78,6 +90,7 @@ impl Default for RadianceConfig {
             part_entropy_weight: 0.0,
             color_threshold: 1e-4,
             keep_fields: false,
+            mesh_nodes: 256,
         }
     }
 }
@@ -114,6 +127,7 @@ impl RadianceConfig {
         within("motion_rate_scale", self.motion_rate_scale, 0.0, 1e3)?;
         within("mask_weight", self.mask_weight, 0.0, 1e6)?;
         within("depth_weight", self.depth_weight, 0.0, 1e6)?;
+        within("mesh_nodes", self.mesh_nodes as f64, 16.0, 1024.0)?;
         within("part_entropy_weight", self.part_entropy_weight, 0.0, 1e6)?;
         within("color_threshold", self.color_threshold, 0.0, 0.1)
     }

@@ -15,7 +15,6 @@ mod engine;
 #[cfg(test)]
 mod engine_tests;
 mod half_motion;
-mod joint;
 mod loss;
 mod model;
 mod motion_adam;
@@ -27,10 +26,10 @@ mod recovery_tests;
 #[cfg(test)]
 mod reference;
 mod trainer;
+mod typed_motion;
 
 pub use config::RadianceConfig;
 pub use half_motion::HalfMotion;
-pub use joint::{JointEstimate, MotionKind};
 pub use loss::RadianceLosses;
 pub use model::RadianceModel;
 pub use trainer::{RadianceCheckpoint, RadianceInput, RadianceTrainer};

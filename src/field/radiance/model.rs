@@ -3,9 +3,9 @@
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
+use super::HalfMotion;
 use super::block::density;
-use super::joint::in_world;
-use super::{HalfMotion, JointEstimate};
+use super::typed_motion::in_world;
 use crate::field::{FieldParams, ObjectField};
 use crate::geometry::{Grid3, Pose, SceneBox};
 use crate::surface::{TriangleMesh, marching_cubes};
@@ -37,10 +37,10 @@ impl RadianceModel {
         part.checked_sub(1).map_or_else(Pose::identity, |m| in_world(&self.motions[m].pose(), &self.scene))
     }
 
-    /// The joints of parts 1 onward.
+    /// `state1_from_state0` of parts 1 onward in the world, meters.
     #[must_use]
-    pub fn joints(&self) -> Vec<JointEstimate> {
-        self.motions.iter().map(|m| m.joint(&self.scene)).collect()
+    pub fn motions_to_state1(&self) -> Vec<Pose> {
+        self.motions.iter().map(|m| m.state1_from_state0(&self.scene)).collect()
     }
 
     /// The part's field for queries: its TSDF is the exponent of the density plus 1.
