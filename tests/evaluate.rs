@@ -254,7 +254,14 @@ fn trials_are_run_once_and_failures_stand_in_the_table() {
     let out = temp.0.join("out");
     let run = |extra: &[&str]| {
         let mut command = program();
-        command.arg("trials").arg(&object).args(["--methods", "registration,classical", "--seeds", "1"]);
+        command.arg("trials").arg(&object).args([
+            "--methods",
+            "registration,classical,paris",
+            "--seeds",
+            "1",
+        ]);
+        // Too few steps for a surface.
+        command.args(["--set", "radiance.steps=5", "--set", "radiance.rays=32"]);
         // Coarse: the test asks for order, not for accuracy.
         command.args(["--set", "surface.nodes=96", "--set", "surface.distance_nodes=81"]);
         command.args(["--set", "surface.points=6000", "--out"]).arg(&out).args(extra);
@@ -263,13 +270,15 @@ fn trials_are_run_once_and_failures_stand_in_the_table() {
         (done.status.code(), text(&done.stdout), text(&done.stderr))
     };
     let (code, table, log) = run(&[]);
-    assert!([Some(0), Some(3)].contains(&code), "{log}");
-    assert!(table.contains("\n\n| clamshell | registration | classical |\n| ---"), "{table}");
+    assert_eq!(code, Some(3), "{log}");
+    assert!(table.contains("\n\n| clamshell | registration | classical | paris |\n| ---"), "{table}");
     assert!(table.contains("Axis Ang") && table.contains("seconds"), "{table}");
     let json: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(out.join("trials.json")).expect("a table"))
             .expect("json");
-    assert_eq!(json["trials"].as_array().map(Vec::len), Some(2));
+    assert_eq!(json["trials"].as_array().map(Vec::len), Some(3));
+    let why = json["trials"][2]["failures"][0][1].as_str().expect("a reason");
+    assert!(why.contains("part 0 has no surface"), "{why}");
     let axis = json["trials"][0]["published"]["rows"][0]["mean"].as_f64().expect("an axis");
     assert!(axis < 1.0, "{axis}");
     // Again: the same table, and no run.

@@ -30,6 +30,8 @@ pub struct MethodTrials {
     pub published: Published,
     /// Why trials failed, by the number of the seed.
     pub failures: Vec<(usize, String)>,
+    /// Why twins were rejected that are measured all the same, by the number of the seed.
+    pub rejected: Vec<(usize, String)>,
     /// What every trial took.
     pub costs: Vec<TrialCost>,
 }
@@ -50,14 +52,22 @@ impl TrialTable {
         Self { seeds, trials: Vec::new() }
     }
 
-    /// Adds the trials of a method on an object; nothing without trials.
-    pub fn add(&mut self, object: &str, method: &str, trials: &[super::Evaluation], costs: Vec<TrialCost>) {
+    /// Adds the trials of a method on an object, with why their twins were rejected; nothing without trials.
+    pub fn add(
+        &mut self,
+        object: &str,
+        method: &str,
+        trials: &[super::Evaluation],
+        rejected: Vec<Option<String>>,
+        costs: Vec<TrialCost>,
+    ) {
         let Some(published) = Published::of(trials) else { return };
         let failure = |(seed, t): (usize, &super::Evaluation)| Some((seed, t.failed.clone()?));
         self.trials.push(MethodTrials {
             object: object.to_owned(),
             method: method.to_owned(),
             published,
+            rejected: rejected.into_iter().enumerate().filter_map(|(s, why)| Some((s, why?))).collect(),
             failures: trials.iter().enumerate().filter_map(failure).collect(),
             costs,
         });
@@ -107,6 +117,9 @@ fn push_object(out: &mut String, object: &str, methods: &[&MethodTrials]) {
         std::iter::once(name.to_owned()).chain(methods.iter().map(|m| cell(m))).collect::<Vec<_>>()
     };
     row(all("failed trials", &|m| format!("{} of {}", m.published.failed_trials, m.costs.len())));
+    row(all("twins that a simulator would not load", &|m| {
+        format!("{} of {}", m.rejected.len(), m.costs.len() - m.published.failed_trials)
+    }));
     row(all("seconds", &|m| {
         let seconds: Vec<f64> = m.costs.iter().map(|c| c.seconds).collect();
         mean(&seconds).map_or("-".into(), |s| format!("{s:.0}"))

@@ -12,6 +12,8 @@ use crate::{
 
 /// Name under which the writing of the run folder fails.
 pub(super) const OUTPUT_STAGE: &str = "output";
+/// Stage that refuses what a simulator would not load as it is meant.
+pub(super) const CHECK_STAGE: &str = "check";
 
 /// What is asked of a reconstruction.
 #[derive(Clone, Debug)]

@@ -141,3 +141,69 @@ fn middle(surface: &TriangleMesh) -> Point3<f64> {
     let sum: Vector3<f64> = surface.vertices.iter().map(|v| v.coords.cast::<f64>()).sum();
     Point3::from(sum / surface.vertices.len().max(1) as f64)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Arc, atomic::AtomicBool, mpsc};
+
+    use super::*;
+    use crate::{
+        field::FieldConfig,
+        geometry::{Intrinsics, SceneBox},
+        run::Fingerprint,
+    };
+
+    /// A gray wall at 1 m.
+    fn frame() -> RgbdFrame {
+        let intrinsics = Intrinsics { width: 8, height: 8, fx: 8.0, fy: 8.0, cx: 3.5, cy: 3.5 };
+        RgbdFrame {
+            id: String::new(),
+            stamp_nanos: 0,
+            intrinsics,
+            world_from_camera: Pose::identity(),
+            rgb: vec![[90; 3]; 64],
+            depth_m: vec![1.0; 64],
+            mask: None,
+            readings: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_training_that_was_stopped_goes_on_from_there() {
+        let folder = std::env::temp_dir().join(format!("artitwin-radiance-{}", std::process::id()));
+        std::fs::remove_dir_all(&folder).ok();
+        let checkpoint = Checkpoint::open(&folder, &Fingerprint::default(), false).unwrap();
+        let field = FieldConfig {
+            levels: 2,
+            base_resolution: 4,
+            finest_resolution: 8,
+            log2_table_size: 10,
+            hidden: 8,
+        };
+        let config = RadianceConfig { field, steps: 25, rays: 4, samples: 16, ..RadianceConfig::default() };
+        let frames = [frame()];
+        let scene = SceneBox { center: Point3::new(0.0, 0.0, 1.0), scale: 1.0 };
+        let input = RadianceInput { states: [&frames, &frames], scene };
+        let trainer = || RadianceTrainer::free(&input, &config, 1, "radiance/free").unwrap();
+        let run = |stop: &Arc<AtomicBool>, checkpoint| {
+            let (sender, events) = mpsc::channel();
+            let result =
+                train(trainer(), "radiance/free", checkpoint, &Monitor::new(sender, Arc::clone(stop)));
+            (result, events.iter().filter(|e| matches!(e, Event::Step { .. })).count())
+        };
+        let go: Arc<AtomicBool> = Arc::default();
+        let (whole, reports) = run(&go, None);
+        assert_eq!(reports, 3, "of 10, 10 and 5 steps");
+        // What a stop leaves after the first ten steps.
+        let mut part = trainer();
+        (0..10).for_each(|_| {
+            part.step();
+        });
+        checkpoint.save("radiance-free-training", &part.checkpoint()).unwrap();
+        let stopped = run(&Arc::new(AtomicBool::new(true)), Some(&checkpoint)).0;
+        assert!(matches!(stopped, Err(RunError::Cancelled(_))));
+        let (resumed, reports) = run(&go, Some(&checkpoint));
+        assert!(reports == 2 && resumed.unwrap() == whole.unwrap());
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

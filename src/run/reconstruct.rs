@@ -5,6 +5,7 @@ use super::{
     admission::{checked_name, fingerprint, matcher},
     earlier::{Beginning, begin, ended, finished},
     facts::facts,
+    outcome::CHECK_STAGE,
     pictures::pictures,
     reconstruct_twin,
     write::write,
@@ -64,7 +65,7 @@ fn reconstruct_files(
     let files =
         stages.kept("export", None, |_| Ok::<_, RunError>(package(&twin.model, &looks, &config.export)))?;
     // The files as a simulator would read them.
-    let found = stages.run("check", None, |_| {
+    let found = stages.run(CHECK_STAGE, None, |_| {
         Ok::<_, RunError>(check_folder(&files.iter().map(|f| (f.path.clone(), f.bytes.clone())).collect()))
     })?;
     let report = Report::new(&twin.model, facts(request, fingerprint, &capture, &twin, &images, &stages));

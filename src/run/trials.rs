@@ -10,7 +10,11 @@ use std::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Monitor, ReconstructRequest, RunError, admission::fingerprint, chain, outcome::OUTPUT_STAGE, reconstruct,
+    Monitor, ReconstructRequest, RunError,
+    admission::fingerprint,
+    chain,
+    outcome::{CHECK_STAGE, OUTPUT_STAGE},
+    reconstruct,
 };
 use crate::{
     config::{Config, Origins},
@@ -75,6 +79,8 @@ struct TrialRecord {
     #[serde(flatten)]
     cost: TrialCost,
     failed: Option<String>,
+    /// Why a simulator would not load the twin as it is meant; it is measured all the same.
+    rejected: Option<String>,
 }
 
 /// Runs all trials that are not done yet, and measures all of them. Methods whose inference is the published
@@ -110,12 +116,17 @@ pub fn trials(request: &TrialsRequest, monitor: &Monitor) -> Result<TrialTable, 
                 let run = trial_request(object, method, truth.parts.len(), &folder, seed);
                 records.push(trial(&run, &own)?);
             }
-            let runs: Vec<PathBuf> = (0..request.seeds).map(|s| folder.join(seed_name(s))).collect();
+            let place = |(seed, record): (usize, &TrialRecord)| {
+                let run = trial_request(object, method, truth.parts.len(), &folder, seed as u64);
+                result_folder(&run, record)
+            };
+            let runs: Vec<PathBuf> = records.iter().enumerate().map(place).collect();
             let mut measured = evaluate::trials(&runs, truth, &options);
             for (trial, record) in measured.iter_mut().zip(&mut records).filter(|(_, r)| r.failed.is_some()) {
                 trial.failed = record.failed.take();
             }
-            table.add(name, &method.name, &measured, records.iter().map(|r| r.cost).collect());
+            let rejected = records.iter_mut().map(|r| r.rejected.take()).collect();
+            table.add(name, &method.name, &measured, rejected, records.iter().map(|r| r.cost).collect());
         }
     }
     put(&tables[0], table.to_json().as_bytes())?;
@@ -165,28 +176,38 @@ fn trial(request: &ReconstructRequest, monitor: &Monitor) -> Result<TrialRecord,
         return Err(TrialsError::Taken(path));
     }
     if let Some(kept) = kept.filter(|k| k.fingerprint == fingerprint)
-        && (kept.failed.is_some() || request.out.join(&name).is_dir())
+        && (kept.failed.is_some() || result_folder(request, &kept).is_dir())
     {
         return Ok(kept);
     }
     forget_peak();
     let started = Instant::now();
-    let failed = match reconstruct(request, monitor) {
-        Ok(_) => None,
+    let (failed, rejected) = match reconstruct(request, monitor) {
+        Ok(_) => (None, None),
+        // Its files are there.
+        Err(error @ RunError::Stage { .. }) if is_of(&error, CHECK_STAGE) => (None, Some(chain(&error))),
         // What was given cannot be reconstructed so: that is what a table shows.
-        Err(error @ RunError::Stage { .. }) if !is_of_output(&error) => Some(chain(&error)),
+        Err(error @ RunError::Stage { .. }) if !is_of(&error, OUTPUT_STAGE) => (Some(chain(&error)), None),
         Err(error) => return Err(error.into()),
     };
     let cost = TrialCost { seconds: started.elapsed().as_secs_f64(), peak_mib: peak_mib() };
-    let record = TrialRecord { fingerprint, cost, failed };
+    let record = TrialRecord { fingerprint, cost, failed, rejected };
     let bytes = serde_json::to_vec_pretty(&record)
         .map_err(|e| TrialsError::Write { path: path.clone(), source: e.into() })?;
     put(&path, &bytes)?;
     Ok(record)
 }
 
-fn is_of_output(error: &RunError) -> bool {
-    matches!(error, RunError::Stage { stage, .. } if stage == OUTPUT_STAGE)
+fn is_of(error: &RunError, name: &str) -> bool {
+    matches!(error, RunError::Stage { stage, .. } if stage == name)
+}
+
+/// Where the twin of a trial lies.
+fn result_folder(request: &ReconstructRequest, record: &TrialRecord) -> PathBuf {
+    let name = request.name.as_deref().unwrap_or_default();
+    let place = if record.rejected.is_some() { request.rejected_place(name) } else { request.place(name) };
+    // A name that is none has no result.
+    place.target().unwrap_or_default()
 }
 
 /// Writes a file that appears when it is whole, in a folder that is made for it.

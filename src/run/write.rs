@@ -2,7 +2,11 @@
 
 use std::path::PathBuf;
 
-use super::{Monitor, ReconstructRequest, RunError, outcome::OUTPUT_STAGE, pictures::photo_path};
+use super::{
+    Monitor, ReconstructRequest, RunError,
+    outcome::{CHECK_STAGE, OUTPUT_STAGE},
+    pictures::photo_path,
+};
 use crate::{
     export::{CheckFinding, ExportFile, Level, Report, ReportPictures, report_html},
     io::{self, ResultKind},
@@ -48,5 +52,5 @@ pub(super) fn write(
         folder.display(),
         errors.join("; ")
     );
-    Err(RunError::stage("check", message))
+    Err(RunError::stage(CHECK_STAGE, message))
 }

@@ -42,7 +42,7 @@ pub struct RadianceConfig {
     pub half_side: f64,
     /// Half the side of the cube that rays are sampled in, normalised units (published: 1.5 as well).
     pub ray_half_side: f64,
-    /// Learning rate of the fields (published: 0.002).
+    /// Learning rate of the fields in the published number of steps (published: 0.002).
     pub learning_rate: f64,
     /// Factor on the published learning rates of the motions.
     pub motion_rate_scale: f64,
@@ -135,12 +135,20 @@ impl RadianceConfig {
     /// Learning rate of the fields at a step, from 0: halved at a third, a half, 0.6, two thirds and five
     /// sixths of the steps.
     pub(super) fn field_rate(&self, step: usize) -> f64 {
-        self.learning_rate * 0.5f64.powi(self.passed(&FIELD_STEPS, step))
+        self.haste() * self.learning_rate * 0.5f64.powi(self.passed(&FIELD_STEPS, step))
     }
 
     /// Factor on the motions' learning rates at a step, from 0.
     pub(super) fn motion_rate(&self, step: usize) -> f64 {
-        self.motion_rate_scale * 0.33f64.powi(self.passed(&MOTION_STEPS, step))
+        self.haste() * self.motion_rate_scale * 0.33f64.powi(self.passed(&MOTION_STEPS, step))
+    }
+
+    /// Factor on all published rates for another number of steps than the published one.
+    ///
+    /// derived: where gradients are noise, Adam's steps are plus or minus the rate, and n of them reach rate
+    /// sqrt(n) far; measured: without it the hinge of a laptop is found at half of its angle
+    fn haste(&self) -> f64 {
+        (PUBLISHED_STEPS / self.steps as f64).sqrt()
     }
 
     /// How many of the published milestones a step has passed, scaled to the configured number of steps.
@@ -157,10 +165,13 @@ mod tests {
     #[test]
     fn rates_fall_where_the_published_ones_do() {
         let c = RadianceConfig { steps: 300, ..RadianceConfig::default() };
-        assert_eq!((c.field_rate(0), c.field_rate(99)), (0.002, 0.002));
-        assert_eq!((c.field_rate(100), c.field_rate(299)), (0.001, 0.002 / 32.0));
-        assert_eq!((c.motion_rate(49), c.motion_rate(50)), (1.0, 0.33));
-        assert!((c.motion_rate(299) - 0.33f64.powi(6)).abs() < 1e-15);
+        // A hundredth of the steps, each ten times as long.
+        assert_eq!((c.field_rate(0), c.field_rate(99)), (0.02, 0.02));
+        assert_eq!((c.field_rate(100), c.field_rate(299)), (0.01, 0.02 / 32.0));
+        assert_eq!((c.motion_rate(49), c.motion_rate(50)), (10.0, 0.33 * 10.0));
+        assert!((c.motion_rate(299) - 10.0 * 0.33f64.powi(6)).abs() < 1e-12);
+        let published = RadianceConfig { steps: 30_000, ..RadianceConfig::default() };
+        assert_eq!((published.field_rate(0), published.motion_rate(0)), (0.002, 1.0));
     }
 
     #[test]

@@ -96,7 +96,9 @@ fn config(steps: usize) -> RadianceConfig {
         samples: 48,
         half_side: 1.3,
         ray_half_side: 0.95,
-        learning_rate: 0.01,
+        // 0.01 a step in 400 steps.
+        learning_rate: 0.01 / 75f64.sqrt(),
+        motion_rate_scale: 1.0 / 75f64.sqrt(),
         depth_weight: 0.05,
         ..RadianceConfig::default()
     }

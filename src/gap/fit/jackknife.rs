@@ -3,14 +3,17 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::gap::fit::problem::Problem;
+use crate::gap::{
+    fit::{problem::Problem, smooth::Trace},
+    record::log::Span,
+};
 
 /// Share of what is known of a parameter from which a witness is its sole one.
 /// derived: more than all others together.
 const SOLE: f64 = 0.5;
-/// Places into which windows are put, each way.
-/// derived: the fewest that show a place at all, and as many again.
-const PLACES: [usize; 2] = [2, 4];
+/// Ranks into which windows are put, each way.
+/// derived: the fewest that show a difference at all, and as many again.
+const RANKS: [usize; 2] = [2, 4];
 
 /// What a window, or several of them, add to the normal equations of the parameters, start states eliminated:
 /// summand of the matrix and of the gradient.
@@ -22,27 +25,48 @@ pub struct Witness {
     pub gradient: DVector<f64>,
 }
 
-/// The windows of a problem in groups that pass the same places the same way. What a machine does beyond any
-/// catalog repeats there, so that such windows bear one witness to a parameter, not many: cluster-robust
-/// errors (Liang and Zeger 1986) with the clusters of the discrepancy.
+/// The windows of a problem in groups that are alike in what a machine's own errors depend on, each way it
+/// moves: the place (ripple, spots), the speed (lag, friction), the effort (flexibility, gain), the time since
+/// the start and the run (heat). What a machine does beyond any catalog repeats there, so that such windows
+/// bear one witness to a parameter, not many: cluster-robust errors (Liang and Zeger 1986) with the clusters
+/// of the discrepancy.
 #[must_use]
-pub fn places(problem: &Problem) -> Vec<Vec<usize>> {
-    let middles: Vec<(f64, bool)> = problem
-        .windows
-        .iter()
-        .map(|w| {
-            let positions = &problem.traces[w.log].position[w.start..w.start + w.len];
-            let middle = positions.iter().sum::<f64>() / positions.len().max(1) as f64;
-            (middle, positions.last() < positions.first())
-        })
-        .collect();
-    let mut order: Vec<usize> = (0..middles.len()).collect();
-    order.sort_by(|&a, &b| middles[a].0.total_cmp(&middles[b].0));
-    let mut rank = vec![0; order.len()];
-    order.iter().enumerate().for_each(|(r, &w)| rank[w] = r);
-    let group =
-        |count: usize, w: usize| 2 * (rank[w] * count / order.len().max(1)) + usize::from(middles[w].1);
-    PLACES.map(|count| (0..middles.len()).map(|w| group(count, w)).collect()).to_vec()
+pub fn alike(problem: &Problem) -> Vec<Vec<usize>> {
+    let windows = &problem.windows;
+    let own =
+        |w: &Span, of: fn(&Trace) -> &Vec<f64>| of(&problem.traces[w.log])[w.start..w.start + w.len].to_vec();
+    let mean = |values: Vec<f64>| values.iter().sum::<f64>() / values.len().max(1) as f64;
+    let size = |values: Vec<f64>| mean(values.iter().map(|v| v.abs()).collect());
+    let coordinates: [&dyn Fn(&Span) -> f64; 4] = [
+        &|w| mean(own(w, |t| &t.position)),
+        &|w| size(own(w, |t| &t.velocity)),
+        &|w| size(own(w, |t| &t.effort)),
+        &|w| w.start as f64,
+    ];
+    let goes_back = |w: &Span| {
+        let positions = own(w, |t| &t.position);
+        usize::from(positions.last() < positions.first())
+    };
+    let back: Vec<usize> = windows.iter().map(goes_back).collect();
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for coordinate in coordinates {
+        let ranks = ranks(&windows.iter().map(coordinate).collect::<Vec<_>>());
+        let group = |count: usize, w: usize| 2 * (ranks[w] * count / windows.len()) + back[w];
+        groups.extend(RANKS.map(|count| (0..windows.len()).map(|w| group(count, w)).collect()));
+    }
+    if problem.logs.len() > 1 {
+        groups.push(windows.iter().zip(&back).map(|(w, back)| 2 * w.log + back).collect());
+    }
+    groups
+}
+
+/// Rank of every value, the first of equal ones lowest.
+fn ranks(values: &[f64]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
+    let mut ranks = vec![0; order.len()];
+    order.iter().enumerate().for_each(|(rank, &of)| ranks[of] = rank);
+    ranks
 }
 
 /// Covariance of the parameters, the inverse of `matrix`, widened where the parameters move by more than that

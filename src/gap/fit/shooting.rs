@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use crate::gap::{
     fit::{
         acting::{MAX_COLUMNS, Row},
-        jackknife::{Witness, covariance, places},
+        jackknife::{Witness, alike, covariance},
         likely_noise::most_likely_noise,
         noise::EffortNoise,
         problem::Problem,
@@ -364,8 +364,8 @@ fn fit_settled(
     let end = end.unwrap_or_else(|| evaluate(problem, &model, &starts, &whitening, &frozen));
     let log_likelihood = restricted(problem, &model, &end, &whitening);
     let (matrix, windows) = witnesses(&end.normal);
-    // Beside an effort that lasts, windows that pass the same places repeat each other's errors.
-    let groups = if noise.remains() { places(problem) } else { Vec::new() };
+    // Beside an effort that lasts, windows that are alike repeat each other's errors.
+    let groups = if noise.remains() { alike(problem) } else { Vec::new() };
     let (covariance, witnesses) = covariance(matrix, &windows, &groups, &frozen);
     let costs = end.normal.blocks.iter().map(|b| b.cost).collect();
     Fit { model, starts, noise, log_likelihood, covariance, witnesses, costs }
