@@ -8,6 +8,13 @@ pub(crate) const SIGMAS_PER_MAD: f64 = 1.4826;
 /// derived: the quantile at 99 % of the standard normal distribution.
 pub(crate) const NORMAL_99: f64 = 2.326_348;
 
+/// The sum of so many squared normal numbers that chance exceeds once in a hundred: the quantile of
+/// chi-square at 99 % (Wilson and Hilferty 1931).
+pub(crate) fn chi_square_99(count: f64) -> f64 {
+    let variance = 2.0 / (9.0 * count);
+    count * (1.0 - variance + NORMAL_99 * variance.sqrt()).powi(3)
+}
+
 /// Middle value, the upper one of two; `None` of none.
 pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     // By selection, which is linear; the order of all is not needed.
@@ -18,6 +25,18 @@ pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn chance_exceeds_the_quantile_once_in_a_hundred() {
+        // Tables of chi-square, 1 % beyond each.
+        for (count, quantile, most) in [(3.0, 11.345, 0.01), (8.0, 20.090, 2e-3), (200.0, 249.445, 2e-3)] {
+            assert!(
+                (chi_square_99(count) / quantile - 1.0).abs() < most,
+                "{count}: {}",
+                chi_square_99(count)
+            );
+        }
+    }
 
     #[test]
     fn the_middle_value_is_the_upper_one_of_two() {

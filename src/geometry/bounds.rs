@@ -3,6 +3,8 @@
 use nalgebra::{Point3, RealField, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::Pose;
+
 /// Share of the normalised cube's half side that the object's longest side spans (docs/method.md 1.3).
 const FILL: f64 = 0.9;
 
@@ -35,6 +37,21 @@ impl SceneBox {
     #[must_use]
     pub fn world(&self, normalised: &Point3<f64>) -> Point3<f64> {
         self.center + normalised.coords / self.scale
+    }
+
+    /// A motion in the world, meters, as it takes normalised points.
+    #[must_use]
+    pub fn normalised_motion(&self, world: &Pose) -> Pose {
+        // x_n = s (x - c), y = R x + t  =>  y_n = R x_n + s (R c + t - c).
+        Pose::from_parts(((world * self.center - self.center) * self.scale).into(), world.rotation)
+    }
+
+    /// A motion of normalised points as it takes those of the world, meters.
+    #[must_use]
+    pub fn world_motion(&self, normalised: &Pose) -> Pose {
+        let c = self.center.coords;
+        let t = c - normalised.rotation * c + normalised.translation.vector / self.scale;
+        Pose::from_parts(t.into(), normalised.rotation)
     }
 
     /// Longest side of the object in meters.
@@ -88,5 +105,9 @@ mod tests {
         assert!((b.extent_m() - 2.0).abs() < 1e-12);
         let p = Point3::new(0.3, 0.2, -0.7);
         assert!((b.normalise(&b.world(&p)) - p).norm() < 1e-12);
+        let motion = Pose::new(Vector3::new(0.3, -0.1, 0.2), Vector3::new(0.5, 0.7, -0.4));
+        let normalised = b.normalised_motion(&motion);
+        assert!((b.world(&(normalised * p)) - motion * b.world(&p)).norm() < 1e-12);
+        assert!((b.world_motion(&normalised) * p - motion * p).norm() < 1e-12);
     }
 }

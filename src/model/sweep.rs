@@ -294,9 +294,7 @@ fn keep_most_seen(solids: &mut Vec<ConvexSolid>, visual: &TriangleMesh, config: 
     let mut areas = vec![0.0; solids.len()];
     let planes: Vec<Vec<Plane>> = solids.iter().map(ConvexSolid::planes).collect();
     for t in 0..visual.triangles.len() {
-        let middle = Point3::from(
-            visual.corners(t).iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>() / 3.0,
-        );
+        let middle = visual.middle(t);
         let area = 0.5 * f64::from(visual.area_normal(t).norm());
         let outside =
             |q: &Vec<Plane>| q.iter().map(|q| q.distance_m(&middle)).fold(f64::NEG_INFINITY, f64::max);

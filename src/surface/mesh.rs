@@ -32,6 +32,14 @@ impl TriangleMesh {
         self.triangles[triangle].map(|i| self.vertices[i as usize])
     }
 
+    /// The middle of a triangle's corners.
+    #[must_use]
+    pub fn middle(&self, triangle: usize) -> Point3<f64> {
+        Point3::from(
+            self.corners(triangle).iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>() / 3.0,
+        )
+    }
+
     /// Twice the area times the unit normal of a triangle.
     #[must_use]
     pub fn area_normal(&self, triangle: usize) -> Vector3<f32> {

@@ -49,12 +49,7 @@ pub(crate) struct MotionGradient {
 impl Motions {
     /// Motions from world transforms `state1_from_state0`.
     pub(crate) fn from_world(world: &[Pose], scene: &SceneBox) -> Self {
-        // x_n = s (x - c), y = R x + t  =>  y_n = R x_n + s (R c + t - c).
-        let normalised = |m: &Pose| {
-            let t = (m * scene.center - scene.center) * scene.scale;
-            Pose::from_parts(t.into(), m.rotation)
-        };
-        let mut parts: Vec<Pose> = world.iter().map(normalised).collect();
+        let mut parts: Vec<Pose> = world.iter().map(|m| scene.normalised_motion(m)).collect();
         // Still to 1e-9 by the checks, and exactly from here on.
         parts[0] = Pose::identity();
         let moments = Moments::new(6 * parts.len());
@@ -63,11 +58,7 @@ impl Motions {
 
     /// World transforms `state1_from_state0`, meters.
     pub(crate) fn world(&self, scene: &SceneBox) -> Vec<Pose> {
-        let c = scene.center.coords;
-        let world = |m: &Pose| {
-            Pose::from_parts((c - m.rotation * c + m.translation.vector / scene.scale).into(), m.rotation)
-        };
-        self.parts.iter().map(world).collect()
+        self.parts.iter().map(|m| scene.world_motion(m)).collect()
     }
 
     /// Takes a normalised point along with a part.

@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 
 use super::HalfMotion;
 use super::block::density;
-use super::typed_motion::in_world;
 use crate::field::{FieldParams, ObjectField};
 use crate::geometry::{Grid3, Pose, SceneBox};
 use crate::surface::{TriangleMesh, marching_cubes};
@@ -34,7 +33,7 @@ impl RadianceModel {
     /// `canonical_from_state0` of a part in the world, meters.
     #[must_use]
     pub fn canonical_from_state0(&self, part: usize) -> Pose {
-        part.checked_sub(1).map_or_else(Pose::identity, |m| in_world(&self.motions[m].pose(), &self.scene))
+        part.checked_sub(1).map_or_else(Pose::identity, |m| self.scene.world_motion(&self.motions[m].pose()))
     }
 
     /// `state1_from_state0` of parts 1 onward in the world, meters.

@@ -28,26 +28,15 @@ impl HalfMotion {
     /// The half of a whole motion in the world, meters; its rotation is below half a turn.
     #[must_use]
     pub fn of_world(state1_from_state0: &Pose, scene: &SceneBox) -> Self {
-        // The other way round of what takes normalised coordinates into the world.
-        let c = scene.center.coords;
-        let t = (state1_from_state0.translation.vector - c + state1_from_state0.rotation * c) * scene.scale;
-        Self::of_whole(&Pose::from_parts(t.into(), state1_from_state0.rotation))
+        Self::of_whole(&scene.normalised_motion(state1_from_state0))
     }
 
     /// The whole motion in the world, meters: twice the half.
     #[must_use]
     pub fn state1_from_state0(&self, scene: &SceneBox) -> Pose {
         let half = self.pose();
-        in_world(&(half * half), scene)
+        scene.world_motion(&(half * half))
     }
-}
-
-/// A motion of normalised coordinates in the world, meters.
-pub(super) fn in_world(normalised: &Pose, scene: &SceneBox) -> Pose {
-    // x_n = s (x - c), y_n = R x_n + t  =>  y = R x + c - R c + t / s.
-    let c = scene.center.coords;
-    let t = c - normalised.rotation * c + normalised.translation.vector / scene.scale;
-    Pose::from_parts(t.into(), normalised.rotation)
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use crate::gap::{
     fit::{problem::Problem, smooth::Trace},
     record::log::Span,
 };
+use crate::statistics::chi_square_99;
 
 /// Share of what is known of a parameter from which a witness is its sole one.
 /// derived: more than all others together.
@@ -26,10 +27,10 @@ pub struct Witness {
 }
 
 /// The windows of a problem in groups that are alike in what a machine's own errors depend on, each way it
-/// moves: the place (ripple, spots), the speed (lag, friction), the effort (flexibility, gain), the time since
-/// the start and the run (heat). What a machine does beyond any catalog repeats there, so that such windows
-/// bear one witness to a parameter, not many: cluster-robust errors (Liang and Zeger 1986) with the clusters
-/// of the discrepancy.
+/// moves: the place (ripple, spots), the speed (lag, friction), the effort (flexibility, gain), the time
+/// since the start and the run (heat). What a machine does beyond any catalog repeats there, so that such
+/// windows bear one witness to a parameter, not many: cluster-robust errors (Liang and Zeger 1986) with the
+/// clusters of the discrepancy.
 #[must_use]
 pub fn alike(problem: &Problem) -> Vec<Vec<usize>> {
     let windows = &problem.windows;
@@ -71,8 +72,8 @@ fn ranks(values: &[f64]) -> Vec<usize> {
 
 /// Covariance of the parameters, the inverse of `matrix`, widened where the parameters move by more than that
 /// when witnesses are left out (a jackknife of one Gauss-Newton step); and the number of witnesses that each
-/// rests on. The windows are the witnesses, and the windows of a group for each of the `groups`, a number a
-/// window; what widens most counts.
+/// rests on. The windows are the witnesses; in their place the windows of a group, for each of the `groups`,
+/// a number a window, where these move the parameters by more than chance would. What widens most counts.
 #[must_use]
 pub fn covariance(
     mut matrix: DMatrix<f64>,
@@ -92,10 +93,16 @@ pub fn covariance(
     let width = |moved: &[f64], i: usize| Some((moved[i] / c[(i, i)]).sqrt()).filter(|w| w.is_finite());
     let (moved, mut witnesses) = moves(&matrix, &c, windows);
     let mut wider: Vec<f64> = (0..n).map(|i| width(&moved, i).unwrap_or(1.0).max(1.0)).collect();
+    let by_windows = wider.clone();
     for group in groups {
         let (moved, count) = moves(&matrix, &c, &pooled(windows, group));
         for i in 0..n {
-            if let Some(width) = width(&moved, i).filter(|w| *w > wider[i]) {
+            // Few groups say little of a variance: beyond the quantile it is surely another one. Leaving out
+            // one of k moves a mean by k / (k - 1) times what it weighs.
+            let freedom = (count[i] - 1.0).max(1.0);
+            let jackknife = (freedom + 1.0) / freedom;
+            let by_chance = by_windows[i] * jackknife * (chi_square_99(freedom) / freedom).sqrt();
+            if let Some(width) = width(&moved, i).filter(|w| *w > wider[i].max(by_chance)) {
                 (wider[i], witnesses[i]) = (width, count[i]);
             }
         }

@@ -15,7 +15,7 @@ use crate::gap::{
     model::joint_model::JointModel,
     record::{drive::Drive, log::Span},
 };
-use crate::statistics::NORMAL_99;
+use crate::statistics::chi_square_99;
 
 /// States of a searched window that are polished.
 const POLISHED: usize = 4;
@@ -153,7 +153,8 @@ pub fn improve(
     let bench = Bench { problem, model, drives: &drives, whitening, ridge };
     let mut carried = None;
     for w in 0..starts.len() {
-        let most = misfit(problem.windows[w].len);
+        // Of windows that fit, one of a hundred is searched in vain.
+        let most = chi_square_99(problem.windows[w].len as f64);
         let fits = |t: &Trial| t.cost <= most;
         let given = bench.try_start(w, starts[w]);
         let mut trials = vec![given];
@@ -176,14 +177,6 @@ pub fn improve(
         // Motion is continuous: where one window ends well, the next begins well.
         carried = bench.hand_on(w, best.start);
     }
-}
-
-/// The sum of so many squared normal numbers that chance exceeds once in a hundred: the quantile of
-/// chi-square (Wilson and Hilferty 1931). Of windows that fit, one of a hundred is searched in vain.
-fn misfit(count: usize) -> f64 {
-    let n = count as f64;
-    let variance = 2.0 / (9.0 * n);
-    n * (1.0 - variance + NORMAL_99 * variance.sqrt()).powi(3)
 }
 
 /// The best start state of a window that fits badly.
@@ -247,14 +240,6 @@ mod tests {
         },
         record::{drive::Hold, log::JointLog},
     };
-
-    #[test]
-    fn a_misfit_is_a_quantile_of_chi_square() {
-        // Tables of chi-square, 1 % beyond each.
-        for (count, quantile) in [(8, 20.090), (50, 76.154), (200, 249.445)] {
-            assert!((misfit(count) / quantile - 1.0).abs() < 2e-3, "{count}: {}", misfit(count));
-        }
-    }
 
     /// A joint that runs into its stop and through its play, from start states that are far off in every
     /// window.

@@ -142,7 +142,7 @@ pub(super) fn seen(
         .into_par_iter()
         .map(|t| {
             let Some(patch) = found.get(patch_of[t] as usize) else { return f64::INFINITY };
-            let middle = mesh.corners(t).iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>() / 3.0;
+            let middle = mesh.middle(t).coords;
             let inwards = -patch.normal;
             // A wall ends where another part was seen to begin.
             let other = others.way_m(&middle, &inwards, false) - clear_m;
