@@ -113,6 +113,7 @@ fn joint(length: usize) -> JointReport {
         actuator: Vec::new(),
         nearest: None,
         spread: None,
+        weighed: Vec::new(),
     };
     diagnosis.findings[0].alternatives = vec![("stribeck_friction".into(), 0.2)];
     let half = vec![0.02; 2];

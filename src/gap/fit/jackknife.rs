@@ -73,12 +73,13 @@ fn ranks(values: &[f64]) -> Vec<usize> {
 /// Covariance of the parameters, the inverse of `matrix`, widened where the parameters move by more than that
 /// when witnesses are left out (a jackknife of one Gauss-Newton step); and the number of witnesses that each
 /// rests on. The windows are the witnesses; in their place the windows of a group, for each of the `groups`,
-/// a number a window, where these move the parameters by more than chance would. What widens most counts.
+/// a number a window, where errors are known to `repeat` or these move the parameters by more than chance
+/// would. What widens most counts.
 #[must_use]
 pub fn covariance(
     mut matrix: DMatrix<f64>,
     windows: &[Witness],
-    groups: &[Vec<usize>],
+    (groups, repeat): (&[Vec<usize>], bool),
     frozen: &[bool],
 ) -> (DMatrix<f64>, Vec<f64>) {
     let n = matrix.nrows();
@@ -101,7 +102,11 @@ pub fn covariance(
             // one of k moves a mean by k / (k - 1) times what it weighs.
             let freedom = (count[i] - 1.0).max(1.0);
             let jackknife = (freedom + 1.0) / freedom;
-            let by_chance = by_windows[i] * jackknife * (chi_square_99(freedom) / freedom).sqrt();
+            let by_chance = if repeat {
+                0.0
+            } else {
+                by_windows[i] * jackknife * (chi_square_99(freedom) / freedom).sqrt()
+            };
             if let Some(width) = width(&moved, i).filter(|w| *w > wider[i].max(by_chance)) {
                 (wider[i], witnesses[i]) = (width, count[i]);
             }
@@ -172,17 +177,18 @@ mod tests {
         let groups: Vec<usize> = (0..40).map(|k| k / 10).collect();
         let (matrix, windows) = mean(&errors);
         let variance =
-            |groups: &[Vec<usize>]| covariance(matrix.clone(), &windows, groups, &[false]).0[(0, 0)];
+            |groups: &[Vec<usize>]| covariance(matrix.clone(), &windows, (groups, false), &[false]).0[(0, 0)];
         // As 40 independent readings: 1 / 40. As four of the size 1: 1 / 4, times (4 / 3)^2 of the jackknife.
         assert!((variance(&[]) * 40.0 - 1.0).abs() < 0.1, "{}", variance(&[]));
         let wide = variance(std::slice::from_ref(&groups));
         assert!((wide - 0.25 * 16.0 / 9.0).abs() < 1e-9, "{wide}");
-        let count = covariance(matrix.clone(), &windows, std::slice::from_ref(&groups), &[false]).1[0];
+        let count =
+            covariance(matrix.clone(), &windows, (std::slice::from_ref(&groups), true), &[false]).1[0];
         assert!((count - 4.0).abs() < 1e-9, "{count}");
         // Errors that differ within a place are no more than those of windows.
         let within: Vec<f64> = (0..40).map(|k| if k % 2 == 0 { 1.0 } else { -1.0 }).collect();
         let (matrix, windows) = mean(&within);
-        let narrow = covariance(matrix, &windows, &[groups], &[false]).0[(0, 0)];
+        let narrow = covariance(matrix, &windows, (&[groups], true), &[false]).0[(0, 0)];
         assert!((narrow * 40.0 - 1.0).abs() < 0.1, "{narrow}");
     }
 }

@@ -364,7 +364,7 @@ fn fit_settled(
     let end = end.unwrap_or_else(|| evaluate(problem, &model, &starts, &whitening, &frozen));
     let log_likelihood = restricted(problem, &model, &end, &whitening);
     let (matrix, windows) = witnesses(&end.normal);
-    let (covariance, witnesses) = covariance(matrix, &windows, &alike(problem), &frozen);
+    let (covariance, witnesses) = covariance(matrix, &windows, (&alike(problem), noise.remains()), &frozen);
     let costs = end.normal.blocks.iter().map(|b| b.cost).collect();
     Fit { model, starts, noise, log_likelihood, covariance, witnesses, costs }
 }

@@ -77,10 +77,8 @@ pub fn examine<'c>(
     let recorded = Problem::new(effects, plant, runs.turns, runs.fitted, runs.hold);
     let held_out = Problem::held_out(&recorded, runs.held_out);
     let problem = recorded.at_steps();
-    let mut diagnosis = diagnose(&problem, &runs.effects, &[], rng);
-    if let Some(predicting) = by_prediction(&problem, &diagnosis, &runs.effects, rng) {
-        diagnosis = predicting;
-    }
+    let diagnosis = diagnose(&problem, &runs.effects, &[], rng);
+    let diagnosis = by_prediction(&problem, diagnosis, &runs.effects, rng);
     Examined { name: name.to_owned(), problem, held_out, diagnosis, given: runs.effects, tracks }
 }
 
@@ -191,25 +189,29 @@ pub(super) fn tracks(runs: &Runs) -> Vec<Track> {
 
 /// Another diagnosis, by how whole windows are predicted, where much is left that is no noise: beside a floor
 /// that no catalogue holds, what each sample adds to those before it says little of what moves the joint.
-/// `None` where nothing is left, or what was found surely predicts better.
+/// Where what was found surely predicts better it stays, as sure of its names as the predictions are.
 fn by_prediction(
     problem: &Problem,
-    found: &Diagnosis,
+    mut found: Diagnosis,
     effects: &[usize],
     rng: &mut impl Rng,
-) -> Option<Diagnosis> {
+) -> Diagnosis {
     // An effort that lasts, or one that is a large share of the recorded one, is no noise.
     let is_loud = found.noise.size() > MAX_LEFT * problem.coverage.effort_rms;
     if found.verdict == Verdict::Insufficient || !(found.noise.wander > 0.0 || is_loud) {
-        return None;
+        return found;
     }
     let predicting = problem.predicting();
     if windowed_rmse(&predicting, &found.model) < REPORTED_NOISES * problem.noise_floor() {
-        return None;
+        return found;
     }
     let known = found.nearest.as_ref().map_or(&found.model, |n| &n.model);
     let other = diagnose(&predicting, effects, std::slice::from_ref(known), rng);
-    (!predicts_better(&predicting, &found.model, &other.model)).then_some(other)
+    if !predicts_better(&predicting, &found.model, &other.model) {
+        return other;
+    }
+    found.weigh_as(&predicting, &other.weighed);
+    found
 }
 
 /// Of effects that do not explain enough, those that predict each fitted run from the others clearly better

@@ -25,6 +25,15 @@ pub fn rivals_in_doubt(own: f64, rivals: &[f64]) -> usize {
     held.take_while(|held| *held < wanted).count()
 }
 
+/// The rivals that are in doubt beside a set of weight 1, heaviest first, and the weight of all.
+#[must_use]
+pub fn in_doubt(mut rivals: Vec<(Vec<usize>, f64)>) -> (Vec<(Vec<usize>, f64)>, f64) {
+    rivals.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let weights: Vec<f64> = rivals.iter().map(|(_, w)| *w).collect();
+    rivals.truncate(rivals_in_doubt(1.0, &weights));
+    (rivals, 1.0 + weights.iter().sum::<f64>())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -39,6 +48,14 @@ mod tests {
         assert_eq!(rivals_in_doubt(0.5, &[0.4, 0.06, 0.04]), 2);
         // Any unit of weight.
         assert_eq!(rivals_in_doubt(50.0, &[40.0, 6.0, 4.0]), 2);
+    }
+
+    #[test]
+    fn sets_in_doubt_are_sorted_and_all_weigh() {
+        let sets = vec![(vec![3], 0.01), (vec![1], 0.2), (vec![2], 0.5)];
+        let (rivals, total) = in_doubt(sets);
+        assert_eq!(rivals, [(vec![2], 0.5), (vec![1], 0.2)]);
+        assert!((total - 1.71).abs() < 1e-12);
     }
 
     #[test]

@@ -13,7 +13,7 @@ use crate::gap::{
         cross_validation::{assumes, predicted_weights, predictive},
         given::given,
         locate::{Dependence, Variable, locate},
-        name_weight::{least_gain, rivals_in_doubt},
+        name_weight::{in_doubt, least_gain},
         offset::with_offset,
         refined::refined,
         screen::Screen,
@@ -111,6 +111,8 @@ pub struct Diagnosis {
     /// How well the parameters of the model, or of what comes nearest, are known; `None` where there are
     /// none.
     pub spread: Option<Spread>,
+    /// Sets of as many effects with their weights, its own among them.
+    pub weighed: Vec<(Vec<usize>, f64)>,
 }
 
 /// Effects that come nearest to an explanation.
@@ -137,6 +139,25 @@ impl Diagnosis {
             actuator: Vec::new(),
             nearest: None,
             spread: None,
+            weighed: Vec::new(),
+        }
+    }
+
+    /// Takes the weights that another search gave to sets of as many effects, where its own is among them. It
+    /// stays the first name: none of the others counts more.
+    pub fn weigh_as(&mut self, problem: &Problem, weighed: &[(Vec<usize>, f64)]) {
+        let mut own: Vec<usize> = self.findings.iter().map(|f| f.index).collect();
+        own.sort_unstable();
+        let Some((_, weight)) = weighed.iter().find(|(effects, _)| *effects == own) else { return };
+        let others = weighed.iter().filter(|(effects, _)| *effects != own && effects.len() == own.len());
+        let rivals: Vec<(Vec<usize>, f64)> =
+            others.map(|(effects, other)| (effects.clone(), (other / weight).min(1.0))).collect();
+        let (rivals, total) = in_doubt(rivals);
+        for finding in &mut self.findings {
+            (finding.weight, finding.alternatives) = doubts(problem, &own, finding.index, &rivals, total);
+        }
+        if self.verdict == Verdict::Named && !rivals.is_empty() {
+            self.verdict = Verdict::Ambiguous;
         }
     }
 
@@ -252,10 +273,9 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
         return diagnosis;
     }
     diagnosis.left = (open / to_explain.max(1e-9)).min(1.0);
-    let mut rivals = rivals(problem, &found, chosen);
-    let weights: Vec<f64> = rivals.iter().map(|(_, w)| *w).collect();
-    let total: f64 = 1.0 + weights.iter().sum::<f64>();
-    rivals.truncate(rivals_in_doubt(1.0, &weights));
+    diagnosis.weighed = rivals(problem, &found, chosen);
+    let (rivals, total) = in_doubt(diagnosis.weighed.clone());
+    diagnosis.weighed.push((chosen.effects(), 1.0));
     diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
     let (model, spread) = with_offset(problem, refined(problem, &chosen.fit), effects);
     diagnosis.findings = findings(problem, &model, &spread, &rivals, total);
@@ -346,8 +366,8 @@ fn is_shaped(problem: &Problem, chosen: &Candidate) -> bool {
     !positions.any(|(at, t)| (0..t.p.len()).any(|i| is_at_end((at, t), i)))
 }
 
-/// Candidates of the same size with their weights relative to the chosen one, largest first. Effects that
-/// contain a chosen one do not count, nor do other shapes of the same effect.
+/// Candidates of the same size with their weights relative to the chosen one. Effects that contain a chosen
+/// one do not count, nor do other shapes of the same effect.
 fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usize>, f64)> {
     let own = chosen.effects();
     let names = |effects: &[usize]| effects.iter().map(|e| problem.catalogue[*e].name()).collect::<Vec<_>>();
@@ -387,10 +407,29 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
         others.iter().map(|c| (0.5 * (c.score - chosen.score)).exp()).collect()
     };
     let weighed = others.iter().map(|c| c.effects()).zip(weights);
-    let mut rivals: Vec<(Vec<usize>, f64)> =
-        weighed.chain(twin.clone().map(|effects| (effects, 1.0))).collect();
-    rivals.sort_by(|a, b| b.1.total_cmp(&a.1));
-    rivals
+    weighed.chain(twin.clone().map(|effects| (effects, 1.0))).collect()
+}
+
+/// Weight of the sets that hold an effect of the set `own`, and what the others have in its place.
+fn doubts(
+    problem: &Problem,
+    own: &[usize],
+    effect: usize,
+    rivals: &[(Vec<usize>, f64)],
+    total: f64,
+) -> (f64, Vec<(String, f64)>) {
+    let (with, without): (Vec<_>, Vec<_>) = rivals.iter().partition(|(effects, _)| effects.contains(&effect));
+    let mut alternatives: Vec<(String, f64)> = Vec::new();
+    for (effects, weight) in without {
+        for other in effects.iter().filter(|e| !own.contains(e)) {
+            let name = problem.catalogue[*other].name();
+            match alternatives.iter_mut().find(|(known, _)| known == name) {
+                Some((_, known)) => *known += weight / total,
+                None => alternatives.push((name.to_owned(), weight / total)),
+            }
+        }
+    }
+    ((1.0 + with.iter().map(|(_, weight)| weight).sum::<f64>()) / total, alternatives)
 }
 
 /// Whether an effect is of a size that a model of the joint, not its discretization, would show.
@@ -442,23 +481,12 @@ fn findings(
                 interval: (low, value + half),
             }
         };
-        let (with, without): (Vec<_>, Vec<_>) =
-            rivals.iter().partition(|(effects, _)| effects.contains(&term.effect));
-        let mut alternatives: Vec<(String, f64)> = Vec::new();
-        for (effects, weight) in without {
-            for other in effects.iter().filter(|e| !own.contains(e)) {
-                let name = problem.catalogue[*other].name();
-                match alternatives.iter_mut().find(|(known, _)| known == name) {
-                    Some((_, known)) => *known += weight / total,
-                    None => alternatives.push((name.to_owned(), weight / total)),
-                }
-            }
-        }
+        let (weight, alternatives) = doubts(problem, &own, term.effect, rivals, total);
         findings.push(Finding {
             index: term.effect,
             effect: effect.name().to_owned(),
             parameters: effect.reported(&term.p).into_iter().map(estimate).collect(),
-            weight: (1.0 + with.iter().map(|(_, weight)| weight).sum::<f64>()) / total,
+            weight,
             alternatives,
             experiment: effect.spec().experiment.to_owned(),
         });
