@@ -210,7 +210,7 @@ fn by_prediction(
     if !predicts_better(&predicting, &found.model, &other.model) {
         return other;
     }
-    found.weigh_as(&predicting, &other.weighed);
+    found.weigh_as(problem.catalogue, &other.weighed);
     found
 }
 

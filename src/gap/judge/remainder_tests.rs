@@ -6,9 +6,9 @@ use super::{
     assess::assess,
     report::JointReport,
     simulated::{beside, pendulum, split, with},
-    verdict::Verdict,
+    verdict::{Diagnosis, Finding, Verdict},
 };
-use crate::gap::model::effects::catalogue;
+use crate::gap::model::{effects::catalogue, joint_model::JointModel};
 
 /// Diagnoses three runs of a joint with a friction, beside an effort of four sines that is not recorded, of
 /// about `size` N m; the last run is held out.
@@ -44,4 +44,32 @@ fn efforts_that_no_catalogue_holds_have_no_name() {
     let report = diagnosed(0.0, 0.02);
     assert_eq!(report.diagnosis.verdict, Verdict::Unknown, "{:?}", report.diagnosis);
     assert!(report.diagnosis.findings.is_empty());
+}
+
+#[test]
+fn a_name_that_stays_is_as_sure_as_another_search_says() {
+    let effects = catalogue(0);
+    let of = |name: &str| effects.iter().position(|e| e.name() == name).unwrap();
+    let (inertia, gain, delay) = (of("inertia"), of("torque_gain"), of("delay"));
+    let mut found = Diagnosis::without_findings(Verdict::Named, JointModel::of(&pendulum(0.6)));
+    let name = |index: usize| Finding {
+        index,
+        effect: effects[index].name().to_owned(),
+        parameters: Vec::new(),
+        weight: 1.0,
+        alternatives: Vec::new(),
+        experiment: String::new(),
+    };
+    found.findings = vec![name(inertia)];
+    // A search that did not try the set, or whose other sets weigh little, says nothing against it.
+    found.weigh_as(&effects, &[(vec![gain], 1.0)]);
+    found.weigh_as(&effects, &[(vec![gain], 0.01), (vec![inertia], 1.0)]);
+    assert!(found.verdict == Verdict::Named && found.findings[0].weight > 0.98);
+    found.weigh_as(&effects, &[(vec![gain], 1.0), (vec![inertia], 4.0), (vec![delay, gain], 1.0)]);
+    let first = &found.findings[0];
+    assert!(found.verdict == Verdict::Ambiguous && (first.weight - 0.8).abs() < 1e-12, "{first:?}");
+    assert_eq!(first.alternatives, [("torque_gain".to_owned(), 0.2)]);
+    // It stays the first, whatever the other search prefers.
+    found.weigh_as(&effects, &[(vec![gain], 1.0), (vec![inertia], 0.1)]);
+    assert!((found.findings[0].weight - 0.5).abs() < 1e-12);
 }

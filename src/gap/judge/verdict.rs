@@ -23,7 +23,7 @@ use crate::gap::{
     },
     model::{
         effect::{Coverage, Dimension, Place},
-        joint_model::{JointModel, Term},
+        joint_model::{Catalogue, JointModel, Term},
     },
     record::off_axis::MAX_LEFT,
 };
@@ -145,7 +145,7 @@ impl Diagnosis {
 
     /// Takes the weights that another search gave to sets of as many effects, where its own is among them. It
     /// stays the first name: none of the others counts more.
-    pub fn weigh_as(&mut self, problem: &Problem, weighed: &[(Vec<usize>, f64)]) {
+    pub fn weigh_as(&mut self, catalogue: &Catalogue, weighed: &[(Vec<usize>, f64)]) {
         let mut own: Vec<usize> = self.findings.iter().map(|f| f.index).collect();
         own.sort_unstable();
         let Some((_, weight)) = weighed.iter().find(|(effects, _)| *effects == own) else { return };
@@ -154,7 +154,7 @@ impl Diagnosis {
             others.map(|(effects, other)| (effects.clone(), (other / weight).min(1.0))).collect();
         let (rivals, total) = in_doubt(rivals);
         for finding in &mut self.findings {
-            (finding.weight, finding.alternatives) = doubts(problem, &own, finding.index, &rivals, total);
+            (finding.weight, finding.alternatives) = doubts(catalogue, &own, finding.index, &rivals, total);
         }
         if self.verdict == Verdict::Named && !rivals.is_empty() {
             self.verdict = Verdict::Ambiguous;
@@ -412,7 +412,7 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
 
 /// Weight of the sets that hold an effect of the set `own`, and what the others have in its place.
 fn doubts(
-    problem: &Problem,
+    catalogue: &Catalogue,
     own: &[usize],
     effect: usize,
     rivals: &[(Vec<usize>, f64)],
@@ -422,7 +422,7 @@ fn doubts(
     let mut alternatives: Vec<(String, f64)> = Vec::new();
     for (effects, weight) in without {
         for other in effects.iter().filter(|e| !own.contains(e)) {
-            let name = problem.catalogue[*other].name();
+            let name = catalogue[*other].name();
             match alternatives.iter_mut().find(|(known, _)| known == name) {
                 Some((_, known)) => *known += weight / total,
                 None => alternatives.push((name.to_owned(), weight / total)),
@@ -481,7 +481,7 @@ fn findings(
                 interval: (low, value + half),
             }
         };
-        let (weight, alternatives) = doubts(problem, &own, term.effect, rivals, total);
+        let (weight, alternatives) = doubts(problem.catalogue, &own, term.effect, rivals, total);
         findings.push(Finding {
             index: term.effect,
             effect: effect.name().to_owned(),
