@@ -199,6 +199,22 @@ fn more_parts_than_the_recording_carries() {
 }
 
 #[test]
+fn what_radiance_fields_cannot_do_is_refused_before_the_work() {
+    let folder = TempDir::new("radiance");
+    let many = ["--method", "paris-depth-multi"];
+    let ended = refused(&folder, &[&shipped("drawer")], &many, 1, &["give it with --parts N"]);
+    assert!(!ended.stderr.contains(BEGUN), "{}", ended.stderr);
+    let burn = ["--method", "paris", "--engine", "burn"];
+    refused(
+        &folder,
+        &[&shipped("drawer")],
+        &burn,
+        2,
+        &["run.engine: radiance fields are trained on the CPU"],
+    );
+}
+
+#[test]
 fn all_depth_invalid() {
     let words = ["state 0: all depth is invalid", "10 frames", "16UC1 is millimeters", "capture.depth_max_m"];
     // Twelve bytes stand before the picture of a compressedDepth message.

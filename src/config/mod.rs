@@ -68,7 +68,7 @@ pub struct Config {
 }
 
 impl Config {
-    /// The settings of a built-in preset: such as `default` or `preview`.
+    /// The settings of a built-in preset, such as `default` or `preview`.
     ///
     /// # Errors
     /// If there is none of that name.

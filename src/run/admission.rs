@@ -7,7 +7,7 @@ use super::{
     outcome::OUTPUT_STAGE,
 };
 use crate::{
-    config::Config,
+    config::{Config, Init, Method},
     io::{self, ResultKind},
 };
 
@@ -24,6 +24,11 @@ pub(super) fn checked_name(request: &ReconstructRequest) -> Result<String, RunEr
              paris, `articulation.refine` and `joint.inference`"
         );
         return Err(RunError::stage("articulate", message));
+    }
+    let (run, many) = (&request.config.run, request.config.radiance.many_parts);
+    if run.method == Method::Radiance && many && run.init == Init::Identity && run.parts.is_none() {
+        let message = "the method does not find the number of parts; give it with --parts N";
+        return Err(RunError::stage("radiance/free", message));
     }
     let name = request.name.clone().unwrap_or(found);
     check_places(request, &name, states).map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;

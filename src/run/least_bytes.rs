@@ -1,6 +1,9 @@
 //! What a command writes at least: a disk that has less is refused before the work.
 
-use crate::config::Config;
+use crate::{
+    config::{Config, Method},
+    field::FieldConfig,
+};
 
 /// Bytes of a reconstruction's folder. Measured: 3.7 MB for two parts at `surface.nodes=64`; less only for
 /// coarser surfaces.
@@ -15,13 +18,18 @@ const DIAGNOSIS: u64 = 16 << 10;
 
 /// Bytes of the result folder and the checkpoint of a run on so many states.
 pub(super) fn least_reconstruction(states: usize, config: &Config) -> u64 {
-    let checkpoint = if config.trains_fields() { states as u64 * field(config) } else { 0 };
+    let checkpoint = match config.run.method {
+        Method::Surfaces if config.trains_fields() => states as u64 * field(&config.train.field),
+        Method::Surfaces => 0,
+        // At least a static part and a mobile one.
+        Method::Radiance => 2 * field(&config.radiance.field),
+    };
     RECONSTRUCTION.saturating_add(checkpoint)
 }
 
 /// Bytes that the checkpoint of one field holds: those of its finest table.
-fn field(config: &Config) -> u64 {
-    1u64.checked_shl(config.train.field.log2_table_size).unwrap_or(u64::MAX).saturating_mul(PARAMETER)
+fn field(config: &FieldConfig) -> u64 {
+    1u64.checked_shl(config.log2_table_size).unwrap_or(u64::MAX).saturating_mul(PARAMETER)
 }
 
 /// Bytes of the diagnosis of a twin whose URDF is `text`, which it holds again, updated.

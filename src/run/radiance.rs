@@ -20,7 +20,7 @@ const REPORT_EVERY: usize = 10;
 /// `starts`, state1_from_state0 of the mobile parts in the world.
 ///
 /// # Errors
-/// No number of parts where many are sought; a state that no view shows; a loss that is no number; a part
+/// Other than two states; a state that no view shows; a loss that is no number; a part
 /// without a surface; a stop request, a checkpoint that cannot be written.
 pub(super) fn radiance_model(
     name: &str,
@@ -49,19 +49,10 @@ pub(super) fn radiance_model(
 }
 
 /// The published starts of the mobile parts: whole motions in the world.
-///
-/// # Errors
-/// No number of parts where many are sought.
-pub(super) fn published_starts(scene: &Scene) -> Result<Vec<Pose>, RunError> {
-    let parts = match (scene.config.radiance.many_parts, scene.config.run.parts) {
-        (false, _) => 2,
-        (true, Some(parts)) => parts,
-        (true, None) => {
-            let message = "the method does not find the number of parts; give it with --parts N";
-            return Err(RunError::stage("radiance/free", message));
-        }
-    };
-    Ok(vec![HalfMotion::free().state1_from_state0(&scene.bounds); parts - 1])
+pub(super) fn published_starts(scene: &Scene) -> Vec<Pose> {
+    // Two without a number, which `checked_name` asks for where there may be more.
+    let parts = scene.config.run.parts.filter(|_| scene.config.radiance.many_parts).unwrap_or(2);
+    vec![HalfMotion::free().state1_from_state0(&scene.bounds); parts - 1]
 }
 
 /// What a trainer finds in a stage, taken up where a checkpoint left it. A stop request writes a checkpoint.

@@ -92,7 +92,7 @@ fn radiance_twin(
 ) -> Result<Twin, RunError> {
     let drifts: Vec<Option<Drift>> = aligned.iter().map(|a| a.drift.clone()).collect();
     let found = match scene.config.run.init {
-        Init::Identity => Found::of_starts(&published_starts(scene)?),
+        Init::Identity => Found::of_starts(&published_starts(scene)),
         Init::Registration => find_parts(&observe(&capture.states, aligned, scene, stages)?, scene, stages)?,
     };
     let model = radiance_model(name, &capture.states, &found.articulation.starts[1..], scene, stages)?;
