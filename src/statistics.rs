@@ -29,7 +29,9 @@ mod tests {
     #[test]
     fn chance_exceeds_the_quantile_once_in_a_hundred() {
         // Tables of chi-square, 1 % beyond each.
-        for (count, quantile, most) in [(3.0, 11.345, 0.01), (8.0, 20.090, 2e-3), (200.0, 249.445, 2e-3)] {
+        for (count, quantile, most) in
+            [(3.0, 11.345, 0.01), (8.0, 20.090, 2e-3), (50.0, 76.154, 2e-3), (200.0, 249.445, 2e-3)]
+        {
             assert!(
                 (chi_square_99(count) / quantile - 1.0).abs() < most,
                 "{count}: {}",

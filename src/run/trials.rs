@@ -110,17 +110,14 @@ pub fn trials(request: &TrialsRequest, monitor: &Monitor) -> Result<TrialTable, 
     for (name, object, truth) in &objects {
         for method in &request.methods {
             let folder = request.out.join(name).join(&method.name);
-            let mut records = Vec::new();
+            let (mut records, mut runs) = (Vec::new(), Vec::new());
             for seed in 0..request.seeds {
                 let own = monitor.of_object(&format!("{name}/{}/seed_{seed}", method.name));
                 let run = trial_request(object, method, truth.parts.len(), &folder, seed);
-                records.push(trial(&run, &own)?);
+                let record = trial(&run, &own)?;
+                runs.push(result_folder(&run, &record));
+                records.push(record);
             }
-            let place = |(seed, record): (usize, &TrialRecord)| {
-                let run = trial_request(object, method, truth.parts.len(), &folder, seed as u64);
-                result_folder(&run, record)
-            };
-            let runs: Vec<PathBuf> = records.iter().enumerate().map(place).collect();
             let mut measured = evaluate::trials(&runs, truth, &options);
             for (trial, record) in measured.iter_mut().zip(&mut records).filter(|(_, r)| r.failed.is_some()) {
                 trial.failed = record.failed.take();
@@ -185,7 +182,7 @@ fn trial(request: &ReconstructRequest, monitor: &Monitor) -> Result<TrialRecord,
     let (failed, rejected) = match reconstruct(request, monitor) {
         Ok(_) => (None, None),
         // Its files are there.
-        Err(error @ RunError::Stage { .. }) if is_of(&error, CHECK_STAGE) => (None, Some(chain(&error))),
+        Err(error) if is_of(&error, CHECK_STAGE) => (None, Some(chain(&error))),
         // What was given cannot be reconstructed so: that is what a table shows.
         Err(error @ RunError::Stage { .. }) if !is_of(&error, OUTPUT_STAGE) => (Some(chain(&error)), None),
         Err(error) => return Err(error.into()),

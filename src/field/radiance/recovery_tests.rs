@@ -126,6 +126,7 @@ fn a_sliding_box_is_recovered_from_a_near_start() {
     let (first, last) = (mean(&losses[..20]), mean(&losses[380..]));
     let (distance_m, angle) = (shift.norm(), shift.normalize().dot(&Vector3::y()).acos().to_degrees());
     println!("color {first:.5} -> {last:.5}; {distance_m:.4} m at {angle:.2} degrees");
+    assert!(matches!(model.motions[0], HalfMotion::Prismatic { .. }));
     assert!(last < 0.1 * first, "color loss {first} to {last}");
     assert!((distance_m - 0.12).abs() < 0.05 * 0.12, "{distance_m}");
     assert!(angle < 4.0, "{angle} degrees");

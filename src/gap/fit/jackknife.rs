@@ -34,18 +34,17 @@ pub struct Witness {
 #[must_use]
 pub fn alike(problem: &Problem) -> Vec<Vec<usize>> {
     let windows = &problem.windows;
-    let own =
-        |w: &Span, of: fn(&Trace) -> &Vec<f64>| of(&problem.traces[w.log])[w.start..w.start + w.len].to_vec();
-    let mean = |values: Vec<f64>| values.iter().sum::<f64>() / values.len().max(1) as f64;
-    let size = |values: Vec<f64>| mean(values.iter().map(|v| v.abs()).collect());
+    let mean = |w: &Span, of: fn(&Trace) -> &Vec<f64>, size: fn(&f64) -> f64| {
+        own(problem, w, of).iter().map(size).sum::<f64>() / w.len.max(1) as f64
+    };
     let coordinates: [&dyn Fn(&Span) -> f64; 4] = [
-        &|w| mean(own(w, |t| &t.position)),
-        &|w| size(own(w, |t| &t.velocity)),
-        &|w| size(own(w, |t| &t.effort)),
+        &|w| mean(w, |t| &t.position, |q| *q),
+        &|w| mean(w, |t| &t.velocity, |v| v.abs()),
+        &|w| mean(w, |t| &t.effort, |u| u.abs()),
         &|w| w.start as f64,
     ];
     let goes_back = |w: &Span| {
-        let positions = own(w, |t| &t.position);
+        let positions = own(problem, w, |t| &t.position);
         usize::from(positions.last() < positions.first())
     };
     let back: Vec<usize> = windows.iter().map(goes_back).collect();
@@ -59,6 +58,11 @@ pub fn alike(problem: &Problem) -> Vec<Vec<usize>> {
         groups.push(windows.iter().zip(&back).map(|(w, back)| 2 * w.log + back).collect());
     }
     groups
+}
+
+/// What a window has of its trace.
+fn own<'p>(problem: &'p Problem, w: &Span, of: fn(&Trace) -> &Vec<f64>) -> &'p [f64] {
+    &of(&problem.traces[w.log])[w.start..w.start + w.len]
 }
 
 /// Rank of every value, the first of equal ones lowest.
