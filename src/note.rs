@@ -101,6 +101,7 @@ codes! {
     BoardTilted = "board_tilted", "A printed board does not lie level.";
     BoardMoved = "board_moved", "A printed board was moved between states.";
     NoiseMeasured = "noise_measured", "The depth noise was measured.";
+    DepthFromColor = "depth_from_color", "Depth that the sensor did not read was taken from color.";
     PosesChecked = "poses_checked", "Camera poses were checked against the surfaces that frames share.";
     SensorChecked = "sensor_checked", "The depth sensor's own errors were looked for, together with the \
         camera poses.";

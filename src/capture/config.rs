@@ -48,6 +48,9 @@ pub struct CaptureConfig {
     pub measure_noise: bool,
     /// Whether the object's depth is replaced by that of local planes, where they explain it.
     pub denoise: bool,
+    /// Whether depth that the sensor did not read on the object is taken from color, by what views see alike;
+    /// in recordings with masks.
+    pub color_depth: bool,
     /// Whether the camera is tracked by what it sees: `auto`, where the recording holds no camera poses,
     /// `always`, or `never`.
     pub tracking: TrackCamera,
@@ -132,6 +135,7 @@ impl Default for CaptureConfig {
             noise: NoiseConfig::default(),
             measure_noise: true,
             denoise: true,
+            color_depth: false,
             tracking: TrackCamera::Auto,
             board: UseBoard::Auto,
             refine_poses: RefinePoses::Auto,

@@ -16,6 +16,7 @@ mod recording;
 mod scene;
 mod select;
 mod state;
+mod stereo;
 mod sync;
 mod tf;
 mod tracking;
@@ -45,6 +46,7 @@ pub use recording::{Capture, MAX_STATES};
 pub use scene::scene_box;
 pub use select::{common_focus, spread_views};
 pub use state::Split;
+pub use stereo::{ColorDepth, fill_from_color};
 pub use sync::{nearest, pair};
 pub use tf::{MAX_TF_FRAMES, TfBuffer};
 pub use tracking::{

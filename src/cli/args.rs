@@ -344,6 +344,9 @@ pub struct SynthArgs {
     /// Angle by which every axis is tilted from square, degrees
     #[arg(long, value_name = "DEG", default_value_t = SynthConfig::default().skew_deg)]
     pub skew: f64,
+    /// Share of the surface under dark lacquer, in patches: color is seen there, no depth is read
+    #[arg(long, value_name = "SHARE", default_value_t = SynthConfig::default().lacquer)]
+    pub lacquer: f64,
     /// Record as a camera carried by hand does, errors and surroundings and all, without masks: handheld, or
     /// handheld:LEVEL with a factor on all errors
     #[arg(long, value_name = "handheld[:LEVEL]")]

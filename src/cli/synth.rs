@@ -32,6 +32,7 @@ pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
         drift: args.drift,
         motion_scale: args.motion_scale,
         skew_deg: args.skew,
+        lacquer: args.lacquer,
         // The option takes no less than 2.
         further: usize::from(args.states) - 2,
         views: args.views,

@@ -19,8 +19,9 @@ use super::{
 };
 use crate::{
     capture::{
-        Capture, CaptureConfig, CaptureError, PoseAgreement, PoseCorrection, PoseFindings, RefinePoses,
-        RgbdFrame, Split, TrackCamera, cameras, denoise, isolate, refine_poses, spread_views, stretched,
+        Capture, CaptureConfig, CaptureError, ColorDepth, PoseAgreement, PoseCorrection, PoseFindings,
+        RefinePoses, RgbdFrame, Split, TrackCamera, cameras, denoise, fill_from_color, isolate, refine_poses,
+        spread_views, stretched,
     },
     geometry::Pose,
     note::{Note, NoteCode},
@@ -53,11 +54,16 @@ pub fn open(sources: &[PathBuf], config: &CaptureConfig, seed: u64) -> Result<Ca
         correct_poses(&mut capture);
         place_on_board(&mut capture);
     }
+    let had_masks = capture.states.iter().flatten().all(|frame| frame.mask.is_some());
     isolate(&mut capture, config, &mut stage_rng(seed, "capture/isolate", 0))?;
     // Denoising last: it works on the object's pixels and hides the noise that was measured.
     if config.denoise {
         let noise = capture.noise;
         capture.states.iter_mut().flatten().for_each(|frame| denoise(frame, &noise));
+    }
+    // Without masks a pixel without depth may show anything.
+    if config.color_depth && had_masks {
+        fill_holes(&mut capture, seed);
     }
     Ok(capture)
 }
@@ -326,6 +332,24 @@ fn measure_noise(capture: &mut Capture, config: &CaptureConfig) {
                 1e3 * capture.noise.sigma_m(1.0)
             ),
         ));
+    }
+}
+
+/// Takes depth that the sensor did not read from color, and reports it.
+fn fill_holes(capture: &mut Capture, seed: u64) {
+    for (state, frames) in capture.states.iter_mut().enumerate() {
+        let ColorDepth { holes, filled, relative_sigma } = fill_from_color(frames, &capture.noise, seed);
+        if filled > 0 {
+            let share = 100.0 * filled as f64 / holes.max(1) as f64;
+            capture.notes.push(Note::new(
+                NoteCode::DepthFromColor,
+                format!(
+                    "state {state}: {share:.0} % of the object's pixels without depth got one from color, good \
+                     to {:.2} %",
+                    100.0 * relative_sigma
+                ),
+            ));
+        }
     }
 }
 

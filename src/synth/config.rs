@@ -114,6 +114,8 @@ pub struct SynthConfig {
     /// Angle by which every axis is tilted from square, in a random direction, degrees; parts may then touch
     /// a little.
     pub skew_deg: f64,
+    /// Share of the surface under dark lacquer, in patches, where color is seen and no depth is read.
+    pub lacquer: f64,
     /// States filmed beyond the first two, at other positions of the joints.
     pub further: usize,
     /// Views of each state, where no rate says how many.
@@ -145,6 +147,7 @@ impl Default for SynthConfig {
             drift: PoseSpread::default(),
             motion_scale: 1.0,
             skew_deg: 0.0,
+            lacquer: 0.0,
             further: 0,
             views: 30,
             rate_hz: None,
@@ -198,6 +201,9 @@ pub enum SynthConfigError {
     /// Level of the sensor's effects.
     #[error("sensor level {0}: give 0 to {max}", max = HandheldSensor::MAX_LEVEL)]
     SensorLevel(f64),
+    /// Share of the surface without depth.
+    #[error("lacquer {0}: give a share from 0 to 0.9")]
+    Lacquer(f64),
     /// Tilt of the axes, degrees.
     #[error("skew {0}: give 0 to 10 degrees")]
     Skew(f64),
@@ -240,6 +246,9 @@ impl SynthConfig {
         if !(0.0..=10.0).contains(&self.skew_deg) {
             return Err(SynthConfigError::Skew(self.skew_deg));
         }
+        if !(0.0..=0.9).contains(&self.lacquer) {
+            return Err(SynthConfigError::Lacquer(self.lacquer));
+        }
         let level = self.sensor.map_or(0.0, |s| s.level());
         if !(0.0..=HandheldSensor::MAX_LEVEL).contains(&level) {
             return Err(SynthConfigError::SensorLevel(level));
@@ -280,7 +289,7 @@ mod tests {
                 .contains("clamshell has 2 to 2")
         );
         assert!(check(|c| c.motion_scale = 1.5).is_err());
-        assert!(check(|c| c.skew_deg = -1.0).is_err());
+        assert!(check(|c| c.skew_deg = -1.0).is_err() && check(|c| c.lacquer = 1.0).is_err());
         assert!(check(|c| c.sensor = Some(HandheldSensor::new(f64::NAN))).is_err());
         assert!(
             check(|c| c.noise = f64::NAN).is_err()

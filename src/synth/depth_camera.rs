@@ -101,7 +101,8 @@ impl DepthCamera {
         let second_eye = world_from_camera * Point3::new(self.baseline_m, 0.0, 0.0);
         let reading = |i: usize| {
             let depth_m = view.depth_m[i];
-            if depth_m <= 0.0 || holes[i][0] < self.dropout || errors.is_lost(i) {
+            let is_lost = view.lacquered[i] || holes[i][0] < self.dropout || errors.is_lost(i);
+            if depth_m <= 0.0 || is_lost {
                 return 0;
             }
             let between_m = errors.between_m(i);

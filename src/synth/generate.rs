@@ -6,8 +6,8 @@ use nalgebra::{Unit, UnitQuaternion, Vector3};
 use rand_core::Rng;
 
 use super::{
-    Family, Object, PartJoint, PartJointKind, SynthConfig, cabinet, chain, clearance, fittings, look::Look,
-    observable, tabletop,
+    Family, Object, PartJoint, PartJointKind, SynthConfig, cabinet, chain, clearance, fittings,
+    lacquer::lacquer, look::Look, observable, tabletop,
 };
 use crate::{
     geometry::Pose,
@@ -68,7 +68,8 @@ pub fn generate(config: &SynthConfig) -> Result<Object, NoShape> {
             }
             // Clearance first: visibility casts rays, which cost far more.
             if clearance::is_free(&object) && observable::is_observable(&object, config, rng) {
-                // Only after the checks, so that scale and skew leave the object itself as it is.
+                // Only after the checks, so that lacquer, scale and skew leave the object itself as it is.
+                lacquer(&mut object, config.lacquer, config.seed);
                 return Ok(skewed(scaled(object, config.motion_scale), config));
             }
         }

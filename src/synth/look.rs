@@ -28,7 +28,13 @@ impl Look {
         if random::chance(rng, 0.4) {
             wavelength_m[random::below(rng, 3)] *= random::range(rng, 2.0, 4.0);
         }
-        Material { base, second, wavelength_m: Some(wavelength_m), seed: random::below(rng, 1 << 30) as u32 }
+        Material {
+            base,
+            second,
+            wavelength_m: Some(wavelength_m),
+            seed: random::below(rng, 1 << 30) as u32,
+            lacquer: None,
+        }
     }
 
     /// The material of handles and fittings: gray.

@@ -2,6 +2,8 @@
 
 use nalgebra::{Point3, Vector3};
 
+use super::Lacquer;
+
 /// What a surface looks like.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
@@ -13,6 +15,8 @@ pub struct Material {
     pub wavelength_m: Option<Vector3<f64>>,
     /// Number of the noise.
     pub seed: u32,
+    /// Where no depth is read; `None`: everywhere it is.
+    pub lacquer: Option<Lacquer>,
 }
 
 /// Octaves of the texture, each of half the wavelength of the one before.
@@ -24,13 +28,24 @@ impl Material {
     /// A surface of one color.
     #[must_use]
     pub fn plain(base: Vector3<f64>) -> Self {
-        Self { base, second: base, wavelength_m: None, seed: 0 }
+        Self { base, second: base, wavelength_m: None, seed: 0, lacquer: None }
+    }
+
+    /// Whether a point of the part's frame is lacquered.
+    #[must_use]
+    pub fn is_lacquered(&self, point: &Point3<f64>) -> bool {
+        self.lacquer.is_some_and(|lacquer| lacquer.covers(point))
     }
 
     /// Color at a point of the part's frame; octaves that a pixel of `footprint_m` cannot resolve are left
     /// out.
     #[must_use]
     pub fn color(&self, point: &Point3<f64>, footprint_m: f64) -> Vector3<f64> {
+        let own = self.own_color(point, footprint_m);
+        if self.is_lacquered(point) { Lacquer::darkened(own) } else { own }
+    }
+
+    fn own_color(&self, point: &Point3<f64>, footprint_m: f64) -> Vector3<f64> {
         let Some(wavelength_m) = self.wavelength_m else { return self.base };
         let (mut sum, mut amplitude, mut scale) = (0.0, 1.0, 1.0);
         for octave in 0..OCTAVES {
@@ -52,7 +67,7 @@ impl Material {
 }
 
 /// Smooth noise in `[-1, 1]` with one random value a node of the integer lattice.
-fn value_noise(p: &Vector3<f64>, seed: u32) -> f64 {
+pub(super) fn value_noise(p: &Vector3<f64>, seed: u32) -> f64 {
     let cell = p.map(f64::floor);
     // Slopes vanish at the nodes, so that the lattice does not show.
     let t = (p - cell).map(|f| f * f * (3.0 - 2.0 * f));
@@ -87,6 +102,7 @@ mod tests {
             second: Vector3::repeat(1.0),
             wavelength_m: Some(Vector3::repeat(0.1)),
             seed: 7,
+            lacquer: None,
         };
         let at = |x: f64, footprint_m: f64| material.color(&Point3::new(x, -0.3, 0.2), footprint_m).x;
         let values: Vec<f64> = (0..4000).map(|i| at(f64::from(i) * 1e-3, 0.0)).collect();

@@ -224,6 +224,7 @@ pub(super) fn surroundings(seed: u64) -> (Material, Vector3<f64>) {
         second: Vector3::new(0.5 * tone, 0.52 * tone, 0.55 * tone),
         wavelength_m: Some(Vector3::repeat(random::range(rng, 0.2, 0.5))),
         seed: random::below(rng, 1 << 30) as u32,
+        lacquer: None,
     };
     let lamp = Vector3::new(random::range(rng, -1.0, 1.0), random::range(rng, -1.0, 1.0), 1.0);
     (floor, Unit::new_normalize(lamp).into_inner())

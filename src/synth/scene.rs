@@ -162,6 +162,7 @@ impl<'a> Scene<'a> {
             color: own.component_mul(&light.diffuse(&sight.normal)) + Vector3::repeat(light.shine * gloss),
             reflectance: own.dot(&LUMINANCE),
             gloss,
+            is_lacquered: material.is_lacquered(&sight.point_in_part),
         }
     }
 }
@@ -178,6 +179,8 @@ pub struct Shade {
     pub reflectance: f64,
     /// How near it comes to mirroring a bulb, in `[0, 1]`.
     pub gloss: f64,
+    /// Whether lacquer keeps the pattern of a depth camera.
+    pub is_lacquered: bool,
 }
 
 impl<'a> Placed<'a> {

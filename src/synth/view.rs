@@ -29,6 +29,8 @@ pub struct View {
     pub reflectance: Vec<f64>,
     /// How near the surface comes to mirroring a bulb, in `[0, 1]`.
     pub gloss: Vec<f64>,
+    /// Whether lacquer keeps the pattern of a depth camera.
+    pub lacquered: Vec<bool>,
     /// z-depth, meters; 0 where there is no surface.
     pub depth_m: Vec<f64>,
     /// Cosine between the ray and the surface's normal; 0 where there is no surface.
@@ -53,6 +55,7 @@ impl View {
             color: shades.iter().map(|s| s.color).collect(),
             reflectance: shades.iter().map(|s| s.reflectance).collect(),
             gloss: shades.iter().map(|s| s.gloss).collect(),
+            lacquered: shades.iter().map(|s| s.is_lacquered).collect(),
             // The rays have z = 1 in the camera's frame, so the multiple is the depth.
             depth_m: sights.iter().map(|s| s.map_or(0.0, |s| s.at)).collect(),
             cosine: (0..pixels)
@@ -88,7 +91,12 @@ impl Rays<'_> {
     /// What a sample sees of which there are so many along a side of a pixel.
     fn shade(&self, sight: Option<Sight>, at: [f64; 2], samples: usize) -> Shade {
         let Some(sight) = sight else {
-            return Shade { color: Vector3::repeat(NOTHING), reflectance: 0.0, gloss: 0.0 };
+            return Shade {
+                color: Vector3::repeat(NOTHING),
+                reflectance: 0.0,
+                gloss: 0.0,
+                is_lacquered: false,
+            };
         };
         let ray = self.ray(at);
         // A pixel covers more of a slanted surface.

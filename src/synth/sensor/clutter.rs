@@ -48,6 +48,7 @@ pub(super) fn things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut impl Rng
             second: if is_dark { base } else { base * 0.4 },
             wavelength_m: (!is_dark).then(|| Vector3::repeat(0.3 * radius_m)),
             seed,
+            lacquer: None,
         };
         let stands = Pose::new(Vector3::new(at.x, at.y, floor_z_m + half.z), Vector3::z() * yaw);
         if is_can {

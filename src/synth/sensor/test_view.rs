@@ -12,6 +12,7 @@ pub(super) fn wall(depth_m: f64) -> (View, Intrinsics) {
         color: vec![Vector3::repeat(1.0); n],
         reflectance: vec![1.0; n],
         gloss: vec![0.0; n],
+        lacquered: vec![false; n],
         depth_m: vec![depth_m; n],
         cosine: vec![1.0; n],
         part: vec![None; n],

@@ -1,0 +1,89 @@
+//! Where several views find the same depth.
+
+use nalgebra::Point3;
+
+use super::{cells::Cells, likeness::Side, planes::Planes};
+use crate::statistics::median;
+
+/// Largest cost of a plane that views bear out: a correlation of 0.6.
+/// tuned: on made recordings other than those in docs/figures.md.
+const LARGEST_COST: f32 = 0.4;
+/// Share of the depth within which two views agree.
+/// derived: a cell of disparity between views 15 degrees apart at the focal length of a usual camera.
+const SAME: f32 = 0.01;
+/// Views beside the own that must find the same.
+const WITNESSES: usize = 2;
+/// A normal deviation over the median of its size.
+const MEDIAN_TO_SIGMA: f64 = 1.4826;
+
+/// What another view says of a place.
+enum Word {
+    /// Found there, relative difference of depth.
+    Same(f32),
+    /// Sees through it.
+    Through,
+    Nothing,
+}
+
+/// The cells of a view whose plane at least two others find as well, and more than see through it.
+pub(super) fn agreed(views: &[Cells], planes: &[Planes], reference: usize) -> Vec<bool> {
+    let view = &views[reference];
+    let is_agreed = |cell: usize| {
+        let Some(point) = place(view, &planes[reference], cell) else { return false };
+        let (mut same, mut through) = (0, 0);
+        for other in (0..views.len()).filter(|&o| o != reference) {
+            match word(&views[other], &planes[other], &point) {
+                Word::Same(_) => same += 1,
+                Word::Through => through += 1,
+                Word::Nothing => {}
+            }
+        }
+        same >= WITNESSES && same > 2 * through
+    };
+    (0..view.hole.len()).map(is_agreed).collect()
+}
+
+/// Relative standard deviation of the depths that views agree on: that of differences between two views, over
+/// the root of two.
+pub(super) fn spread(views: &[Cells], planes: &[Planes], agreed: &[Vec<bool>]) -> f64 {
+    let mut differences = Vec::new();
+    for (reference, view) in views.iter().enumerate() {
+        // Every few cells: neighbors share their patch.
+        for cell in (0..view.hole.len()).step_by(7).filter(|&c| agreed[reference][c]) {
+            let Some(point) = place(view, &planes[reference], cell) else { continue };
+            for other in (0..views.len()).filter(|&o| o != reference) {
+                if let Word::Same(difference) = word(&views[other], &planes[other], &point) {
+                    differences.push(f64::from(difference.abs()));
+                }
+            }
+        }
+    }
+    MEDIAN_TO_SIGMA * median(differences).unwrap_or(0.0) / 2f64.sqrt()
+}
+
+/// The world point of a cell whose plane other views bear out.
+fn place(view: &Cells, planes: &Planes, cell: usize) -> Option<Point3<f64>> {
+    let inverse = planes.at[cell].dot(&view.ray(cell));
+    let is_borne_out = view.hole[cell] && planes.cost[cell] <= LARGEST_COST && inverse > 0.0;
+    is_borne_out.then(|| view.world_from_camera * Point3::from((view.ray(cell) / inverse).cast::<f64>()))
+}
+
+fn word(view: &Cells, planes: &Planes, point: &Point3<f64>) -> Word {
+    let seen = view.world_from_camera.inverse_transform_point(point);
+    let Some(cell) = view.camera.pixel(&seen) else { return Word::Nothing };
+    if view.off_object[cell] {
+        return Word::Through;
+    }
+    let depth_m = seen.z as f32;
+    match view.against(cell, depth_m) {
+        Side::Before => Word::Through,
+        Side::On => Word::Same((depth_m - view.depth_m[cell]) / depth_m),
+        Side::Behind => Word::Nothing,
+        Side::Unknown => {
+            let inverse = planes.at[cell].dot(&view.ray(cell));
+            let difference = 1.0 - 1.0 / (inverse * depth_m);
+            let is_borne_out = view.hole[cell] && planes.cost[cell] <= LARGEST_COST;
+            if is_borne_out && difference.abs() < SAME { Word::Same(difference) } else { Word::Nothing }
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! A view at half its size: brightness, depth, and where depth is missing on the object.
+
+use nalgebra::Vector3;
+
+use crate::{
+    capture::{NoiseConfig, RgbdFrame, luma},
+    geometry::{Intrinsics, Pose},
+    statistics::median,
+};
+
+/// Readings of a cell further apart than this share of their depth are of two surfaces.
+/// derived: a surface at 75 degrees to the ray falls by as much over two pixels of a usual camera.
+const STEP: f32 = 0.02;
+/// Cells from the mask's border in which a pixel may be of either side.
+const GUARD: usize = 1;
+/// A normal deviation over the median of its size.
+const MEDIAN_TO_SIGMA: f64 = 1.4826;
+
+/// A view in cells of 2 x 2 pixels, row-major.
+pub(super) struct Cells {
+    /// Camera of the cells.
+    pub camera: Intrinsics,
+    pub world_from_camera: Pose,
+    /// Brightness in `[0, 1]`.
+    pub luma: Vec<f32>,
+    /// Standard deviation of its noise.
+    pub luma_sigma: f32,
+    /// Depth read, meters; 0 where it is unknown or jumps.
+    pub depth_m: Vec<f32>,
+    /// Expected standard deviation of the depth, meters.
+    pub sigma_m: Vec<f32>,
+    /// Whether a cell shows the object alone.
+    pub on_object: Vec<bool>,
+    /// Whether a cell is surely off the object.
+    pub off_object: Vec<bool>,
+    /// Whether a cell shows the object and has no depth.
+    pub hole: Vec<bool>,
+}
+
+impl Cells {
+    pub fn of(frame: &RgbdFrame, noise: &NoiseConfig) -> Self {
+        let full = &frame.intrinsics;
+        let (width, height) = (full.width / 2, full.height / 2);
+        let camera = Intrinsics {
+            width,
+            height,
+            fx: 0.5 * full.fx,
+            fy: 0.5 * full.fy,
+            // The middle of a cell's first two pixels has the coordinate 0.5.
+            cx: 0.5 * (full.cx - 0.5),
+            cy: 0.5 * (full.cy - 0.5),
+        };
+        let count = width * height;
+        let mut cells = Self {
+            camera,
+            world_from_camera: frame.world_from_camera,
+            luma: vec![0.0; count],
+            luma_sigma: 0.0,
+            depth_m: vec![0.0; count],
+            sigma_m: vec![0.0; count],
+            on_object: vec![false; count],
+            off_object: vec![false; count],
+            hole: vec![false; count],
+        };
+        for cell in 0..count {
+            let pixels = cells.pixels(cell, full.width);
+            cells.luma[cell] = pixels.iter().map(|&p| luma(frame.rgb[p])).sum::<f32>() / 4.0;
+            let objects = pixels.iter().filter(|&&p| frame.is_object(p)).count();
+            let read: Vec<f32> = pixels.iter().map(|&p| frame.depth_m[p]).filter(|d| *d > 0.0).collect();
+            let (least, most) = read.iter().fold((f32::MAX, 0f32), |(a, b), &d| (a.min(d), b.max(d)));
+            if read.len() >= 3 && most - least < STEP * least {
+                cells.depth_m[cell] = read.iter().sum::<f32>() / read.len() as f32;
+                cells.sigma_m[cell] = noise.sigma_m(f64::from(cells.depth_m[cell])) as f32;
+            }
+            cells.on_object[cell] = objects == 4;
+            cells.hole[cell] = objects == 4 && read.len() <= 1;
+        }
+        for cell in 0..count {
+            let (x, y) = (cell % width, cell / width);
+            let near = |v: usize, size: usize| v.saturating_sub(GUARD)..(v + GUARD + 1).min(size);
+            let around = near(y, height).flat_map(|y| near(x, width).map(move |x| y * width + x));
+            cells.off_object[cell] =
+                around.into_iter().all(|c| cells.pixels(c, full.width).iter().all(|&p| !frame.is_object(p)));
+        }
+        cells.luma_sigma = cells.noise_of_luma();
+        cells
+    }
+
+    /// The pixels of a cell in an image of the given width.
+    pub fn pixels(&self, cell: usize, width: usize) -> [usize; 4] {
+        let (x, y) = (2 * (cell % self.camera.width), 2 * (cell / self.camera.width));
+        [y * width + x, y * width + x + 1, (y + 1) * width + x, (y + 1) * width + x + 1]
+    }
+
+    /// Direction of the ray through a cell's middle, z = 1.
+    pub fn ray(&self, cell: usize) -> Vector3<f32> {
+        let (x, y) = (cell % self.camera.width, cell / self.camera.width);
+        self.camera.ray(x as f64, y as f64).cast()
+    }
+
+    /// Noise of the brightness by what no plane explains in 3 x 3 cells (Immerkaer 1996, by the median, so
+    /// that texture counts less).
+    fn noise_of_luma(&self) -> f32 {
+        let (w, h) = (self.camera.width, self.camera.height);
+        let at = |x: usize, y: usize| f64::from(self.luma[y * w + x]);
+        let mut left = Vec::new();
+        for y in 1..h.saturating_sub(1) {
+            for x in (1..w.saturating_sub(1)).filter(|&x| self.on_object[y * w + x]) {
+                let corners = at(x - 1, y - 1) + at(x + 1, y - 1) + at(x - 1, y + 1) + at(x + 1, y + 1);
+                let sides = at(x - 1, y) + at(x + 1, y) + at(x, y - 1) + at(x, y + 1);
+                // The weights 1, -2 and 4 have a sum of squares of 36.
+                left.push((corners - 2.0 * sides + 4.0 * at(x, y)).abs() / 6.0);
+            }
+        }
+        // No less than the steps of 8 bits.
+        (MEDIAN_TO_SIGMA * median(left).unwrap_or(0.0)).max(1.0 / (255.0 * 12f64.sqrt())) as f32
+    }
+}

@@ -1,0 +1,252 @@
+//! How alike two views look if a patch of one lies on a plane.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::cells::Cells;
+use crate::capture::common_focus;
+
+/// Samples of a patch along each side, and cells between them: the patch is 9 cells wide.
+/// tuned: on made recordings other than those in docs/figures.md; as wide as that of denoising.
+const SIDE: i32 = 5;
+const STRIDE: i32 = 2;
+const SAMPLES: usize = (SIDE * SIDE) as usize;
+const CORNERS: [(i32, i32); 4] = [(-1, -1), (1, -1), (-1, 1), (1, 1)];
+/// Other views that one is compared with, and how many of these, the most alike, count.
+/// derived: the best half (Galliani 2015), so that half of the views may be blocked.
+const VIEWS: usize = 6;
+const BEST: usize = 3;
+/// Angles between two views that make a pair, radians: below, depth hardly shows; above, patches change.
+const ANGLES: [f64; 2] = [0.07, 0.6];
+/// The angle that serves best, radians.
+const BEST_ANGLE: f64 = 0.25;
+/// What a view costs that sees through the place.
+const SEEN_THROUGH: f32 = 0.5;
+/// Cost of a plane of which nothing is known; that of the most unlike views is 2.
+pub(super) const UNKNOWN: f32 = 4.0;
+/// Deviations of a depth within which a place is on its surface, and the share of the depth at least.
+const ON_SURFACE: (f32, f32) = (4.0, 0.01);
+
+/// Another view as a view of reference sees it: a cell at `p` with inverse depth `w` is seen at
+/// `turn p + shift w`, homogeneous.
+pub(super) struct Eye<'a> {
+    pub cells: &'a Cells,
+    turn: Matrix3<f32>,
+    shift: Vector3<f32>,
+}
+
+/// The views that one is compared with.
+pub(super) fn eyes(views: &[Cells], reference: usize) -> Vec<Eye<'_>> {
+    let poses: Vec<_> = views.iter().map(|v| v.world_from_camera).collect();
+    let Some(focus) = common_focus(&poses) else { return Vec::new() };
+    let toward = |i: usize| (focus.coords - poses[i].translation.vector).normalize();
+    let angle = |i: usize| toward(i).angle(&toward(reference));
+    let mut others: Vec<usize> =
+        (0..views.len()).filter(|&i| i != reference && (ANGLES[0]..ANGLES[1]).contains(&angle(i))).collect();
+    others.sort_by(|&a, &b| {
+        let off = |i: usize| (angle(i) - BEST_ANGLE).abs();
+        off(a).total_cmp(&off(b)).then(a.cmp(&b))
+    });
+    others.truncate(VIEWS);
+    others.into_iter().map(|i| Eye::of(&views[reference], &views[i])).collect()
+}
+
+impl<'a> Eye<'a> {
+    fn of(reference: &Cells, cells: &'a Cells) -> Self {
+        let motion = cells.world_from_camera.inverse() * reference.world_from_camera;
+        let matrix = |c: &Cells| {
+            let k = &c.camera;
+            Matrix3::new(k.fx, 0.0, k.cx, 0.0, k.fy, k.cy, 0.0, 0.0, 1.0)
+        };
+        let k = matrix(reference);
+        // A camera's matrix can always be inverted.
+        let back = k.try_inverse().unwrap_or_else(Matrix3::identity);
+        let turn = matrix(cells) * motion.rotation.to_rotation_matrix().matrix() * back;
+        let shift = matrix(cells) * motion.translation.vector;
+        Self { cells, turn: turn.cast(), shift: shift.cast() }
+    }
+}
+
+/// The patch of a view about a cell.
+pub(super) struct Patch<'a> {
+    view: &'a Cells,
+    cell: usize,
+    /// Brightness less its mean; 0 off the object.
+    values: [f32; SAMPLES],
+    /// Whether a sample is on the object.
+    weights: [f32; SAMPLES],
+    count: f32,
+    /// Sum of the squared values.
+    square: f32,
+}
+
+/// Offsets of the samples, cells.
+fn offsets() -> impl Iterator<Item = (i32, i32)> {
+    let half = SIDE / 2;
+    (-half..=half).flat_map(move |y| (-half..=half).map(move |x| (STRIDE * x, STRIDE * y)))
+}
+
+impl<'a> Patch<'a> {
+    /// The patch, where it has enough texture to be told from noise and enough of the object.
+    pub fn about(view: &'a Cells, cell: usize) -> Option<Self> {
+        let (w, h) = (view.camera.width as i32, view.camera.height as i32);
+        let (x, y) = (cell as i32 % w, cell as i32 / w);
+        let (mut values, mut weights) = ([0.0; SAMPLES], [0.0; SAMPLES]);
+        for (k, (dx, dy)) in offsets().enumerate() {
+            let (x, y) = (x + dx, y + dy);
+            if x >= 0 && y >= 0 && x < w && y < h && view.on_object[(y * w + x) as usize] {
+                (values[k], weights[k]) = (view.luma[(y * w + x) as usize], 1.0);
+            }
+        }
+        let count: f32 = weights.iter().sum();
+        let mean = values.iter().sum::<f32>() / count.max(1.0);
+        values.iter_mut().zip(&weights).for_each(|(v, w)| *v = w * (*v - mean));
+        let square: f32 = values.iter().map(|v| v * v).sum();
+        // Half of the patch; a spread that noise alone would not give.
+        let has_texture = square > 4.0 * count * view.luma_sigma.powi(2);
+        (2.0 * count > SAMPLES as f32 && has_texture).then_some(Self {
+            view,
+            cell,
+            values,
+            weights,
+            count,
+            square,
+        })
+    }
+
+    /// Cost of a plane, `n . x = 1` in the camera's frame: how unlike the patch looks in other views,
+    /// 1 less the normalized cross-correlation in the mean of the most alike ones, and more for each view that
+    /// sees through the place.
+    pub fn cost(&self, n: &Vector3<f32>, eyes: &[Eye<'_>]) -> f32 {
+        let inverse = n.dot(&self.view.ray(self.cell));
+        if inverse <= 0.0 {
+            return UNKNOWN;
+        }
+        let (mut costs, mut used, mut through) = ([UNKNOWN; VIEWS], 0, 0);
+        for eye in eyes {
+            match self.look(n, inverse, eye) {
+                Look::Unlike(cost) => {
+                    costs[used] = cost;
+                    used += 1;
+                }
+                Look::Through => through += 1,
+                Look::Blocked => {}
+            }
+        }
+        if used < 2 {
+            return UNKNOWN;
+        }
+        costs[..used].sort_by(f32::total_cmp);
+        let best = used.min(BEST);
+        costs[..best].iter().sum::<f32>() / best as f32 + SEEN_THROUGH * through as f32
+    }
+
+    fn look(&self, n: &Vector3<f32>, inverse: f32, eye: &Eye<'_>) -> Look {
+        let camera = &self.view.camera;
+        let (x, y) = ((self.cell % camera.width) as f32, (self.cell / camera.width) as f32);
+        let middle = eye.turn * Vector3::new(x, y, 1.0) + eye.shift * inverse;
+        if let Some(look) = eye.place(&middle, inverse) {
+            return look;
+        }
+        let across = eye.turn.column(0) + eye.shift * (n.x / camera.fx as f32);
+        let down = eye.turn.column(1) + eye.shift * (n.y / camera.fy as f32);
+        let at = |(dx, dy): (i32, i32)| middle + across * dx as f32 + down * dy as f32;
+        // A plane takes the patch to a convex quadrangle: where its corners are inside, all of it is.
+        let reach = STRIDE * (SIDE / 2);
+        if CORNERS.iter().any(|&(x, y)| !eye.is_inside(&at((reach * x, reach * y)))) {
+            return Look::Blocked;
+        }
+        let places: [(f32, f32); SAMPLES] = std::array::from_fn(|k| {
+            let side = SIDE as usize;
+            let place = |k: usize| STRIDE * (k as i32 - SIDE / 2);
+            let q = at((place(k % side), place(k / side)));
+            (q.x / q.z, q.y / q.z)
+        });
+        let (mut sum, mut square, mut product) = (0.0, 0.0, 0.0);
+        for (k, &place) in places.iter().enumerate() {
+            let value = self.weights[k] * eye.sample(place);
+            sum += value;
+            square += value * value;
+            product += value * self.values[k];
+        }
+        // The values have no mean, so that of the other view falls out of the product.
+        let square = square - sum * sum / self.count;
+        let floor = self.count * eye.cells.luma_sigma.powi(2);
+        Look::Unlike(1.0 - product / (self.square * square.max(floor)).sqrt())
+    }
+}
+
+enum Look {
+    /// 1 less the correlation.
+    Unlike(f32),
+    /// The view sees something behind the place.
+    Through,
+    /// Something stands before the place, or it is out of the image.
+    Blocked,
+}
+
+impl Eye<'_> {
+    /// What the view says of a place by its depth and mask; `None`: nothing speaks against comparing.
+    fn place(&self, q: &Vector3<f32>, inverse: f32) -> Option<Look> {
+        let Some(cell) = self.cell(q) else { return Some(Look::Blocked) };
+        if self.cells.off_object[cell] {
+            return Some(Look::Through);
+        }
+        match self.cells.against(cell, q.z / inverse) {
+            Side::Before => Some(Look::Through),
+            Side::Behind => Some(Look::Blocked),
+            Side::On | Side::Unknown => None,
+        }
+    }
+
+    fn cell(&self, q: &Vector3<f32>) -> Option<usize> {
+        let (w, h) = (self.cells.camera.width, self.cells.camera.height);
+        if q.z <= 0.0 {
+            return None;
+        }
+        let (x, y) = (q.x / q.z + 0.5, q.y / q.z + 0.5);
+        (x >= 0.0 && y >= 0.0 && x < w as f32 && y < h as f32).then(|| y as usize * w + x as usize)
+    }
+
+    /// Whether a homogeneous place is inside the image, with a cell to its right and one below.
+    fn is_inside(&self, q: &Vector3<f32>) -> bool {
+        let (w, h) = (self.cells.camera.width, self.cells.camera.height);
+        q.z > 0.0 && q.x >= 0.0 && q.y >= 0.0 && q.x < (w - 1) as f32 * q.z && q.y < (h - 1) as f32 * q.z
+    }
+
+    /// Brightness at a place, linear between cells.
+    fn sample(&self, (x, y): (f32, f32)) -> f32 {
+        let w = self.cells.camera.width;
+        let (i, j) = (x as usize, y as usize);
+        let (fx, fy) = (x - i as f32, y - j as f32);
+        // Rounding may take a place that is inside to the last row or column.
+        let Some(cells) = self.cells.luma.get(j * w + i..j * w + i + w + 2) else { return 0.0 };
+        let (top, bottom) =
+            (cells[0] + fx * (cells[1] - cells[0]), cells[w] + fx * (cells[w + 1] - cells[w]));
+        top + fy * (bottom - top)
+    }
+}
+
+/// Where a place is, seen from a view, against the depth that the view read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Side {
+    Before,
+    On,
+    Behind,
+    Unknown,
+}
+
+impl Cells {
+    /// On which side of the depth read at a cell a z-depth lies.
+    pub fn against(&self, cell: usize, depth_m: f32) -> Side {
+        let read_m = self.depth_m[cell];
+        if read_m <= 0.0 {
+            return Side::Unknown;
+        }
+        let within_m = (ON_SURFACE.0 * self.sigma_m[cell]).max(ON_SURFACE.1 * read_m);
+        match depth_m - read_m {
+            d if d < -within_m => Side::Before,
+            d if d > within_m => Side::Behind,
+            _ => Side::On,
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! Depth from color where the sensor read none: dark, glossy and thin parts of the object.
+//!
+//! In every view each cell (2 x 2 pixels) of a hole gets a plane, at first that of the nearest reading. Planes
+//! pass from neighbor to neighbor and are perturbed, and the one under which other views look most alike
+//! stays (PatchMatch: Bleyer, Rhemann and Rother 2011; many views: Galliani, Lasinger and Schindler 2015).
+//! A depth counts where other views find the same. See docs/method.md (2.16).
+
+mod agreement;
+mod cells;
+mod likeness;
+mod planes;
+
+use rayon::prelude::*;
+
+use self::{
+    agreement::{agreed, spread},
+    cells::Cells,
+    likeness::{Eye, eyes},
+    planes::{Planes, propagated},
+};
+use super::{NoiseConfig, RgbdFrame};
+
+/// Most readings of the sensor that a depth by color is worth, and fewest.
+/// derived: neighbors share their patch of color, so one pixel is never worth more than a reading; the lower
+/// bound is that of [`RgbdFrame::sigma_m`].
+const READINGS: [f64; 2] = [1e-3, 1.0];
+
+/// What was filled.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ColorDepth {
+    /// Pixels of the object without depth.
+    pub holes: usize,
+    /// ... that have one now.
+    pub filled: usize,
+    /// Relative standard deviation of such a depth, by how views differ; 0 where none was filled.
+    pub relative_sigma: f64,
+}
+
+/// Fills holes on the object by what the views of one state see alike, and sets the `readings` of these
+/// pixels by how far views differ there. Depth that was read stays as it is. Masks must have come with the
+/// recording: without, a pixel without depth may show anything.
+#[must_use]
+pub fn fill_from_color(frames: &mut [RgbdFrame], noise: &NoiseConfig, seed: u64) -> ColorDepth {
+    let views: Vec<Cells> = frames.par_iter().map(|frame| Cells::of(frame, noise)).collect();
+    let planes: Vec<Planes> = (0..views.len())
+        .into_par_iter()
+        .map(|i| {
+            let eyes: Vec<Eye> = eyes(&views, i);
+            propagated(&views[i], &eyes, seed.wrapping_add(i as u64))
+        })
+        .collect();
+    let agreed: Vec<Vec<bool>> =
+        (0..views.len()).into_par_iter().map(|i| agreed(&views, &planes, i)).collect();
+    let relative_sigma = spread(&views, &planes, &agreed);
+    let filled: usize = frames
+        .par_iter_mut()
+        .zip(&views)
+        .zip(planes.par_iter().zip(&agreed))
+        .map(|((frame, view), (planes, agreed))| fill(frame, view, (planes, agreed), relative_sigma, noise))
+        .sum();
+    let holes = views.iter().map(|view| 4 * view.hole.iter().filter(|h| **h).count()).sum();
+    ColorDepth { holes, filled, relative_sigma }
+}
+
+/// Writes the depths of a view's cells that others agree with to the pixels that have none.
+fn fill(
+    frame: &mut RgbdFrame,
+    view: &Cells,
+    (planes, agreed): (&Planes, &[bool]),
+    relative_sigma: f64,
+    noise: &NoiseConfig,
+) -> usize {
+    let width = frame.intrinsics.width;
+    if frame.readings.is_empty() {
+        frame.readings = vec![1.0; frame.depth_m.len()];
+    }
+    let mut filled = 0;
+    for cell in (0..agreed.len()).filter(|&c| agreed[c]) {
+        for pixel in view.pixels(cell, width) {
+            let ray = frame.intrinsics.ray((pixel % width) as f64, (pixel / width) as f64);
+            let inverse = planes.at[cell].dot(&ray.cast());
+            if frame.depth_m[pixel] > 0.0 || inverse <= 0.0 {
+                continue;
+            }
+            let depth_m = f64::from(1.0 / inverse);
+            let ratio = noise.sigma_m(depth_m) / (relative_sigma * depth_m);
+            frame.depth_m[pixel] = depth_m as f32;
+            frame.readings[pixel] = ratio.powi(2).clamp(READINGS[0], READINGS[1]) as f32;
+            filled += 1;
+        }
+    }
+    filled
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,79 @@
+//! Dark lacquer in patches on a part: color shows what is painted under it, the pattern of a depth camera
+//! does not come back.
+
+use nalgebra::{Point3, Vector3};
+use rand_core::Rng;
+
+use super::{Object, material::value_noise};
+use crate::random::{self, stage_rng};
+
+/// Size of a patch over the radius of the object.
+/// tuned: patches of 5 to 15 cm on a cabinet, a pane of an oven's door or a display.
+const PATCH: f64 = 0.3;
+/// Places by which the share is measured.
+const PLACES: usize = 4096;
+/// Share of the light that comes back through lacquer.
+const DARKENING: f64 = 0.2;
+
+/// Where a part is lacquered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lacquer {
+    /// Distance between nodes of the noise that patches are cut from, meters.
+    patch_m: f64,
+    /// Noise from which on there is lacquer.
+    from: f64,
+    seed: u32,
+}
+
+impl Lacquer {
+    /// Patches that take a share of all places.
+    fn covering(share: f64, patch_m: f64, rng: &mut impl Rng) -> Self {
+        let seed = random::below(rng, 1 << 30) as u32;
+        let place = |_| value_noise(&Vector3::from_fn(|_, _| random::range(rng, 0.0, 1e3)), seed);
+        let mut noise: Vec<f64> = (0..PLACES).map(place).collect();
+        noise.sort_by(f64::total_cmp);
+        let from = noise[(((1.0 - share) * PLACES as f64) as usize).min(PLACES - 1)];
+        Self { patch_m, from, seed }
+    }
+
+    /// Whether a point of the part's frame is lacquered.
+    #[must_use]
+    pub fn covers(&self, point: &Point3<f64>) -> bool {
+        value_noise(&(point.coords / self.patch_m), self.seed) >= self.from
+    }
+
+    /// A color under lacquer.
+    #[must_use]
+    pub fn darkened(color: Vector3<f64>) -> Vector3<f64> {
+        DARKENING * color
+    }
+}
+
+/// Lacquers a share of every part, each in patches of its own.
+pub(super) fn lacquer(object: &mut Object, share: f64, seed: u64) {
+    if share <= 0.0 {
+        return;
+    }
+    let patch_m = PATCH * object.bounding_sphere().1;
+    for (k, part) in object.parts.iter_mut().enumerate() {
+        let lacquer = Lacquer::covering(share, patch_m, &mut stage_rng(seed, "synth/lacquer", k as u64));
+        part.solids.iter_mut().for_each(|solid| solid.material.lacquer = Some(lacquer));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patches_cover_their_share() {
+        let rng = &mut stage_rng(3, "lacquer", 0);
+        for share in [0.1, 0.4] {
+            let lacquer = Lacquer::covering(share, 0.1, rng);
+            let place =
+                |_| lacquer.covers(&Point3::from_slice(&[(); 3].map(|()| random::range(rng, 0.0, 9.0))));
+            let covered = (0..20_000).map(place).filter(|c| *c).count() as f64 / 20_000.0;
+            assert!((covered - share).abs() < 0.03, "{covered} for {share}");
+        }
+    }
+}
