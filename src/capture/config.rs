@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{CaptureError, NoiseConfig, RefinePoses, TrackCamera, UseBoard};
+use super::{CaptureError, NoiseConfig, RefinePoses, TrackCamera, UseBoard, UseColorDepth};
 use crate::limits::BYTES_PER_PIXEL;
 
 /// Derived: 40 frames of 4K in each of two states take 7.4 GiB, and a machine of 16 GiB has as much left for
@@ -48,9 +48,9 @@ pub struct CaptureConfig {
     pub measure_noise: bool,
     /// Whether the object's depth is replaced by that of local planes, where they explain it.
     pub denoise: bool,
-    /// Whether depth that the sensor did not read on the object is taken from color, by what views see alike;
-    /// in recordings with masks.
-    pub color_depth: bool,
+    /// Whether depth that the sensor did not read on the object is taken from color, in recordings with masks:
+    /// `auto`, where so much of it is missing that parts may be, `always`, or `never`.
+    pub color_depth: UseColorDepth,
     /// Whether the camera is tracked by what it sees: `auto`, where the recording holds no camera poses,
     /// `always`, or `never`.
     pub tracking: TrackCamera,
@@ -135,7 +135,7 @@ impl Default for CaptureConfig {
             noise: NoiseConfig::default(),
             measure_noise: true,
             denoise: true,
-            color_depth: false,
+            color_depth: UseColorDepth::Auto,
             tracking: TrackCamera::Auto,
             board: UseBoard::Auto,
             refine_poses: RefinePoses::Auto,

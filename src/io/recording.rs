@@ -19,8 +19,8 @@ use super::{
 };
 use crate::{
     capture::{
-        Capture, CaptureConfig, CaptureError, ColorDepth, PoseAgreement, PoseCorrection, PoseFindings,
-        RefinePoses, RgbdFrame, Split, TrackCamera, cameras, denoise, fill_from_color, isolate, refine_poses,
+        Capture, CaptureConfig, CaptureError, PoseAgreement, PoseCorrection, PoseFindings, RefinePoses,
+        RgbdFrame, Split, TrackCamera, cameras, denoise, fill_from_color, isolate, refine_poses,
         spread_views, stretched,
     },
     geometry::Pose,
@@ -62,8 +62,8 @@ pub fn open(sources: &[PathBuf], config: &CaptureConfig, seed: u64) -> Result<Ca
         capture.states.iter_mut().flatten().for_each(|frame| denoise(frame, &noise));
     }
     // Without masks a pixel without depth may show anything.
-    if config.color_depth && had_masks {
-        fill_holes(&mut capture, seed);
+    if had_masks {
+        fill_holes(&mut capture, config, seed);
     }
     Ok(capture)
 }
@@ -336,20 +336,20 @@ fn measure_noise(capture: &mut Capture, config: &CaptureConfig) {
 }
 
 /// Takes depth that the sensor did not read from color, and reports it.
-fn fill_holes(capture: &mut Capture, seed: u64) {
+fn fill_holes(capture: &mut Capture, config: &CaptureConfig, seed: u64) {
+    let noise = capture.noise;
     for (state, frames) in capture.states.iter_mut().enumerate() {
-        let ColorDepth { holes, filled, relative_sigma } = fill_from_color(frames, &capture.noise, seed);
-        if filled > 0 {
-            let share = 100.0 * filled as f64 / holes.max(1) as f64;
-            capture.notes.push(Note::new(
-                NoteCode::DepthFromColor,
-                format!(
-                    "state {state}: {share:.0} % of the object's pixels without depth got one from color, good \
-                     to {:.2} %",
-                    100.0 * relative_sigma
-                ),
-            ));
-        }
+        let Some(found) = fill_from_color(frames, &noise, config.color_depth, seed) else { continue };
+        capture.notes.push(Note::new(
+            NoteCode::DepthFromColor,
+            format!(
+                "state {state}: {:.1} % of the object is far from any depth; {:.0} % of its pixels without \
+                 depth got one from color, good to {:.2} %",
+                100.0 * found.unread,
+                100.0 * found.filled as f64 / found.holes.max(1) as f64,
+                100.0 * found.relative_sigma
+            ),
+        ));
     }
 }
 

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::{
-    capture::{NoiseConfig, RgbdFrame, luma},
+    capture::{NoiseConfig, RgbdFrame, dilated, luma},
     geometry::{Intrinsics, Pose},
     statistics::median,
 };
@@ -66,24 +66,32 @@ impl Cells {
             let pixels = cells.pixels(cell, full.width);
             cells.luma[cell] = pixels.iter().map(|&p| luma(frame.rgb[p])).sum::<f32>() / 4.0;
             let objects = pixels.iter().filter(|&&p| frame.is_object(p)).count();
-            let read: Vec<f32> = pixels.iter().map(|&p| frame.depth_m[p]).filter(|d| *d > 0.0).collect();
-            let (least, most) = read.iter().fold((f32::MAX, 0f32), |(a, b), &d| (a.min(d), b.max(d)));
-            if read.len() >= 3 && most - least < STEP * least {
-                cells.depth_m[cell] = read.iter().sum::<f32>() / read.len() as f32;
+            let depths = pixels.map(|p| frame.depth_m[p]);
+            let read = depths.iter().filter(|d| **d > 0.0).count();
+            let least = depths.iter().filter(|d| **d > 0.0).fold(f32::MAX, |a, &d| a.min(d));
+            let most = depths.iter().fold(0f32, |a, &d| a.max(d));
+            if read >= 3 && most - least < STEP * least {
+                cells.depth_m[cell] = depths.iter().sum::<f32>() / read as f32;
                 cells.sigma_m[cell] = noise.sigma_m(f64::from(cells.depth_m[cell])) as f32;
             }
             cells.on_object[cell] = objects == 4;
-            cells.hole[cell] = objects == 4 && read.len() <= 1;
+            cells.hole[cell] = objects == 4 && read <= 1;
         }
-        for cell in 0..count {
-            let (x, y) = (cell % width, cell / width);
-            let near = |v: usize, size: usize| v.saturating_sub(GUARD)..(v + GUARD + 1).min(size);
-            let around = near(y, height).flat_map(|y| near(x, width).map(move |x| y * width + x));
-            cells.off_object[cell] =
-                around.into_iter().all(|c| cells.pixels(c, full.width).iter().all(|&p| !frame.is_object(p)));
-        }
+        let shows = |cell: usize| cells.pixels(cell, full.width).iter().any(|&p| frame.is_object(p));
+        let object: Vec<bool> = (0..count).map(shows).collect();
+        cells.off_object = dilated(&object, width, height, GUARD).into_iter().map(|near| !near).collect();
         cells.luma_sigma = cells.noise_of_luma();
         cells
+    }
+
+    /// Cells on the object, and those among them that have no reading of it within a patch's reach.
+    pub fn unread(&self, reach: usize) -> [usize; 2] {
+        let (w, h) = (self.camera.width, self.camera.height);
+        let read: Vec<bool> =
+            self.depth_m.iter().zip(&self.on_object).map(|(d, on)| *d > 0.0 && *on).collect();
+        let near = dilated(&read, w, h, reach);
+        let object = self.on_object.iter().filter(|on| **on).count();
+        [object, self.hole.iter().zip(near).filter(|(hole, near)| **hole && !near).count()]
     }
 
     /// The pixels of a cell in an image of the given width.

@@ -1,0 +1,49 @@
+//! Masks of pixels.
+
+/// A mask spread by `reach` pixels in rows and in columns.
+#[must_use]
+pub fn dilated(mask: &[bool], width: usize, height: usize, reach: usize) -> Vec<bool> {
+    // A square is separable: along rows, then along columns.
+    let rows = spread(mask, width, height, 1, width, reach);
+    spread(&rows, height, width, width, 1, reach)
+}
+
+/// Spreads along lines of `length` pixels that are `step` apart; lines are `next` apart, `lines` of them.
+fn spread(mask: &[bool], length: usize, lines: usize, step: usize, next: usize, reach: usize) -> Vec<bool> {
+    let mut out = vec![false; mask.len()];
+    for line in 0..lines {
+        let mut filled = 0;
+        for i in 0..length {
+            if mask[line * next + i * step] {
+                // Every pixel is written once, however far the mask spreads.
+                for k in filled.max(i.saturating_sub(reach))..(i + reach + 1).min(length) {
+                    out[line * next + k * step] = true;
+                }
+                filled = (i + reach + 1).min(length);
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mask_spreads_as_a_square() {
+        let (w, h) = (13, 9);
+        let mut mask = vec![false; w * h];
+        for p in [0, 5 * w + 6, 5 * w + 7, 8 * w + 12] {
+            mask[p] = true;
+        }
+        let out = dilated(&mask, w, h, 2);
+        for y in 0..h {
+            for x in 0..w {
+                let near =
+                    (0..w * h).any(|p| mask[p] && (p % w).abs_diff(x) <= 2 && (p / w).abs_diff(y) <= 2);
+                assert_eq!(out[y * w + x], near, "{x} {y}");
+            }
+        }
+    }
+}
