@@ -3,18 +3,16 @@
 use nalgebra::Point3;
 
 use super::{cells::Cells, likeness::Side, planes::Planes};
-use crate::statistics::median;
+use crate::statistics::{SIGMAS_PER_MAD, median};
 
 /// Largest cost of a plane that views bear out: a correlation of 0.6.
-/// tuned: on made recordings other than those in docs/figures.md.
+/// assumed; two more views must find the same place.
 const LARGEST_COST: f32 = 0.4;
 /// Share of the depth within which two views agree.
 /// derived: a cell of disparity between views 15 degrees apart at the focal length of a usual camera.
 const SAME: f32 = 0.01;
 /// Views beside the own that must find the same.
 const WITNESSES: usize = 2;
-/// A normal deviation over the median of its size.
-const MEDIAN_TO_SIGMA: f64 = 1.4826;
 
 /// What another view says of a place.
 enum Word {
@@ -58,7 +56,7 @@ pub(super) fn spread(views: &[Cells], planes: &[Planes], agreed: &[Vec<bool>]) -
             }
         }
     }
-    MEDIAN_TO_SIGMA * median(differences).unwrap_or(0.0) / 2f64.sqrt()
+    SIGMAS_PER_MAD * median(differences).unwrap_or(0.0) / 2f64.sqrt()
 }
 
 /// The world point of a cell whose plane other views bear out.

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::{
     capture::{NoiseConfig, RgbdFrame, dilated, luma},
     geometry::{Intrinsics, Pose},
-    statistics::median,
+    statistics::{SIGMAS_PER_MAD, median},
 };
 
 /// Readings of a cell further apart than this share of their depth are of two surfaces.
@@ -13,8 +13,6 @@ use crate::{
 const STEP: f32 = 0.02;
 /// Cells from the mask's border in which a pixel may be of either side.
 const GUARD: usize = 1;
-/// A normal deviation over the median of its size.
-const MEDIAN_TO_SIGMA: f64 = 1.4826;
 
 /// A view in cells of 2 x 2 pixels, row-major.
 pub(super) struct Cells {
@@ -121,6 +119,6 @@ impl Cells {
             }
         }
         // No less than the steps of 8 bits.
-        (MEDIAN_TO_SIGMA * median(left).unwrap_or(0.0)).max(1.0 / (255.0 * 12f64.sqrt())) as f32
+        (SIGMAS_PER_MAD * median(left).unwrap_or(0.0)).max(1.0 / (255.0 * 12f64.sqrt())) as f32
     }
 }

@@ -6,7 +6,7 @@ use super::cells::Cells;
 use crate::capture::common_focus;
 
 /// Samples of a patch along each side, and cells between them: the patch is 9 cells wide.
-/// tuned: on made recordings other than those in docs/figures.md; as wide as that of denoising.
+/// assumed: 18 pixels, between the windows of denoising (15 and 25).
 const SIDE: i32 = 5;
 const STRIDE: i32 = 2;
 const SAMPLES: usize = (SIDE * SIDE) as usize;

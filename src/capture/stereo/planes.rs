@@ -13,8 +13,7 @@ use super::{
 use crate::random::{self, stage_rng};
 
 /// Rounds in which planes are passed on, each to one half of the cells and then to the other.
-/// tuned: costs fall by less than 1 % in a further one, on made recordings other than those in
-/// docs/figures.md.
+/// assumed; narrower steps in the last rounds changed no figure (docs/figures.md).
 const ROUNDS: usize = 4;
 /// Neighbors whose planes a cell tries: beside it, and further off (Galliani 2015).
 const NEIGHBORS: [(i32, i32); 8] = [(-1, 0), (1, 0), (0, -1), (0, 1), (-5, 0), (5, 0), (0, -5), (0, 5)];
@@ -78,45 +77,27 @@ fn best(
 ) -> (Vector3<f32>, f32) {
     let (w, h) = (view.camera.width as i32, view.camera.height as i32);
     let (x, y) = (cell as i32 % w, cell as i32 / w);
-    let mut found = (planes.at[cell], planes.cost[cell]);
-    let mut take = |plane: Vector3<f32>| {
+    let neighbors = NEIGHBORS.iter().map(|(dx, dy)| (x + dx, y + dy));
+    let inside = neighbors.filter(|(x, y)| (0..w).contains(x) && (0..h).contains(y));
+    let passed_on = inside.map(|(x, y)| planes.at[(y * w + x) as usize]).filter(|p| *p != Vector3::zeros());
+    let better = |old: (Vector3<f32>, f32), plane: Vector3<f32>| {
         let cost = patch.cost(&plane, eyes);
-        if cost < found.1 {
-            found = (plane, cost);
-        }
-        found.0
+        if cost < old.1 { (plane, cost) } else { old }
     };
-    for (dx, dy) in NEIGHBORS {
-        let (x, y) = (x + dx, y + dy);
-        if x < 0 || y < 0 || x >= w || y >= h {
-            continue;
-        }
-        let plane = planes.at[(y * w + x) as usize];
-        if plane != Vector3::zeros() {
-            take(plane);
-        }
-    }
-    let mut plane = found.0;
+    let found = passed_on.fold((planes.at[cell], planes.cost[cell]), better);
     let ray = view.ray(cell);
-    for _ in 0..TRIES {
-        let scale = 0.5f64.powi(round as i32);
-        let inverse = plane.dot(&ray);
-        let mut draw = |size: f64| (size * scale * random::range(rng, -1.0, 1.0)) as f32;
-        let (across, down) = (draw(SPREAD.1) * inverse, draw(SPREAD.1) * inverse);
-        let turned = plane + Vector3::new(across, down, 0.0);
-        // The turn alone would move the plane along the ray.
-        let wanted = inverse * (1.0 + draw(SPREAD.0));
-        plane = {
-            let mut next = turned;
-            next.z += wanted - turned.dot(&ray);
-            let cost = patch.cost(&next, eyes);
-            if cost < found.1 {
-                found = (next, cost);
-            }
-            found.0
-        };
-    }
-    found
+    (0..TRIES).fold(found, |found, _| better(found, perturbed(&found.0, &ray, round, rng)))
+}
+
+/// A plane turned and moved along the ray, by less from round to round.
+fn perturbed(plane: &Vector3<f32>, ray: &Vector3<f32>, round: usize, rng: &mut impl Rng) -> Vector3<f32> {
+    let scale = 0.5f64.powi(round as i32);
+    let inverse = plane.dot(ray);
+    let mut draw = |size: f64| (size * scale * random::range(rng, -1.0, 1.0)) as f32;
+    let mut next = plane + Vector3::new(draw(SPREAD.1) * inverse, draw(SPREAD.1) * inverse, 0.0);
+    // The turn alone would move the plane along the ray.
+    next.z += inverse * (1.0 + draw(SPREAD.0)) - next.dot(ray);
+    next
 }
 
 /// Planes of the depth that was read, and in holes those of the nearest reading on the object.

@@ -4,6 +4,7 @@ use super::*;
 use crate::{
     geometry::{Intrinsics, Pose},
     random::{range, stage_rng},
+    statistics::SIGMAS_PER_MAD,
 };
 
 const NOISE: NoiseConfig =
@@ -73,7 +74,7 @@ fn a_dark_square_gets_the_depth_that_views_agree_on() {
     errors.sort_by(f64::total_cmp);
     assert!(errors[errors.len() * 95 / 100] < 0.005, "{}", errors[errors.len() * 95 / 100]);
     // What is stated of the errors is their size.
-    let sigma = 1.4826 * errors[errors.len() / 2];
+    let sigma = SIGMAS_PER_MAD * errors[errors.len() / 2];
     assert!((0.3..4.0).contains(&(found.relative_sigma / sigma)), "{found:?} {sigma}");
 }
 

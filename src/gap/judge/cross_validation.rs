@@ -214,11 +214,12 @@ impl Unseen {
     }
 
     /// Whether the file of a joint with the model is surely better than one with the other: over whole
-    /// windows in the mean, in the median and in the sum of squares.
+    /// windows in the mean, in most of them, in the median and in the sum of squares.
     #[must_use]
     pub fn serve_better(&self) -> bool {
         let [with, without] = both(&self.windows[0]);
         errors_better(&with, &without) > SURELY
+            && mostly_smaller(&with, &without)
             && median(with.clone()) < median(without.clone())
             && rms(&with) < rms(&without)
     }
@@ -260,6 +261,13 @@ fn crossed(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNoise) -> Re
     };
     let parts: Vec<_> = folds.par_iter().map(one).collect();
     std::array::from_fn(|length| parts.iter().flat_map(|p| p[length].iter().cloned()).collect())
+}
+
+/// Whether more windows are smaller than larger, beyond what chance makes of as many of both (sign test).
+fn mostly_smaller(with: &[f64], without: &[f64]) -> bool {
+    let signs =
+        || with.iter().zip(without).filter(|(a, b)| a != b).map(|(a, b)| if a < b { 1.0 } else { -1.0 });
+    signs().sum::<f64>() > SURELY * (signs().count() as f64).sqrt()
 }
 
 /// Whether the windows of some length are surely smaller, and their squares beyond the noise less than half.
@@ -317,6 +325,15 @@ mod tests {
         assert!(surely > 10.0, "{surely}");
         assert!((surest(&without, &with) + surely).abs() < 1e-9);
         assert_eq!(surest(&with, &with), 0.0);
+    }
+
+    #[test]
+    fn a_few_much_better_windows_are_not_most() {
+        let without = [1.0; 20];
+        let few: Vec<f64> = (0..20).map(|k| if k < 6 { 0.01 } else { 1.01 }).collect();
+        let most: Vec<f64> = (0..20).map(|k| if k < 16 { 0.9 } else { 1.1 }).collect();
+        assert!(errors_better(&few, &without) > SURELY && !mostly_smaller(&few, &without));
+        assert!(mostly_smaller(&most, &without));
     }
 
     #[test]

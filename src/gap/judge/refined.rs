@@ -1,6 +1,6 @@
 //! Parameters as they are reported: fitted with small steps.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::gap::{
@@ -10,6 +10,7 @@ use crate::gap::{
     },
     judge::spread::Spread,
     model::{
+        actuator::GAIN_DEVIATION,
         effect::Place,
         joint_model::{JointModel, SETTLE_S},
     },
@@ -17,7 +18,8 @@ use crate::gap::{
 
 /// The model fitted with small steps, averaged over the settle times of friction by their likelihood, and its
 /// covariance with what the parameters moved by the small steps and with the settle time: neither is known
-/// better. A delay is not known better than the stamps.
+/// better. A delay is not known better than the stamps. Where something remains that is no noise, with what
+/// of it may be the same everywhere, and with the gain of the effort's sensor.
 #[must_use]
 pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     let problem = &problem.refined();
@@ -54,6 +56,12 @@ pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
         .iter()
         .zip(&weights)
         .fold(DMatrix::zeros(own[0].len(), own[0].len()), |c, (f, w)| c + &f.covariance * (*w / total));
+    if fine.noise.remains() {
+        covariance = with_common(&covariance, &fine.witnesses);
+        if let Some(moved) = by_gain(problem, &fine, pace) {
+            covariance += &moved * moved.transpose();
+        }
+    }
     for (i, before) in coarse.model.parameters().into_iter().enumerate() {
         let spread: f64 =
             own.iter().zip(&weights).map(|(p, w)| w * (p[i] - parameters[i]).powi(2)).sum::<f64>() / total;
@@ -69,7 +77,68 @@ pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     (model, Spread { covariance, witnesses: fine.witnesses })
 }
 
+/// A covariance with what all witnesses have in common. Each is off by an error of its own, of variance n C
+/// where C is that of their mean; what is off in all of them alike shows in no difference between them, and
+/// is taken to be as large: C + n C. See docs/method.md 14.11.
+fn with_common(covariance: &DMatrix<f64>, witnesses: &[f64]) -> DMatrix<f64> {
+    let wider = |i: usize, j: usize| ((1.0 + witnesses[i]) * (1.0 + witnesses[j])).sqrt();
+    covariance.map_with_location(|i, j, c| c * wider(i, j))
+}
+
+/// By how much the parameters move where a measured effort is larger by one deviation of its sensor's gain.
+fn by_gain(problem: &Problem, fitted: &Fit, pace: Pace) -> Option<DVector<f64>> {
+    let mut model = fitted.model.clone();
+    if !model.plant.actuator.is_measured() {
+        return None;
+    }
+    model.plant.actuator.gain *= 1.0 + GAIN_DEVIATION;
+    let other = fit(problem, &model, Some(&fitted.starts), fitted.noise, Free::All, pace).model;
+    Some(DVector::from_vec(other.parameters()) - DVector::from_vec(fitted.model.parameters()))
+}
+
 /// Ratio of the squared shift between steps of the search and of the last fit to the squared error that is
 /// left: the error of a step is of first order at worst, and the last one is a quarter.
 /// derived: `((1 - 1/4) / (1/4))^2`.
 const STEP_RATIO: f64 = 9.0;
+
+#[cfg(test)]
+mod tests {
+    use rand_core::SeedableRng;
+
+    use super::*;
+    use crate::gap::{
+        fit::noise::EffortNoise,
+        judge::simulated::{pendulum, simulated, with},
+        model::effects::catalogue,
+        record::drive::Hold,
+    };
+
+    #[test]
+    fn what_witnesses_have_in_common_is_as_large_as_what_differs() {
+        // Four witnesses, each off by a deviation of 2: their mean by 1, and what none of them shows by 2.
+        let covariance = DMatrix::from_row_slice(2, 2, &[1.0, 0.5, 0.5, 1.0]);
+        let wide = with_common(&covariance, &[4.0, 4.0]);
+        assert!((wide[(0, 0)] - 5.0).abs() < 1e-12 && (wide[(0, 1)] - 2.5).abs() < 1e-12, "{wide}");
+    }
+
+    #[test]
+    fn an_inertia_is_known_no_better_than_the_gain_of_the_effort() {
+        let effects = catalogue(0);
+        let mut plant = pendulum(0.0);
+        plant.damping = 0.0;
+        let truth = with(&effects, &plant, &[("inertia", &[0.02])]);
+        let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(4);
+        let logs = vec![simulated(&effects, &truth, 0, &mut rng)];
+        let problem = Problem::new(&effects, &plant, true, logs, Hold::Zero);
+        let noise = EffortNoise::white(1e-3);
+        let fitted = fit(&problem, &truth, None, noise, Free::All, Pace::thorough(1));
+        let moved = by_gain(&problem, &fitted, Pace::thorough(1)).unwrap();
+        // Without damping, friction and load the whole inertia goes with the gain.
+        let wanted = GAIN_DEVIATION * (0.05 + 0.02);
+        assert!((moved[1] / wanted - 1.0).abs() < 0.02, "{} {wanted}", moved[1]);
+        // A gain that is found already is in the covariance.
+        let mut found = fitted.clone();
+        found.model.plant.actuator.is_found[0] = true;
+        assert!(by_gain(&problem, &found, Pace::WARM).is_none());
+    }
+}

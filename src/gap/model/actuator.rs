@@ -21,6 +21,11 @@ pub struct Actuator {
     pub is_late: bool,
 }
 
+/// Standard deviation of the gain of a recorded effort, as a share.
+/// derived: the geometric middle of 1 % (torque sensors) and 10 % (torque constants of motors), as data
+/// sheets state them.
+pub const GAIN_DEVIATION: f64 = 0.03;
+
 /// A servo before its gain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Servo {
@@ -93,6 +98,12 @@ impl Actuator {
             read: -stiffness,
             p: [wanted, -v],
         }
+    }
+
+    /// Whether it is a recorded effort of a known unit, which is as good as its sensor.
+    #[must_use]
+    pub fn is_measured(&self) -> bool {
+        self.servo.is_none() && !self.is_found[0]
     }
 
     /// Name in reports.
