@@ -48,8 +48,8 @@ pub struct CaptureConfig {
     pub measure_noise: bool,
     /// Whether the object's depth is replaced by that of local planes, where they explain it.
     pub denoise: bool,
-    /// Whether depth that the sensor did not read on the object is taken from color, in recordings with masks:
-    /// `auto`, where so much of it is missing that parts may be, `always`, or `never`.
+    /// Whether depth that the sensor did not read on the object is taken from color, in recordings with
+    /// masks: `auto`, where holes are wider than shadows and edges make them, `always`, or `never`.
     pub color_depth: UseColorDepth,
     /// Whether the camera is tracked by what it sees: `auto`, where the recording holds no camera poses,
     /// `always`, or `never`.

@@ -7,7 +7,7 @@ use rand_core::Rng;
 
 use super::{
     Family, Object, PartJoint, PartJointKind, SynthConfig, cabinet, chain, clearance, fittings,
-    lacquer::lacquer, look::Look, observable, tabletop,
+    lacquer::Lacquer, look::Look, observable, tabletop,
 };
 use crate::{
     geometry::Pose,
@@ -18,6 +18,9 @@ use crate::{
 const SHAPES: u64 = 100;
 /// Positions of the joints that are tried with each shape.
 const POSITIONS: usize = 60;
+/// Size of a patch over the radius of the object.
+/// tuned: patches of 5 to 15 cm on a cabinet, a pane of an oven's door or a display.
+const PATCH: f64 = 0.3;
 /// Largest distance of the object's foot from the world's origin along x and y, meters.
 const FOOT_M: f64 = 0.3;
 
@@ -69,7 +72,7 @@ pub fn generate(config: &SynthConfig) -> Result<Object, NoShape> {
             // Clearance first: visibility casts rays, which cost far more.
             if clearance::is_free(&object) && observable::is_observable(&object, config, rng) {
                 // Only after the checks, so that lacquer, scale and skew leave the object itself as it is.
-                lacquer(&mut object, config.lacquer, config.seed);
+                let object = lacquered(object, config);
                 return Ok(skewed(scaled(object, config.motion_scale), config));
             }
         }
@@ -92,6 +95,19 @@ fn skewed(mut object: Object, config: &SynthConfig) -> Object {
     for axis in object.parts.iter_mut().filter_map(|p| p.joint.as_mut()).map(|j| &mut j.axis) {
         let aside = Unit::new_normalize(random::direction(rng).cross(axis));
         *axis = UnitQuaternion::from_axis_angle(&aside, config.skew_deg.to_radians()) * *axis;
+    }
+    object
+}
+
+/// The object with a share of every part lacquered, each in patches of its own.
+fn lacquered(mut object: Object, config: &SynthConfig) -> Object {
+    if config.lacquer > 0.0 {
+        let patch_m = PATCH * object.bounding_sphere().1;
+        for (k, part) in object.parts.iter_mut().enumerate() {
+            let rng = &mut stage_rng(config.seed, "synth/lacquer", k as u64);
+            let lacquer = Lacquer::covering(config.lacquer, patch_m, rng);
+            part.solids.iter_mut().for_each(|solid| solid.material.lacquer = Some(lacquer));
+        }
     }
     object
 }

@@ -4,12 +4,9 @@
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
-use super::{Object, material::value_noise};
-use crate::random::{self, stage_rng};
+use super::lattice_noise::value_noise;
+use crate::random;
 
-/// Size of a patch over the radius of the object.
-/// tuned: patches of 5 to 15 cm on a cabinet, a pane of an oven's door or a display.
-const PATCH: f64 = 0.3;
 /// Places by which the share is measured.
 const PLACES: usize = 4096;
 /// Share of the light that comes back through lacquer.
@@ -27,7 +24,7 @@ pub struct Lacquer {
 
 impl Lacquer {
     /// Patches that take a share of all places.
-    fn covering(share: f64, patch_m: f64, rng: &mut impl Rng) -> Self {
+    pub(super) fn covering(share: f64, patch_m: f64, rng: &mut impl Rng) -> Self {
         let seed = random::below(rng, 1 << 30) as u32;
         let place = |_| value_noise(&Vector3::from_fn(|_, _| random::range(rng, 0.0, 1e3)), seed);
         let mut noise: Vec<f64> = (0..PLACES).map(place).collect();
@@ -49,21 +46,10 @@ impl Lacquer {
     }
 }
 
-/// Lacquers a share of every part, each in patches of its own.
-pub(super) fn lacquer(object: &mut Object, share: f64, seed: u64) {
-    if share <= 0.0 {
-        return;
-    }
-    let patch_m = PATCH * object.bounding_sphere().1;
-    for (k, part) in object.parts.iter_mut().enumerate() {
-        let lacquer = Lacquer::covering(share, patch_m, &mut stage_rng(seed, "synth/lacquer", k as u64));
-        part.solids.iter_mut().for_each(|solid| solid.material.lacquer = Some(lacquer));
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::stage_rng;
 
     #[test]
     fn patches_cover_their_share() {

@@ -17,6 +17,7 @@ mod generate;
 mod handle;
 mod imu;
 mod lacquer;
+mod lattice_noise;
 mod light;
 mod look;
 mod material;

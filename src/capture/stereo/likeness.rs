@@ -86,7 +86,7 @@ fn offsets() -> impl Iterator<Item = (i32, i32)> {
 }
 
 impl<'a> Patch<'a> {
-    /// The patch, where it has enough texture to be told from noise and enough of the object.
+    /// The patch, where it has more texture than noise makes and enough of the object.
     pub fn about(view: &'a Cells, cell: usize) -> Option<Self> {
         let (w, h) = (view.camera.width as i32, view.camera.height as i32);
         let (x, y) = (cell as i32 % w, cell as i32 / w);
@@ -113,9 +113,9 @@ impl<'a> Patch<'a> {
         })
     }
 
-    /// Cost of a plane, `n . x = 1` in the camera's frame: how unlike the patch looks in other views,
-    /// 1 less the normalized cross-correlation in the mean of the most alike ones, and more for each view that
-    /// sees through the place.
+    /// Cost of a plane, `n . x = 1` in the camera's frame: how unlike the patch looks in other views, 1 less
+    /// the normalized cross-correlation in the mean of the most alike ones, and more for each view that sees
+    /// through the place.
     pub fn cost(&self, n: &Vector3<f32>, eyes: &[Eye<'_>]) -> f32 {
         let inverse = n.dot(&self.view.ray(self.cell));
         if inverse <= 0.0 {
