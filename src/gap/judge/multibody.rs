@@ -14,7 +14,7 @@ use crate::gap::{
         assess::Examined,
         search::price,
         simplify::{SIMPLER, special_terms},
-        spread::Spread,
+        spread::{Spread, with_common},
     },
     model::joint_model::JointModel,
     twin_tree::TwinTree,
@@ -73,14 +73,17 @@ fn together(tree: &TwinTree, members: &[&mut Member]) -> Option<Vec<(JointModel,
         return None;
     }
     let mut first = 0;
-    let own = |model: &JointModel| {
+    let own = |(model, member): (&JointModel, &&mut Member)| {
         let n = model.free();
-        let covariance = fitted.covariance.view((first, first), (n, n)).into_owned();
+        let mut covariance = fitted.covariance.view((first, first), (n, n)).into_owned();
         let witnesses = fitted.witnesses[first..first + n].to_vec();
+        if member.1.diagnosis.noise.remains() {
+            covariance = with_common(&covariance, &witnesses);
+        }
         first += n;
         (model.clone(), Spread { covariance, witnesses })
     };
-    Some(fitted.models.iter().map(own).collect())
+    Some(fitted.models.iter().zip(members).map(own).collect())
 }
 
 /// The members' effects fitted together, without those that the chain does not need, and special cases in

@@ -8,7 +8,7 @@ use crate::gap::{
         problem::Problem,
         shooting::{Fit, Free, Pace, fit},
     },
-    judge::spread::Spread,
+    judge::spread::{Spread, with_common},
     model::{
         actuator::GAIN_DEVIATION,
         effect::Place,
@@ -77,14 +77,6 @@ pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     (model, Spread { covariance, witnesses: fine.witnesses })
 }
 
-/// A covariance with what all witnesses have in common. Each is off by an error of its own, of variance n C
-/// where C is that of their mean; what is off in all of them alike shows in no difference between them, and
-/// is taken to be as large: C + n C. See docs/method.md 14.11.
-fn with_common(covariance: &DMatrix<f64>, witnesses: &[f64]) -> DMatrix<f64> {
-    let wider = |i: usize, j: usize| ((1.0 + witnesses[i]) * (1.0 + witnesses[j])).sqrt();
-    covariance.map_with_location(|i, j, c| c * wider(i, j))
-}
-
 /// By how much the parameters move where a measured effort is larger by one deviation of its sensor's gain.
 fn by_gain(problem: &Problem, fitted: &Fit, pace: Pace) -> Option<DVector<f64>> {
     let mut model = fitted.model.clone();
@@ -112,14 +104,6 @@ mod tests {
         model::effects::catalogue,
         record::drive::Hold,
     };
-
-    #[test]
-    fn what_witnesses_have_in_common_is_as_large_as_what_differs() {
-        // Four witnesses, each off by a deviation of 2: their mean by 1, and what none of them shows by 2.
-        let covariance = DMatrix::from_row_slice(2, 2, &[1.0, 0.5, 0.5, 1.0]);
-        let wide = with_common(&covariance, &[4.0, 4.0]);
-        assert!((wide[(0, 0)] - 5.0).abs() < 1e-12 && (wide[(0, 1)] - 2.5).abs() < 1e-12, "{wide}");
-    }
 
     #[test]
     fn an_inertia_is_known_no_better_than_the_gain_of_the_effort() {

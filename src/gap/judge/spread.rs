@@ -32,6 +32,15 @@ impl Spread {
     }
 }
 
+/// A covariance with what all witnesses have in common. Each is off by an error of its own, of variance n C
+/// where C is that of their mean; what is off in all of them alike shows in no difference between them, and
+/// is taken to be as large: C + n C. See docs/method.md 14.11.
+#[must_use]
+pub fn with_common(covariance: &DMatrix<f64>, witnesses: &[f64]) -> DMatrix<f64> {
+    let wider = |i: usize, j: usize| ((1.0 + witnesses[i]) * (1.0 + witnesses[j])).sqrt();
+    covariance.map_with_location(|i, j, c| c * wider(i, j))
+}
+
 /// Half width of a 95 % interval in standard deviations that are estimated with so many degrees of freedom,
 /// three at least: Student's quantile (Abramowitz and Stegun 26.7.5). See docs/method.md (14.18).
 fn half_width(freedom: f64) -> f64 {
@@ -40,4 +49,17 @@ fn half_width(freedom: f64) -> f64 {
     z + of([1.0, 1.0, 0.0, 0.0]) / (4.0 * n)
         + of([3.0, 16.0, 5.0, 0.0]) / (96.0 * n * n)
         + of([-15.0, 17.0, 19.0, 3.0]) / (384.0 * n * n * n)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_witnesses_have_in_common_is_as_large_as_what_differs() {
+        // Four witnesses, each off by a deviation of 2: their mean by 1, and what none of them shows by 2.
+        let covariance = DMatrix::from_row_slice(2, 2, &[1.0, 0.5, 0.5, 1.0]);
+        let wide = with_common(&covariance, &[4.0, 4.0]);
+        assert!((wide[(0, 0)] - 5.0).abs() < 1e-12 && (wide[(0, 1)] - 2.5).abs() < 1e-12, "{wide}");
+    }
 }
