@@ -61,9 +61,14 @@ pub(super) fn spread(views: &[Cells], planes: &[Planes], agreed: &[Vec<bool>]) -
 
 /// The world point of a cell whose plane other views bear out.
 fn place(view: &Cells, planes: &Planes, cell: usize) -> Option<Point3<f64>> {
+    let inverse = borne_out(view, planes, cell)?;
+    Some(view.world_from_camera * Point3::from((view.ray(cell) / inverse).cast::<f64>()))
+}
+
+/// The inverse depth of a cell of a hole whose plane other views bear out.
+fn borne_out(view: &Cells, planes: &Planes, cell: usize) -> Option<f32> {
     let inverse = planes.at[cell].dot(&view.ray(cell));
-    let is_borne_out = view.hole[cell] && planes.cost[cell] <= LARGEST_COST && inverse > 0.0;
-    is_borne_out.then(|| view.world_from_camera * Point3::from((view.ray(cell) / inverse).cast::<f64>()))
+    (view.hole[cell] && planes.cost[cell] <= LARGEST_COST && inverse > 0.0).then_some(inverse)
 }
 
 fn word(view: &Cells, planes: &Planes, point: &Point3<f64>) -> Word {
@@ -78,10 +83,8 @@ fn word(view: &Cells, planes: &Planes, point: &Point3<f64>) -> Word {
         Side::On => Word::Same((depth_m - view.depth_m[cell]) / depth_m),
         Side::Behind => Word::Nothing,
         Side::Unknown => {
-            let inverse = planes.at[cell].dot(&view.ray(cell));
-            let difference = 1.0 - 1.0 / (inverse * depth_m);
-            let is_borne_out = view.hole[cell] && planes.cost[cell] <= LARGEST_COST;
-            if is_borne_out && difference.abs() < SAME { Word::Same(difference) } else { Word::Nothing }
+            let difference = borne_out(view, planes, cell).map(|inverse| 1.0 - 1.0 / (inverse * depth_m));
+            difference.filter(|d| d.abs() < SAME).map_or(Word::Nothing, Word::Same)
         }
     }
 }

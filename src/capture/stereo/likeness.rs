@@ -10,7 +10,9 @@ use crate::capture::common_focus;
 const SIDE: i32 = 5;
 const STRIDE: i32 = 2;
 const SAMPLES: usize = (SIDE * SIDE) as usize;
-const CORNERS: [(i32, i32); 4] = [(-1, -1), (1, -1), (-1, 1), (1, 1)];
+/// Cells that a patch reaches to each side: a hole that is no wider is one of shadows and edges.
+pub(super) const REACH: i32 = STRIDE * (SIDE / 2);
+const CORNERS: [(i32, i32); 4] = [(-REACH, -REACH), (REACH, -REACH), (-REACH, REACH), (REACH, REACH)];
 /// Other views that one is compared with, and how many of these, the most alike, count.
 /// derived: the best half (Galliani 2015), so that half of the views may be blocked.
 const VIEWS: usize = 6;
@@ -79,10 +81,12 @@ pub(super) struct Patch<'a> {
     square: f32,
 }
 
-/// Offsets of the samples, cells.
-fn offsets() -> impl Iterator<Item = (i32, i32)> {
-    let half = SIDE / 2;
-    (-half..=half).flat_map(move |y| (-half..=half).map(move |x| (STRIDE * x, STRIDE * y)))
+/// Offsets of the samples, cells, row by row.
+fn offsets() -> [(i32, i32); SAMPLES] {
+    std::array::from_fn(|k| {
+        let (x, y) = (k as i32 % SIDE, k as i32 / SIDE);
+        (STRIDE * x - REACH, STRIDE * y - REACH)
+    })
 }
 
 impl<'a> Patch<'a> {
@@ -91,7 +95,7 @@ impl<'a> Patch<'a> {
         let (w, h) = (view.camera.width as i32, view.camera.height as i32);
         let (x, y) = (cell as i32 % w, cell as i32 / w);
         let (mut values, mut weights) = ([0.0; SAMPLES], [0.0; SAMPLES]);
-        for (k, (dx, dy)) in offsets().enumerate() {
+        for (k, (dx, dy)) in offsets().into_iter().enumerate() {
             let (x, y) = (x + dx, y + dy);
             if x >= 0 && y >= 0 && x < w && y < h && view.on_object[(y * w + x) as usize] {
                 (values[k], weights[k]) = (view.luma[(y * w + x) as usize], 1.0);
@@ -151,14 +155,11 @@ impl<'a> Patch<'a> {
         let down = eye.turn.column(1) + eye.shift * (n.y / camera.fy as f32);
         let at = |(dx, dy): (i32, i32)| middle + across * dx as f32 + down * dy as f32;
         // A plane takes the patch to a convex quadrangle: where its corners are inside, all of it is.
-        let reach = STRIDE * (SIDE / 2);
-        if CORNERS.iter().any(|&(x, y)| !eye.is_inside(&at((reach * x, reach * y)))) {
+        if CORNERS.iter().any(|&corner| !eye.is_inside(&at(corner))) {
             return Look::Blocked;
         }
-        let places: [(f32, f32); SAMPLES] = std::array::from_fn(|k| {
-            let side = SIDE as usize;
-            let place = |k: usize| STRIDE * (k as i32 - SIDE / 2);
-            let q = at((place(k % side), place(k / side)));
+        let places = offsets().map(|offset| {
+            let q = at(offset);
             (q.x / q.z, q.y / q.z)
         });
         let (mut sum, mut square, mut product) = (0.0, 0.0, 0.0);

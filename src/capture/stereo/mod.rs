@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use self::{
     agreement::{agreed, spread},
     cells::Cells,
-    likeness::{Eye, eyes},
+    likeness::{REACH, eyes},
     planes::{Planes, propagated},
 };
 use super::{NoiseConfig, RgbdFrame};
@@ -39,22 +39,10 @@ pub enum UseColorDepth {
     Never,
 }
 
-impl UseColorDepth {
-    /// Whether a state needs it of whose object such a share is far from any reading.
-    fn is_due(self, unread: f64) -> bool {
-        match self {
-            Self::Auto => unread > MUCH_UNREAD,
-            Self::Always => true,
-            Self::Never => false,
-        }
-    }
-}
-
-/// Cells from a reading within which a hole is one of shadows and edges: what a patch reaches.
-const REACH: usize = 4;
-/// Share of the object's cells beyond that reach from which depth is taken from color.
-/// measured: seven clean rendered objects have 2.3 % at most, made ones with lacquer on three tenths 10 and
-/// more (docs/figures.md).
+/// Share of the object's cells beyond a patch's reach of any reading, from which on depth is taken from
+/// color.
+/// measured: seven clean rendered objects have 2.3 % at most, four made ones with lacquer on three tenths
+/// 9.5 % at least (docs/figures.md).
 const MUCH_UNREAD: f64 = 0.05;
 /// Every so many views are asked for that share.
 /// derived: neighbors in time show the same.
@@ -64,7 +52,7 @@ const ASKED: usize = 5;
 fn unread(frames: &[RgbdFrame], noise: &NoiseConfig) -> f64 {
     let asked: Vec<&RgbdFrame> = frames.iter().step_by(ASKED).collect();
     let counts: Vec<[usize; 2]> =
-        asked.par_iter().map(|frame| Cells::of(frame, noise).unread(REACH)).collect();
+        asked.par_iter().map(|frame| Cells::of(frame, noise).unread(REACH as usize)).collect();
     let sum = |k: usize| counts.iter().map(|count| count[k]).sum::<usize>();
     sum(1) as f64 / sum(0).max(1) as f64
 }
@@ -92,17 +80,17 @@ pub fn fill_from_color(
     when: UseColorDepth,
     seed: u64,
 ) -> Option<ColorDepth> {
+    if when == UseColorDepth::Never {
+        return None;
+    }
     let unread = unread(frames, noise);
-    if !when.is_due(unread) {
+    if when == UseColorDepth::Auto && unread <= MUCH_UNREAD {
         return None;
     }
     let views: Vec<Cells> = frames.par_iter().map(|frame| Cells::of(frame, noise)).collect();
     let planes: Vec<Planes> = (0..views.len())
         .into_par_iter()
-        .map(|i| {
-            let eyes: Vec<Eye> = eyes(&views, i);
-            propagated(&views[i], &eyes, seed.wrapping_add(i as u64))
-        })
+        .map(|i| propagated(&views[i], &eyes(&views, i), seed.wrapping_add(i as u64)))
         .collect();
     let agreed: Vec<Vec<bool>> =
         (0..views.len()).into_par_iter().map(|i| agreed(&views, &planes, i)).collect();

@@ -13,7 +13,7 @@ use super::{
 use crate::random::{self, stage_rng};
 
 /// Rounds in which planes are passed on, each to one half of the cells and then to the other.
-/// assumed; narrower steps in the last rounds changed no figure (docs/figures.md).
+/// assumed; steps that narrow faster changed no figure of one made object.
 const ROUNDS: usize = 4;
 /// Neighbors whose planes a cell tries: beside it, and further off (Galliani 2015).
 const NEIGHBORS: [(i32, i32); 8] = [(-1, 0), (1, 0), (0, -1), (0, 1), (-5, 0), (5, 0), (0, -5), (0, 5)];
