@@ -8,11 +8,25 @@ pub(crate) const SIGMAS_PER_MAD: f64 = 1.4826;
 /// derived: the quantile at 99 % of the standard normal distribution.
 pub(crate) const NORMAL_99: f64 = 2.326_348;
 
+/// Deviations of a normal distribution that one value of twenty exceeds.
+/// derived: the quantile at 95 % of the standard normal distribution.
+const NORMAL_95: f64 = 1.644_854;
+
 /// The sum of so many squared normal numbers that chance exceeds once in a hundred: the quantile of
-/// chi-square at 99 % (Wilson and Hilferty 1931).
+/// chi-square at 99 %.
 pub(crate) fn chi_square_99(count: f64) -> f64 {
+    chi_square(count, NORMAL_99)
+}
+
+/// The sum of so many squared normal numbers that chance exceeds once in twenty.
+pub(crate) fn chi_square_95(count: f64) -> f64 {
+    chi_square(count, NORMAL_95)
+}
+
+/// The quantile of chi-square at which a normal distribution has this one (Wilson and Hilferty 1931).
+fn chi_square(count: f64, normal: f64) -> f64 {
     let variance = 2.0 / (9.0 * count);
-    count * (1.0 - variance + NORMAL_99 * variance.sqrt()).powi(3)
+    count * (1.0 - variance + normal * variance.sqrt()).powi(3)
 }
 
 /// Middle value, the upper one of two; `None` of none.

@@ -1,8 +1,12 @@
-"""The step of `benches/step.rs` in PyTorch on the CPU: same shapes, tensor operations, autograd, Adam. Prints one JSON line."""
+"""The step of `benches/step.rs` in PyTorch: same shapes, tensor operations, autograd, Adam. Prints one JSON line.
+
+`python torch_step.py [cpu|cuda]`
+"""
 
 import json
 import os
 import statistics
+import sys
 import time
 
 import torch
@@ -29,7 +33,7 @@ class Field(torch.nn.Module):
             fraction, cell = position - cell, cell.long()
             sum_ = 0
             for corner in range(8):
-                d = torch.tensor([corner & 1, corner >> 1 & 1, corner >> 2])
+                d = torch.tensor([corner & 1, corner >> 1 & 1, corner >> 2], device=points.device)
                 weight = torch.where(d.bool(), fraction, 1 - fraction).prod(1, keepdim=True)
                 node = cell + d
                 side = int(scale) + 3
@@ -47,14 +51,17 @@ class Field(torch.nn.Module):
 
 
 def main():
+    device = sys.argv[1] if len(sys.argv) > 1 else "cpu"
+    wait = torch.cuda.synchronize if device == "cuda" else lambda: None
     torch.manual_seed(1)
     torch.set_num_threads(os.cpu_count() or 1)
-    field = Field()
+    field = Field().to(device)
     adam = torch.optim.Adam(field.parameters(), lr=0.01, eps=1e-15)
-    points, views = torch.rand(POINTS, 3), torch.rand(POINTS, 16)
-    targets, colors = torch.rand(POINTS, 1), torch.rand(POINTS // PER_RAY, 3)
+    points, views = torch.rand(POINTS, 3, device=device), torch.rand(POINTS, 16, device=device)
+    targets, colors = torch.rand(POINTS, 1, device=device), torch.rand(POINTS // PER_RAY, 3, device=device)
     seconds = []
-    for _ in range(7):
+    for _ in range(7 if device == "cpu" else 100):
+        wait()
         begin = time.perf_counter()
         tsdf, rgb = field(points, views)
         rendered = rgb.reshape(-1, PER_RAY, 3).mean(1)
@@ -62,8 +69,10 @@ def main():
         adam.zero_grad()
         loss.backward()
         adam.step()
+        wait()
         seconds.append(time.perf_counter() - begin)
-    name = f"PyTorch {torch.__version__.split('+')[0]}, CPU"
+    where = "CPU" if device == "cpu" else torch.cuda.get_device_name()
+    name = f"PyTorch {torch.__version__.split('+')[0]}, {where}"
     print(json.dumps({"engine": name, "step_ms": 1e3 * min(seconds[2:]), "median_ms": 1e3 * statistics.median(seconds[2:])}))
 
 

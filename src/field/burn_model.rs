@@ -79,16 +79,30 @@ pub(super) fn losses(
     (sdf, color_loss(colors, batch, piece) / (3 * batch.rays) as f32)
 }
 
+/// Rows that are one product; a layer is a batch of such.
+/// derived: the square root of a batch of 65,536, so that sums within and over the groups are as long.
+const GROUP_ROWS: usize = 256;
+
 /// Layers with ReLU between them: `[points, inputs]` to `[points, outputs]`.
-fn network(mut x: Tensor<2>, params: &[Tensor<1>], shapes: &[[usize; 2]]) -> Tensor<2> {
+///
+/// The rows go in groups, and biases come as products: a gradient by a parameter is a sum over all rows, which
+/// as one product or as a plain sum few threads of a GPU would walk through one after another.
+fn network(x: Tensor<2>, params: &[Tensor<1>], shapes: &[[usize; 2]]) -> Tensor<2> {
+    let ([rows, inputs], device) = (x.dims(), x.device());
+    let groups = rows.div_ceil(GROUP_ROWS);
+    let idle = groups * GROUP_ROWS - rows;
+    let filled = if idle > 0 { Tensor::cat(vec![x, Tensor::zeros([idle, inputs], &device)], 0) } else { x };
+    let mut x: Tensor<3> = filled.reshape([groups, GROUP_ROWS, inputs]);
+    let ones = Tensor::ones([groups, GROUP_ROWS, 1], &device);
     for (k, (pair, &[outputs, inputs])) in params.chunks_exact(2).zip(shapes).enumerate() {
         if k > 0 {
             x = relu(x);
         }
-        x = x.matmul(pair[0].clone().reshape([outputs, inputs]).transpose())
-            + pair[1].clone().reshape([1, outputs]);
+        let weights = pair[0].clone().reshape([1, outputs, inputs]).swap_dims(1, 2);
+        x = x.matmul(weights) + ones.clone().matmul(pair[1].clone().reshape([1, 1, outputs]));
     }
-    x
+    let outputs = x.dims()[2];
+    x.reshape([groups * GROUP_ROWS, outputs]).narrow(0, 0, rows)
 }
 
 /// Sum of the weighted terms of `SdfTarget` over the samples: `tsdf` `[samples, 1]`, `targets` as in
@@ -116,8 +130,8 @@ fn views(batch: &SampleBatch, piece: &Piece, device: &Device) -> Tensor<2> {
 fn color_loss(colors: Tensor<2>, batch: &SampleBatch, piece: &Piece) -> Tensor<1> {
     let device = colors.device();
     let (rays, per_ray) = (piece.lit_rays.len(), piece.per_ray);
-    let weights = floats(piece.color_weights.clone(), [rays, per_ray, 1], &device);
-    let rendered = (colors.reshape([rays, per_ray, 3]) * weights).sum_dim(1).reshape([rays, 3]);
+    let weights = floats(piece.color_weights.clone(), [rays, 1, per_ray], &device);
+    let rendered = weights.matmul(colors.reshape([rays, per_ray, 3])).reshape([rays, 3]);
     let observed = floats(piece.lit_rays.iter().flat_map(|&r| batch.colors[r]).collect(), [rays, 3], &device);
     let ray_weights =
         floats(piece.lit_rays.iter().map(|&r| batch.ray_weights[r]).collect(), [rays, 1], &device);

@@ -333,3 +333,68 @@ fn the_gpu_agrees_with_the_equations() {
         }
     }
 }
+
+/// Milliseconds of the parts of a step of 65,536 points on a GPU, each waited for: `cargo test --release
+/// --features gpu --lib -- --ignored --nocapture where_a_step_goes`.
+#[cfg(feature = "gpu")]
+#[test]
+#[ignore = "a measurement"]
+fn where_a_step_goes() {
+    use super::burn_batch::pieces;
+    use super::burn_hash::hash_encode;
+    use super::burn_model::{FieldShape, losses as losses_of, upload};
+    use std::time::Instant;
+
+    let config = FieldConfig {
+        levels: 16,
+        base_resolution: 16,
+        finest_resolution: 512,
+        log2_table_size: 17,
+        hidden: 64,
+    };
+    let params = field(&config, 1);
+    let shape = FieldShape::of(&params);
+    let batch = batch(4096, 16, 3);
+    let device = super::burn_device::wgpu_device().unwrap_or_else(|e| panic!("{e}"));
+    let tensors = upload(&shape, &params.flatten(), &device);
+    let waits = || device.sync().unwrap_or_else(|e| panic!("{e}"));
+    let timed = |name: &str, work: &mut dyn FnMut()| {
+        let mut times: Vec<f64> = (0..12)
+            .map(|_| {
+                waits();
+                let begin = Instant::now();
+                work();
+                waits();
+                1e3 * begin.elapsed().as_secs_f64()
+            })
+            .collect();
+        let first = times[0];
+        times.sort_by(f64::total_cmp);
+        eprintln!("{name}: {:.2} ms, first {first:.0}", times[times.len() / 2]);
+    };
+    let tracked = || -> Vec<_> { tensors.iter().map(|p| p.clone().autodiff().require_grad()).collect() };
+    timed("cut into pieces", &mut || drop(pieces(&batch)));
+    let piece = pieces(&batch).remove(0);
+    let points = burn::tensor::Tensor::<2>::from_data(
+        burn::tensor::TensorData::new(piece.points.clone(), [piece.samples, 3]),
+        &device,
+    );
+    let levels = shape.levels.len();
+    timed("encode", &mut || drop(hash_encode(&points, &tensors[..levels], &shape.levels)));
+    timed("encode and scatter", &mut || {
+        let own = tracked();
+        let found = hash_encode(&points.clone().autodiff(), &own[..levels], &shape.levels).sum().backward();
+        drop(own.iter().map(|p| p.grad(&found)).collect::<Vec<_>>());
+    });
+    timed("forward", &mut || drop(losses_of(&shape, &tensors, &batch, &piece)));
+    timed("forward and backward", &mut || {
+        let own = tracked();
+        let (sdf, color) = losses_of(&shape, &own, &batch, &piece);
+        let found = (sdf + color).backward();
+        drop(own.iter().map(|p| p.grad(&found)).collect::<Vec<_>>());
+    });
+    let mut engine = BurnEngine::wgpu(fresh(&params)).unwrap_or_else(|e| panic!("{e}"));
+    timed("step", &mut || {
+        engine.step(&batch, 0.01);
+    });
+}

@@ -41,5 +41,6 @@ pub mod simplify;
 #[cfg(test)]
 mod simulated;
 pub mod spread;
+pub mod sure;
 pub mod unsigned;
 pub mod verdict;

@@ -1,8 +1,8 @@
 //! How well fitted parameters are known, and the intervals that follow.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
-use crate::gap::judge::simplify::HALF_WIDTH;
+use crate::{gap::judge::simplify::HALF_WIDTH, statistics::chi_square_95};
 
 /// How well parameters are known.
 #[derive(Clone, Debug)]
@@ -23,12 +23,28 @@ impl Spread {
             .flat_map(|i| (0..n).map(move |j| (i, j)))
             .map(|(i, j)| gradient[i] * covariance[(i, j)] * gradient[j])
             .sum();
-        // An interval is as good as the parameter that the fewest windows show.
-        let fewest = (0..n)
-            .filter(|i| gradient[*i] != 0.0)
-            .map(|i| self.witnesses[first + i])
-            .fold(f64::INFINITY, f64::min);
-        half_width(fewest - 1.0) * variance.max(0.0).sqrt()
+        let shown = (0..n).filter(|i| gradient[*i] != 0.0);
+        half_width(self.fewest(shown.map(|i| first + i)) - 1.0) * variance.max(0.0).sqrt()
+    }
+
+    /// How far out the parameters from `first` on lie that are `off` by so much, all together, where 1 is the
+    /// border of their 95 % region; of one parameter, in half widths of its interval.
+    #[must_use]
+    pub fn away(&self, first: usize, off: &[f64]) -> f64 {
+        let n = off.len();
+        let off = DVector::from_column_slice(off);
+        let covariance = self.covariance.view((first, first), (n, n)).into_owned();
+        // What is not free has no deviation; what nothing shows has an infinite one.
+        let is_free = covariance[(0, 0)] > 0.0;
+        let Some(known) = covariance.cholesky() else { return if is_free { 0.0 } else { f64::INFINITY } };
+        let region = chi_square_95(n as f64) / chi_square_95(1.0);
+        let away = (off.dot(&known.solve(&off)) / region).sqrt();
+        (away / half_width(self.fewest(first..first + n) - 1.0)).max(0.0)
+    }
+
+    /// An interval is as good as the parameter that the fewest windows show.
+    fn fewest(&self, of: impl Iterator<Item = usize>) -> f64 {
+        of.map(|i| self.witnesses[i]).fold(f64::INFINITY, f64::min)
     }
 }
 
@@ -54,6 +70,18 @@ fn half_width(freedom: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn strengths_that_are_unsure_one_by_one_are_sure_together() {
+        // Two that hide each other: their sum is known to 0.1, their difference to 10.
+        let (sum, difference) = (0.01, 100.0);
+        let (own, mixed) = (0.25 * (sum + difference), 0.25 * (sum - difference));
+        let covariance = DMatrix::from_row_slice(2, 2, &[own, mixed, mixed, own]);
+        let spread = Spread { covariance, witnesses: vec![1e6; 2] };
+        assert!(spread.away(0, &[1.0]) < 0.2 && spread.away(1, &[1.0]) < 0.2);
+        assert!(spread.away(0, &[1.0, 1.0]) > 5.0, "{}", spread.away(0, &[1.0, 1.0]));
+        assert!((spread.away(0, &[spread.half_width(0, &[1.0])]) - 1.0).abs() < 1e-9);
+    }
 
     #[test]
     fn what_witnesses_have_in_common_is_as_large_as_what_differs() {

@@ -15,11 +15,11 @@ use crate::gap::{
         locate::{Dependence, Variable, locate},
         name_weight::{in_doubt, least_gain},
         offset::with_offset,
-        refined::refined,
         screen::Screen,
         search::{Breadth, Candidate, Scope, Search, search},
         simplify::{HALF_WIDTH, refitted, simplified},
         spread::Spread,
+        sure::{doubtful, sure},
     },
     model::{
         effect::{Coverage, Dimension, Place},
@@ -239,6 +239,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
         return Diagnosis { lacks, ..nothing };
     }
     let (found, chosen) = chosen(problem, effects, seeds);
+    let (chosen, fine) = sure(problem, chosen, !effects.is_empty());
     let chosen = &chosen;
     let base = &found.by_size[0][0];
     let twin = base.fit.model.without_effects();
@@ -262,7 +263,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     let open = after.iter().filter(|d| d.q <= LEVEL && excess(d) > least).map(excess).fold(0.0, f64::max);
     let nothing = Diagnosis::without_findings(Verdict::None, twin);
     let mut diagnosis = Diagnosis { before, lacks, noise: chosen.fit.noise, ..nothing };
-    if chosen.fit.model.terms.is_empty() {
+    let Some((model, spread)) = fine else {
         let Fit { covariance, witnesses, model, .. } = &base.fit;
         let spread = Spread { covariance: covariance.clone(), witnesses: witnesses.clone() };
         diagnosis.actuator = actuator_estimates(model, &spread, problem.turns);
@@ -271,19 +272,21 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
             (diagnosis.verdict, diagnosis.left) = (Verdict::Unknown, 1.0);
         }
         return diagnosis;
-    }
+    };
     diagnosis.left = (open / to_explain.max(1e-9)).min(1.0);
     diagnosis.weighed = rivals(problem, &found, chosen);
     let (rivals, total) = in_doubt(diagnosis.weighed.clone());
     diagnosis.weighed.push((chosen.effects(), 1.0));
     diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
-    let (model, spread) = with_offset(problem, refined(problem, &chosen.fit), effects);
+    let is_doubtful = chosen.fit.noise.remains() && doubtful(problem, &model, &spread).is_some();
+    let (model, spread) = with_offset(problem, (model, spread), effects);
     diagnosis.findings = findings(problem, &model, &spread, &rivals, total);
     diagnosis.actuator = actuator_estimates(&model, &spread, problem.turns);
     (diagnosis.model, diagnosis.spread) = (model, Some(spread));
     // What was given stands or falls with the held-out runs alone.
     if effects.is_empty()
-        && (diagnosis.left > MAX_LEFT
+        && (is_doubtful
+            || diagnosis.left > MAX_LEFT
             || (is_noisy(problem, base, chosen) && !is_shaped(problem, chosen))
             || !chosen.fit.model.terms.iter().all(|t| is_credible(problem, t)))
     {
