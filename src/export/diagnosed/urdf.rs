@@ -9,9 +9,9 @@ use crate::{
     },
     gap::{
         judge::{
+            finding::{Finding, ParameterEstimate},
             format_model::Fate,
             report::{ExportNote, JointReport},
-            verdict::{Finding, ParameterEstimate},
         },
         model::{format::Format, joint_model::Catalogue},
         twin_tree::TwinTree,

@@ -121,7 +121,7 @@ fn push_header(out: &mut String, facts: &DiagnosisFacts) {
 /// What there is to say of a joint.
 fn sentence(joint: &JointReport, effects: &Catalogue) -> String {
     let d = &joint.diagnosis;
-    let found: Vec<String> = d.findings.iter().map(|f| values::sentence(joint, f, effects)).collect();
+    let found: Vec<String> = d.named().map(|f| values::sentence(joint, f, effects)).collect();
     let name = escape_xml(&joint.joint);
     if let Some(doubt) = &joint.doubt {
         return format!("{name}: {}", escape_xml(&doubt.looks()));
@@ -228,6 +228,12 @@ fn remarks(joint: &JointReport) -> String {
         let others: Vec<String> =
             f.alternatives.iter().map(|(n, w)| format!("{} ({})", words(n), fixed(*w, 2))).collect();
         said.push(format!("{} (weight {}), or {}.", words(&f.effect), fixed(f.weight, 2), others.join(", ")));
+    }
+    for f in d.unsure() {
+        said.push(format!(
+            "{} may be absent: its interval holds that. Runs that were not fitted are better with it.",
+            words(&f.effect)
+        ));
     }
     if let Some(doubt) = &joint.doubt {
         said.push(format!("Not diagnosed: {}.", escape_xml(&doubt.words())));

@@ -4,10 +4,11 @@ use super::words::{fixed, places, position, variable, with_unit, words};
 use crate::{
     gap::{
         judge::{
+            finding::Finding,
             law::{Point, Way},
             locate::{Dependence, Variable},
             report::JointReport,
-            verdict::{Finding, Verdict},
+            verdict::Verdict,
         },
         twin_tree::TwinJoint,
     },

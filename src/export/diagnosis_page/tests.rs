@@ -7,11 +7,12 @@ use crate::{
     gap::{
         fit::noise::EffortNoise,
         judge::{
+            finding::{Finding, ParameterEstimate},
             law::{Curve, Law, Point, Way},
             locate::Variable,
             proof::{Gap, ResidualSeries, RunGap, RunSeries, WindowGap},
-            report::Track,
-            verdict::{Diagnosis, Finding, ParameterEstimate},
+            report::{Track, report, summary},
+            verdict::Diagnosis,
         },
         model::{
             actuator::Actuator,
@@ -73,6 +74,7 @@ fn finding(index: usize, effect: &str, name: &str, value: f64, half: f64, unit: 
         weight: 1.0,
         alternatives: Vec::new(),
         experiment: "reverse slowly six times or more, at two speeds".into(),
+        is_sure: true,
     }
 }
 
@@ -212,6 +214,27 @@ fn values_are_twin_and_found_and_their_sum() {
     ] {
         assert!(text.contains(said) || html.contains(said), "'{said}' is not in {text}");
     }
+}
+
+#[test]
+fn what_may_be_absent_is_no_name() {
+    let unsure = |joint: &mut JointReport| joint.diagnosis.findings[2].is_sure = false;
+    let html = page(unsure);
+    let name = "viscous friction 0.300 \u{2212} 0.100 = 0.200";
+    assert!(page(|_| {}).contains(name) && !html.contains(name));
+    // The files hold it, so that the table of values does, too.
+    let row = "viscous friction|damping|0.300|\u{2212}|0.100|=|0.200";
+    assert!(html.contains("viscous friction may be absent") && texts(&html).contains(row));
+    let mut joint = joint(200);
+    unsure(&mut joint);
+    let said = summary(std::slice::from_ref(&joint));
+    assert!(said.contains("  perhaps viscous_friction: damping -0.1000 [-0.1200, -0.0800]"), "{said}");
+    let json = serde_json::to_value(report(&[joint], Vec::new())).unwrap();
+    let names = |of: &str| -> Vec<String> {
+        json[of].as_array().unwrap().iter().map(|f| f["effect"].as_str().unwrap().to_owned()).collect()
+    };
+    assert_eq!(names("findings"), ["coulomb_friction", "torque_gain"]);
+    assert_eq!(names("unsure"), ["viscous_friction"]);
 }
 
 #[test]

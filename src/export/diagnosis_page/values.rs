@@ -6,9 +6,9 @@ use super::words::{fixed, places, residual, unit_text, with_unit, words};
 use crate::{
     gap::{
         judge::{
+            finding::{Finding, ParameterEstimate},
             proof::{Gap, RunGap, left_of},
             report::JointReport,
-            verdict::{Finding, ParameterEstimate},
         },
         model::joint_model::Catalogue,
     },

@@ -58,6 +58,14 @@ pub struct Examined<'c> {
     tracks: Vec<Track>,
 }
 
+impl Examined<'_> {
+    /// Whether its effects were given.
+    #[must_use]
+    pub fn is_given(&self) -> bool {
+        !self.given.is_empty()
+    }
+}
+
 /// Diagnoses a joint and proves the result.
 #[cfg(test)]
 pub fn assess(effects: &Catalogue, plant: &Plant, name: &str, runs: Runs, rng: &mut impl Rng) -> JointReport {

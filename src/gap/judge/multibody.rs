@@ -40,7 +40,8 @@ pub fn fit_chains(tree: &TwinTree, examined: &mut [Member]) {
         }
         let Some(again) = together(tree, &members) else { continue };
         for ((_, examined), (model, spread)) in members.iter_mut().zip(again) {
-            examined.diagnosis.fit_again(&examined.problem, model, spread);
+            let is_given = examined.is_given();
+            examined.diagnosis.fit_again(&examined.problem, model, spread, is_given);
         }
     }
 }

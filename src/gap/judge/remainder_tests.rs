@@ -4,9 +4,10 @@ use rand_core::SeedableRng;
 
 use super::{
     assess::assess,
+    finding::Finding,
     report::JointReport,
     simulated::{beside, pendulum, split, with},
-    verdict::{Diagnosis, Finding, Verdict},
+    verdict::{Diagnosis, Verdict},
 };
 use crate::gap::model::{effects::catalogue, joint_model::JointModel};
 
@@ -59,6 +60,7 @@ fn a_name_that_stays_is_as_sure_as_another_search_says() {
         weight: 1.0,
         alternatives: Vec::new(),
         experiment: String::new(),
+        is_sure: true,
     };
     found.findings = vec![name(inertia)];
     // A search that did not try the set, or whose other sets weigh little, says nothing against it.

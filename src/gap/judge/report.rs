@@ -6,10 +6,11 @@ use crate::gap::{
     judge::{
         doubt::Doubt,
         doubt_json::DoubtJson,
+        finding::{Finding, ParameterEstimate},
         format_model::FormatModel,
         law::Law,
         proof::{Gap, RunSeries, left_of},
-        verdict::{Diagnosis, ParameterEstimate, Verdict},
+        verdict::{Diagnosis, Verdict},
     },
     model::effect::Coverage,
     record::off_axis::{Across, OffAxis},
@@ -124,6 +125,8 @@ pub struct HeldParameter {
 pub struct Report {
     verdict: String,
     findings: Vec<FindingJson>,
+    /// What the files hold beside it, since unseen runs are better with it, and what may as well be absent.
+    unsure: Vec<FindingJson>,
     /// Under `unknown`: what comes nearest, and explains too little to be a finding.
     nearest: Vec<NearestJson>,
     r#where: Vec<WhereJson>,
@@ -260,7 +263,8 @@ pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
     let runs = joints.iter().flat_map(|j| j.gap.iter().flat_map(|g| runs_of(j, g)).collect::<Vec<_>>());
     Report {
         verdict: overall(joints).name().to_owned(),
-        findings: joints.iter().flat_map(|j| findings(j, &j.diagnosis.findings)).collect(),
+        findings: joints.iter().flat_map(|j| findings(j, j.diagnosis.named())).collect(),
+        unsure: joints.iter().flat_map(|j| findings(j, j.diagnosis.unsure())).collect(),
         nearest: joints.iter().filter_map(nearest).collect(),
         r#where: joints.iter().flat_map(places).collect(),
         gap: GapJson {
@@ -347,7 +351,7 @@ fn off_axis(joint: &JointReport) -> Option<OffAxisJson> {
 
 fn nearest(joint: &JointReport) -> Option<NearestJson> {
     let (near, gap) = (joint.diagnosis.nearest.as_ref()?, joint.nearest.as_ref()?);
-    let effects = findings(joint, &near.findings);
+    let effects = findings(joint, near.findings.iter());
     Some(NearestJson {
         joint: joint.joint.clone(),
         effects,
@@ -357,8 +361,8 @@ fn nearest(joint: &JointReport) -> Option<NearestJson> {
     })
 }
 
-fn findings(joint: &JointReport, found: &[crate::gap::judge::verdict::Finding]) -> Vec<FindingJson> {
-    let one = |f: &crate::gap::judge::verdict::Finding| FindingJson {
+fn findings<'f>(joint: &JointReport, found: impl Iterator<Item = &'f Finding>) -> Vec<FindingJson> {
+    let one = |f: &Finding| FindingJson {
         joint: joint.joint.clone(),
         effect: f.effect.clone(),
         parameters: f.parameters.iter().map(parameter).collect(),
@@ -373,7 +377,7 @@ fn findings(joint: &JointReport, found: &[crate::gap::judge::verdict::Finding]) 
             })
             .collect(),
     };
-    found.iter().map(one).collect()
+    found.map(one).collect()
 }
 
 /// Level at which a dependence is reported.
@@ -426,7 +430,7 @@ pub fn summary(joints: &[JointReport]) -> String {
                 gap.after
             ));
         }
-        for f in &d.findings {
+        for f in d.named() {
             let parameters: Vec<String> = f.parameters.iter().map(words).collect();
             lines.push(format!(
                 "{}: {} (weight {:.2}): {}",
@@ -439,6 +443,10 @@ pub fn summary(joints: &[JointReport]) -> String {
                 let names: Vec<String> = f.alternatives.iter().map(|(n, w)| format!("{n} {w:.2}")).collect();
                 lines.push(format!("  or {}; to decide: {}", names.join(", "), f.experiment));
             }
+        }
+        for f in d.unsure() {
+            let parameters: Vec<String> = f.parameters.iter().map(words).collect();
+            lines.push(format!("  perhaps {}: {}", f.effect, parameters.join(", ")));
         }
         if !d.actuator.is_empty() {
             let found: Vec<String> = d.actuator.iter().map(words).collect();

@@ -1,47 +1,46 @@
-//! Effects of which a recording in which something else remains leaves open whether they are there at all.
+//! Whether a recording in which something else remains leaves open that an effect is there at all.
 
 use crate::gap::{
-    fit::problem::Problem,
-    judge::{refined::refined, search::Candidate, simplify::refitted, spread::Spread},
-    model::joint_model::{JointModel, Term},
+    judge::spread::Spread,
+    model::joint_model::{Catalogue, Term},
 };
 
-/// The set without those effects that may as well be absent, the likeliest first, down to one, with its
-/// refined model, `None` where nothing was found; what was given stays. The search asks what each effect adds to the samples; what remains beside all of
-/// them adds to the samples too, so that the intervals have the last word. See docs/method.md 14.11.
+/// Whether the strengths of a term, whose columns start at `at`, are surely not all neutral. The search asks
+/// what an effect adds to the samples, and what remains adds to them too: the region of the strengths has
+/// the last word. A shape stands for a strength as well (a narrower one is stronger), so that an effect that
+/// has one is not asked. See docs/method.md 14.11.
 #[must_use]
-pub fn sure(
-    problem: &Problem,
-    mut chosen: Candidate,
-    is_given: bool,
-) -> (Candidate, Option<(JointModel, Spread)>) {
-    if chosen.fit.model.terms.is_empty() {
-        return (chosen, None);
-    }
-    loop {
-        let (model, spread) = refined(problem, &chosen.fit);
-        let doubtful = if is_given || model.terms.len() < 2 || !chosen.fit.noise.remains() {
-            None
-        } else {
-            doubtful(problem, &model, &spread)
-        };
-        let Some(doubtful) = doubtful else { return (chosen, Some((model, spread))) };
-        let mut fewer = chosen.fit.model.clone();
-        fewer.terms.remove(doubtful);
-        chosen = refitted(problem, &chosen, &fewer);
-    }
+pub fn is_surely_there(catalogue: &Catalogue, spread: &Spread, at: usize, term: &Term) -> bool {
+    let parameters = catalogue[term.effect].parameters();
+    let off: Option<Vec<f64>> =
+        term.p.iter().zip(parameters).map(|(p, own)| Some(p - own.neutral?)).collect();
+    off.is_none_or(|off| spread.away(at, &off) > 1.0)
 }
 
-/// The term that is likeliest to be absent, of those whose strengths may all be neutral together. A shape
-/// stands for a strength as well (a narrower one is stronger), so that an effect that has one is not asked.
-#[must_use]
-pub fn doubtful(problem: &Problem, model: &JointModel, spread: &Spread) -> Option<usize> {
-    let away = |(i, (at, term)): (usize, (usize, &Term))| {
-        let parameters = problem.catalogue[term.effect].parameters();
-        let off: Option<Vec<f64>> =
-            term.p.iter().zip(parameters).map(|(p, own)| Some(p - own.neutral?)).collect();
-        Some((i, spread.away(at, &off?)))
-    };
-    let least = model.placed().enumerate().filter_map(away).min_by(|a, b| a.1.total_cmp(&b.1));
-    least.filter(|(_, away)| *away <= 1.0).map(|(i, _)| i)
+#[cfg(test)]
+mod tests {
+    use nalgebra::DMatrix;
+
+    use super::*;
+    use crate::gap::model::effects::catalogue;
+
+    #[test]
+    fn an_interval_that_holds_no_effect_leaves_it_open() {
+        let effects = catalogue(0);
+        let spread = |deviation: f64| Spread {
+            covariance: DMatrix::from_diagonal_element(3, 3, deviation * deviation),
+            witnesses: vec![1e6; 3],
+        };
+        let is_sure = |name: &str, p: &[f64], deviation: f64| {
+            let effect = effects.iter().position(|e| e.name() == name).unwrap();
+            is_surely_there(&effects, &spread(deviation), 0, &Term { effect, p: p.to_vec() })
+        };
+        assert!(is_sure("inertia", &[0.2], 0.1) && !is_sure("inertia", &[0.19], 0.1));
+        // Neutral is one for a factor.
+        assert!(is_sure("torque_gain", &[0.8], 0.1) && !is_sure("torque_gain", &[1.1], 0.1));
+        // An axis tilt has two strengths, unsure one by one and sure together.
+        assert!(is_sure("axis_tilt", &[0.18, 0.18], 0.1) && !is_sure("axis_tilt", &[0.18, 0.0], 0.1));
+        // The width of a detent makes up for its depth.
+        assert!(is_sure("detent", &[0.01, 0.5, 0.1], 0.1));
+    }
 }

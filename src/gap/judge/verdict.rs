@@ -11,15 +11,16 @@ use crate::gap::{
     },
     judge::{
         cross_validation::{assumes, predicted_weights, predictive},
+        finding::{Finding, ParameterEstimate, doubts, findings},
         given::given,
         locate::{Dependence, Variable, locate},
         name_weight::{in_doubt, least_gain},
         offset::with_offset,
+        refined::refined,
         screen::Screen,
         search::{Breadth, Candidate, Scope, Search, search},
         simplify::{HALF_WIDTH, refitted, simplified},
         spread::Spread,
-        sure::{doubtful, sure},
     },
     model::{
         effect::{Coverage, Dimension, Place},
@@ -55,36 +56,6 @@ impl Verdict {
             Self::Insufficient => "insufficient",
         }
     }
-}
-
-/// A parameter with its interval.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ParameterEstimate {
-    /// Name.
-    pub name: String,
-    /// Estimate.
-    pub value: f64,
-    /// Unit.
-    pub unit: String,
-    /// Interval that holds the truth with 95 %.
-    pub interval: (f64, f64),
-}
-
-/// A named effect.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Finding {
-    /// Index in the catalogue.
-    pub index: usize,
-    /// Name.
-    pub effect: String,
-    /// Parameters.
-    pub parameters: Vec<ParameterEstimate>,
-    /// Weight of the sets of effects that hold it among those of the same size.
-    pub weight: f64,
-    /// Other effects that explain the recording as well, with their weights.
-    pub alternatives: Vec<(String, f64)>,
-    /// Recording that would decide.
-    pub experiment: String,
 }
 
 /// The diagnosis of one joint.
@@ -169,6 +140,16 @@ impl Diagnosis {
         self.verdict = Verdict::Unknown;
     }
 
+    /// Effects that are surely there.
+    pub fn named(&self) -> impl Iterator<Item = &Finding> {
+        self.findings.iter().filter(|f| f.is_sure)
+    }
+
+    /// Effects that may as well be absent.
+    pub fn unsure(&self) -> impl Iterator<Item = &Finding> {
+        self.findings.iter().filter(|f| !f.is_sure)
+    }
+
     /// Whether the motion was enough for a diagnosis.
     #[must_use]
     pub fn is_sufficient(&self) -> bool {
@@ -182,9 +163,10 @@ impl Diagnosis {
     }
 
     /// Takes effects that were fitted again, of which some may be gone, in place of its own.
-    pub fn fit_again(&mut self, problem: &Problem, model: JointModel, spread: Spread) {
+    pub fn fit_again(&mut self, problem: &Problem, model: JointModel, spread: Spread, is_given: bool) {
         let own = self.nearest.as_mut().map_or(&mut self.findings, |n| &mut n.findings);
-        let mut again = findings(problem, &model, &spread, &[], 1.0);
+        let asks = !is_given && self.noise.remains();
+        let mut again = findings(problem, &model, &spread, (&[], 1.0), asks);
         for finding in &mut again {
             if let Some(known) = own.iter().find(|f| f.index == finding.index) {
                 (finding.weight, finding.alternatives) = (known.weight, known.alternatives.clone());
@@ -199,6 +181,9 @@ impl Diagnosis {
         }
         if self.nearest.is_none() && self.findings.is_empty() {
             self.verdict = if self.noise.remains() { Verdict::Unknown } else { Verdict::None };
+        }
+        if self.nearest.is_none() && !self.findings.is_empty() && self.named().next().is_none() {
+            self.withdraw();
         }
     }
 }
@@ -239,7 +224,6 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
         return Diagnosis { lacks, ..nothing };
     }
     let (found, chosen) = chosen(problem, effects, seeds);
-    let (chosen, fine) = sure(problem, chosen, !effects.is_empty());
     let chosen = &chosen;
     let base = &found.by_size[0][0];
     let twin = base.fit.model.without_effects();
@@ -263,7 +247,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     let open = after.iter().filter(|d| d.q <= LEVEL && excess(d) > least).map(excess).fold(0.0, f64::max);
     let nothing = Diagnosis::without_findings(Verdict::None, twin);
     let mut diagnosis = Diagnosis { before, lacks, noise: chosen.fit.noise, ..nothing };
-    let Some((model, spread)) = fine else {
+    if chosen.fit.model.terms.is_empty() {
         let Fit { covariance, witnesses, model, .. } = &base.fit;
         let spread = Spread { covariance: covariance.clone(), witnesses: witnesses.clone() };
         diagnosis.actuator = actuator_estimates(model, &spread, problem.turns);
@@ -272,20 +256,20 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
             (diagnosis.verdict, diagnosis.left) = (Verdict::Unknown, 1.0);
         }
         return diagnosis;
-    };
+    }
     diagnosis.left = (open / to_explain.max(1e-9)).min(1.0);
     diagnosis.weighed = rivals(problem, &found, chosen);
     let (rivals, total) = in_doubt(diagnosis.weighed.clone());
     diagnosis.weighed.push((chosen.effects(), 1.0));
     diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
-    let is_doubtful = chosen.fit.noise.remains() && doubtful(problem, &model, &spread).is_some();
-    let (model, spread) = with_offset(problem, (model, spread), effects);
-    diagnosis.findings = findings(problem, &model, &spread, &rivals, total);
+    let (model, spread) = with_offset(problem, refined(problem, &chosen.fit), effects);
+    let asks = effects.is_empty() && diagnosis.noise.remains();
+    diagnosis.findings = findings(problem, &model, &spread, (&rivals, total), asks);
     diagnosis.actuator = actuator_estimates(&model, &spread, problem.turns);
     (diagnosis.model, diagnosis.spread) = (model, Some(spread));
     // What was given stands or falls with the held-out runs alone.
     if effects.is_empty()
-        && (is_doubtful
+        && (diagnosis.named().next().is_none()
             || diagnosis.left > MAX_LEFT
             || (is_noisy(problem, base, chosen) && !is_shaped(problem, chosen))
             || !chosen.fit.model.terms.iter().all(|t| is_credible(problem, t)))
@@ -413,28 +397,6 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
     weighed.chain(twin.clone().map(|effects| (effects, 1.0))).collect()
 }
 
-/// Weight of the sets that hold an effect of the set `own`, and what the others have in its place.
-fn doubts(
-    catalogue: &Catalogue,
-    own: &[usize],
-    effect: usize,
-    rivals: &[(Vec<usize>, f64)],
-    total: f64,
-) -> (f64, Vec<(String, f64)>) {
-    let (with, without): (Vec<_>, Vec<_>) = rivals.iter().partition(|(effects, _)| effects.contains(&effect));
-    let mut alternatives: Vec<(String, f64)> = Vec::new();
-    for (effects, weight) in without {
-        for other in effects.iter().filter(|e| !own.contains(e)) {
-            let name = catalogue[*other].name();
-            match alternatives.iter_mut().find(|(known, _)| known == name) {
-                Some((_, known)) => *known += weight / total,
-                None => alternatives.push((name.to_owned(), weight / total)),
-            }
-        }
-    }
-    ((1.0 + with.iter().map(|(_, weight)| weight).sum::<f64>()) / total, alternatives)
-}
-
 /// Whether an effect is of a size that a model of the joint, not its discretization, would show.
 fn is_credible(problem: &Problem, term: &Term) -> bool {
     match problem.catalogue[term.effect].place() {
@@ -453,46 +415,4 @@ fn credible(problem: &Problem, chosen: Candidate) -> Candidate {
         return chosen;
     }
     refitted(problem, &chosen, &model)
-}
-
-fn findings(
-    problem: &Problem,
-    model: &JointModel,
-    spread: &Spread,
-    rivals: &[(Vec<usize>, f64)],
-    total: f64,
-) -> Vec<Finding> {
-    let mut own: Vec<usize> = model.terms.iter().map(|t| t.effect).collect();
-    own.sort_unstable();
-    let mut findings = Vec::new();
-    for (at, term) in model.placed() {
-        let effect = &problem.catalogue[term.effect];
-        let n = term.p.len();
-        let estimate = |r: crate::gap::model::effect::Reported| {
-            let half = spread.half_width(at, &r.gradient[..n]);
-            let value =
-                if r.name == "time" { r.value % crate::gap::model::effect::RUN_SPACING_S } else { r.value };
-            // What is never negative is not reported to be.
-            let positive = (0..n).any(|i| {
-                r.gradient[i] == 1.0 && r.value == term.p[i] && effect.bounds(i, &problem.coverage).0 == 0.0
-            });
-            let low = if positive { (value - half).max(0.0) } else { value - half };
-            ParameterEstimate {
-                name: r.name.to_owned(),
-                value,
-                unit: r.dimension.unit(problem.turns).to_owned(),
-                interval: (low, value + half),
-            }
-        };
-        let (weight, alternatives) = doubts(problem.catalogue, &own, term.effect, rivals, total);
-        findings.push(Finding {
-            index: term.effect,
-            effect: effect.name().to_owned(),
-            parameters: effect.reported(&term.p).into_iter().map(estimate).collect(),
-            weight,
-            alternatives,
-            experiment: effect.spec().experiment.to_owned(),
-        });
-    }
-    findings
 }

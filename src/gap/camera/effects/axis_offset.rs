@@ -11,7 +11,7 @@ use crate::gap::{
         scales::MISPLACED,
         trial::{CameraEffect, Column, column, free_joints},
     },
-    judge::{simplify::HALF_WIDTH, verdict::ParameterEstimate},
+    judge::{finding::ParameterEstimate, simplify::HALF_WIDTH},
 };
 
 /// The effect.

@@ -5,7 +5,7 @@ use crate::gap::{
         judge::finding::{CameraFinding, Subject},
         model::{missing::Missing, twin::SeenTwin},
     },
-    judge::verdict::{Finding, ParameterEstimate},
+    judge::finding::{Finding, ParameterEstimate},
 };
 
 /// Index in reports, behind the catalogue.
@@ -45,6 +45,7 @@ pub fn missing_finding(missing: &Missing, twin: &SeenTwin) -> CameraFinding {
         weight: if reconstructed { 0.5 } else { 1.0 },
         alternatives,
         experiment: "film the place from nearby and from all sides".into(),
+        is_sure: true,
     };
     CameraFinding {
         subject: twin.parts[missing.part].joint.map_or(Subject::Root, Subject::Joint),

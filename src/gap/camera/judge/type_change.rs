@@ -15,7 +15,7 @@ use crate::gap::{
             twin::SeenMotion,
         },
     },
-    judge::{simplify::HALF_WIDTH, verdict::Finding},
+    judge::{finding::Finding, simplify::HALF_WIDTH},
 };
 
 /// Index in reports, behind the catalogue.
@@ -99,6 +99,7 @@ impl TypeChange {
             weight: 1.0,
             alternatives: Vec::new(),
             experiment: "film the joint at three more positions over its whole range".into(),
+            is_sure: true,
         };
         CameraFinding {
             subject: Subject::Joint(self.joint),

@@ -10,7 +10,7 @@ use crate::gap::{
         },
         model::trial::Fitted,
     },
-    judge::{name_weight::rivals_in_doubt, verdict::Finding},
+    judge::{finding::Finding, name_weight::rivals_in_doubt},
 };
 
 pub(super) fn findings_of(
@@ -42,6 +42,7 @@ pub(super) fn findings_of(
             weight,
             alternatives,
             experiment: spec.experiment.to_owned(),
+            is_sure: true,
         };
         let others: Vec<usize> = chosen.set.iter().copied().filter(|s| *s != t).collect();
         let without = problem.evidence(&selected.linear, &selected.reduced, &others);

@@ -10,7 +10,7 @@ use crate::gap::{
         },
         record::frames::FrameRun,
     },
-    judge::{simplify::HALF_WIDTH, verdict::ParameterEstimate},
+    judge::{finding::ParameterEstimate, simplify::HALF_WIDTH},
 };
 
 /// A parameter with the standard deviation of its prior.

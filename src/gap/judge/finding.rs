@@ -1,0 +1,111 @@
+//! Named effects: their parameters with intervals, what else may be in their place, whether they are there.
+
+use crate::gap::{
+    fit::problem::Problem,
+    judge::{spread::Spread, sure::is_surely_there},
+    model::{
+        effect::{RUN_SPACING_S, Reported},
+        joint_model::{Catalogue, JointModel},
+    },
+};
+
+/// A parameter with its interval.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ParameterEstimate {
+    /// Name.
+    pub name: String,
+    /// Estimate.
+    pub value: f64,
+    /// Unit.
+    pub unit: String,
+    /// Interval that holds the truth with 95 %.
+    pub interval: (f64, f64),
+}
+
+/// A named effect.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finding {
+    /// Index in the catalogue.
+    pub index: usize,
+    /// Name.
+    pub effect: String,
+    /// Parameters.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Weight of the sets of effects that hold it among those of the same size.
+    pub weight: f64,
+    /// Other effects that explain the recording as well, with their weights.
+    pub alternatives: Vec<(String, f64)>,
+    /// Recording that would decide.
+    pub experiment: String,
+    /// Whether it is surely there. What may be absent is named by nobody; the files hold it all the same where
+    /// unseen windows are better with it.
+    pub is_sure: bool,
+}
+
+/// Weight of the sets that hold an effect of the set `own`, and what the others have in its place.
+#[must_use]
+pub fn doubts(
+    catalogue: &Catalogue,
+    own: &[usize],
+    effect: usize,
+    rivals: &[(Vec<usize>, f64)],
+    total: f64,
+) -> (f64, Vec<(String, f64)>) {
+    let (with, without): (Vec<_>, Vec<_>) = rivals.iter().partition(|(effects, _)| effects.contains(&effect));
+    let mut alternatives: Vec<(String, f64)> = Vec::new();
+    for (effects, weight) in without {
+        for other in effects.iter().filter(|e| !own.contains(e)) {
+            let name = catalogue[*other].name();
+            match alternatives.iter_mut().find(|(known, _)| known == name) {
+                Some((_, known)) => *known += weight / total,
+                None => alternatives.push((name.to_owned(), weight / total)),
+            }
+        }
+    }
+    ((1.0 + with.iter().map(|(_, weight)| weight).sum::<f64>()) / total, alternatives)
+}
+
+/// The effects of a model, each with how sure it is: `rivals` are other sets of as many effects with their
+/// weights, the sum of which and of the own is `total`; where it `asks`, one may as well be absent.
+#[must_use]
+pub fn findings(
+    problem: &Problem,
+    model: &JointModel,
+    spread: &Spread,
+    (rivals, total): (&[(Vec<usize>, f64)], f64),
+    asks: bool,
+) -> Vec<Finding> {
+    let mut own: Vec<usize> = model.terms.iter().map(|t| t.effect).collect();
+    own.sort_unstable();
+    let mut findings = Vec::new();
+    for (at, term) in model.placed() {
+        let effect = &problem.catalogue[term.effect];
+        let n = term.p.len();
+        let estimate = |r: Reported| {
+            let half = spread.half_width(at, &r.gradient[..n]);
+            let value = if r.name == "time" { r.value % RUN_SPACING_S } else { r.value };
+            // What is never negative is not reported to be.
+            let positive = (0..n).any(|i| {
+                r.gradient[i] == 1.0 && r.value == term.p[i] && effect.bounds(i, &problem.coverage).0 == 0.0
+            });
+            let low = if positive { (value - half).max(0.0) } else { value - half };
+            ParameterEstimate {
+                name: r.name.to_owned(),
+                value,
+                unit: r.dimension.unit(problem.turns).to_owned(),
+                interval: (low, value + half),
+            }
+        };
+        let (weight, alternatives) = doubts(problem.catalogue, &own, term.effect, rivals, total);
+        findings.push(Finding {
+            index: term.effect,
+            effect: effect.name().to_owned(),
+            parameters: effect.reported(&term.p).into_iter().map(estimate).collect(),
+            weight,
+            alternatives,
+            experiment: effect.spec().experiment.to_owned(),
+            is_sure: !asks || is_surely_there(problem.catalogue, spread, at, term),
+        });
+    }
+    findings
+}
