@@ -160,9 +160,49 @@ fn the_doctor_reports_the_machine_and_the_engine() {
     #[cfg(not(feature = "gpu"))]
     {
         assert!(out.contains("built without the gpu feature"), "{out}");
-        let (code, _, err) = run(&["doctor", "--set", "run.engine=gpu"]);
-        assert!(code == 1 && err.contains("--features gpu"), "{err}");
+        for args in [
+            &["doctor", "--set", "run.engine=gpu"][..],
+            &["reconstruct", "bags/drawer", "--out", "/nowhere/out", "--engine", "gpu"],
+        ] {
+            let (code, _, err) = run(args);
+            assert!(code == 2 && err.contains("--features gpu"), "{code} {err}");
+        }
     }
+}
+
+#[test]
+fn a_shell_and_man_get_what_they_need() {
+    for shell in ["bash", "zsh", "fish"] {
+        let (code, out, err) = run(&["completions", shell]);
+        assert!(
+            (code, err.as_str()) == (0, "") && out.contains("reconstruct") && out.contains("--parts"),
+            "{out}"
+        );
+    }
+    let (code, out, _) = run(&["man"]);
+    assert!(code == 0 && out.contains(".TH artitwin 1") && out.contains("Exit codes"), "{out}");
+    let (code, out, _) = run(&["man", "reconstruct"]);
+    assert!(code == 0 && out.contains(".TH artitwin-reconstruct 1") && out.contains("\\-\\-parts"), "{out}");
+    assert_eq!(run(&["man", "nothing"]).0, 2);
+}
+
+#[test]
+fn a_gallery_takes_the_place_of_a_gallery_alone() {
+    let folder = Folder::new("gallery");
+    let runs = folder.0.to_str().unwrap();
+    folder.file("manifest.json", "{");
+    let page = folder.0.with_extension("html");
+    let out = page.to_str().unwrap();
+    for _ in 0..2 {
+        let (code, said, err) = run(&["gallery", runs, "--out", out]);
+        // Its only result is damaged.
+        assert!(code == 3 && said.contains("0 results") && err.contains("manifest.json"), "{said} {err}");
+    }
+    std::fs::write(&page, "mine").unwrap();
+    assert_eq!(run(&["gallery", runs, "--out", out]).0, 2);
+    assert_eq!(std::fs::read_to_string(&page).unwrap(), "mine");
+    std::fs::remove_file(&page).unwrap();
+    assert_eq!(run(&["gallery", "/nowhere"]).0, 1);
 }
 
 #[test]

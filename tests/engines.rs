@@ -204,23 +204,6 @@ fn burn_on_the_cpu_gives_the_same_twin() {
     same_result(&run, &expected);
 }
 
-/// No Vulkan driver, whatever this machine has.
-const NO_DRIVER: [(&str, &str); 3] = [
-    ("VK_ICD_FILENAMES", "/nonexistent/icd.json"),
-    ("VK_DRIVER_FILES", "/nonexistent/icd.json"),
-    ("WGPU_BACKEND", "vulkan"),
-];
-
-#[test]
-fn without_an_adapter_the_cpu_engine_takes_over_and_says_so() {
-    let run = reconstruct("engines-none", "gpu", &NO_DRIVER);
-    let said = run.warnings.iter().filter(|w| w.contains("the cpu engine is used instead")).count();
-    assert_eq!(said, 2, "{:?}", run.warnings);
-    let device = run.report["device"].as_str().unwrap();
-    assert!(device.contains("2 of 2 fields finished by the cpu engine"), "{device}");
-    same_result(&run, &reconstruct("engines-none-cpu", "cpu", &[]));
-}
-
 #[cfg(feature = "gpu")]
 mod gpu {
     use super::*;
@@ -252,6 +235,23 @@ mod gpu {
         if adapter() {
             compare(wgpu, 20);
         }
+    }
+
+    /// No Vulkan driver, whatever this machine has.
+    const NO_DRIVER: [(&str, &str); 3] = [
+        ("VK_ICD_FILENAMES", "/nonexistent/icd.json"),
+        ("VK_DRIVER_FILES", "/nonexistent/icd.json"),
+        ("WGPU_BACKEND", "vulkan"),
+    ];
+
+    #[test]
+    fn without_an_adapter_the_cpu_engine_takes_over_and_says_so() {
+        let run = reconstruct("engines-none", "gpu", &NO_DRIVER);
+        let said = run.warnings.iter().filter(|w| w.contains("the cpu engine is used instead")).count();
+        assert_eq!(said, 2, "{:?}", run.warnings);
+        let device = run.report["device"].as_str().unwrap();
+        assert!(device.contains("2 of 2 fields finished by the cpu engine"), "{device}");
+        same_result(&run, &reconstruct("engines-none-cpu", "cpu", &[]));
     }
 
     #[test]

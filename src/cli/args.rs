@@ -2,13 +2,12 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand};
+use clap::Args;
 
 use super::{
     actuator_args::{command_topic, effort_unit, servo},
-    board::{BoardArgs, paper},
+    board::paper,
     recording_args::RecordingArgs,
-    trials::TrialsArgs,
     wanted::{name, topic_of_link, vector},
 };
 use crate::{
@@ -18,72 +17,6 @@ use crate::{
     io::DatasetLayout,
     synth::{Effect, HandheldSensor, PoseSpread, SynthConfig},
 };
-
-const EXIT_CODES: &str =
-    "Exit codes: 0 done, 1 failed, 2 wrong usage or configuration, 3 done but degraded, 130 stopped.";
-
-/// RGB-D recordings of an articulated object in two or more states in, a digital twin that simulators load
-/// out.
-#[derive(Debug, Parser)]
-#[command(name = "artitwin", version, about, after_help = EXIT_CODES, propagate_version = true)]
-pub struct Cli {
-    /// What to do.
-    #[command(subcommand)]
-    pub command: Command,
-}
-
-/// One verb, one file.
-#[derive(Debug, Subcommand)]
-pub enum Command {
-    /// Make the twin of a recorded object: part meshes, joints, URDF, report
-    Reconstruct(Box<ReconstructArgs>),
-    /// Show what a recording holds and what it lacks
-    Inspect(InspectArgs),
-    /// Track the camera of a recording by what it sees, and print its poses
-    Track(TrackArgs),
-    /// Write a page with a board of tags to print, which gives recordings their scale and world
-    Board(BoardArgs),
-    /// Measure finished runs against the truth
-    Evaluate(EvaluateArgs),
-    /// Run methods on objects with their truth, some seeds each, and write their tables
-    Trials(TrialsArgs),
-    /// Find what would keep a simulator from loading a URDF folder as it is meant
-    Check(CheckArgs),
-    /// Find where a twin and recorded motion disagree, name the missing effect, update the twin
-    Diagnose(DiagnoseArgs),
-    /// Let a robot open and close a twin in MuJoCo by contact alone, and film it; needs Python
-    Demo(DemoArgs),
-    /// Make an articulated object and film it: recordings of two states with their truth
-    Synth(SynthArgs),
-    /// Run as a ROS 2 node: collect both states from topics, make the twin, publish it
-    #[cfg(feature = "node")]
-    Node(NodeArgs),
-    /// Write the topics that the node would read to a bag, until Ctrl-C
-    #[cfg(feature = "node")]
-    Record(RecordArgs),
-    /// Show the configuration that would be used
-    Config {
-        /// What to do.
-        #[command(subcommand)]
-        command: ConfigCommand,
-    },
-    /// Show what this machine offers and what will be used
-    Doctor(SettingArgs),
-}
-
-/// Verbs of `config`.
-#[derive(Debug, Subcommand)]
-pub enum ConfigCommand {
-    /// Print every setting
-    Show {
-        /// Layers to merge.
-        #[command(flatten)]
-        settings: SettingArgs,
-        /// One line a setting, with the file and line or option it comes from
-        #[arg(long)]
-        origin: bool,
-    },
-}
 
 /// Layers of configuration, later wins.
 #[derive(Args, Clone, Debug, Default)]
@@ -458,40 +391,4 @@ pub struct ReconstructArgs {
     /// Layers of configuration.
     #[command(flatten)]
     pub settings: SettingArgs,
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use clap::CommandFactory as _;
-
-    #[test]
-    fn the_definition_is_consistent() {
-        Cli::command().debug_assert();
-    }
-
-    #[test]
-    fn options_are_parsed() {
-        let parse = |line: &str| Cli::try_parse_from(line.split(' ')).map(|cli| cli.command);
-        let line =
-            "artitwin reconstruct bag --out runs --workspace -1,-2,-3,1,2,3 --split 4.5,6 --topic color=/a=b";
-        let Ok(Command::Reconstruct(args)) = parse(line) else { panic!("{line}") };
-        assert_eq!(args.recording.workspace, Some([[-1.0, -2.0, -3.0], [1.0, 2.0, 3.0]]));
-        assert_eq!(args.recording.split, [4.5, 6.0]);
-        assert_eq!(args.recording.topic, [("color".to_owned(), "/a=b".to_owned())]);
-        for wrong in [
-            "artitwin",
-            "artitwin reconstruct bag",
-            "artitwin reconstruct --out runs",
-            "artitwin reconstruct a b --out runs --jobs 0",
-            "artitwin reconstruct a b --out runs --jobs 2 --name x",
-            "artitwin reconstruct a --out runs --split 3 --marker-topic /m",
-            "artitwin reconstruct a --out runs --name ../x",
-            "artitwin reconstruct a --out runs --workspace 1,2,3",
-            "artitwin reconstruct a --out runs --engine abacus",
-            "artitwin reconstruct a --out runs --topic color",
-        ] {
-            assert!(parse(wrong).is_err(), "{wrong}");
-        }
-    }
 }

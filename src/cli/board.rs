@@ -36,7 +36,7 @@ pub fn paper(text: &str) -> Result<Paper, &'static str> {
 /// A file that is there already, or one that cannot be written.
 pub fn run(args: &BoardArgs) -> Result<Exit, CliError> {
     let page = board_page(&BoardLayout::of(args.paper));
-    let refused = |source| CliError::Board { path: args.out.clone(), source };
+    let refused = |source| CliError::Page { path: args.out.clone(), source };
     let mut file = File::create_new(&args.out).map_err(refused)?;
     file.write_all(&page).and_then(|()| file.sync_all()).map_err(refused)?;
     let text = format!(

@@ -1,7 +1,7 @@
 //! `artitwin config`.
 
 use super::{
-    args::ConfigCommand,
+    command::ConfigCommand,
     exit::{CliError, Exit},
     terminal,
 };

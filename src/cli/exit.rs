@@ -58,9 +58,17 @@ pub enum CliError {
     /// There is no demonstration.
     #[error(transparent)]
     Demonstrate(#[from] DemonstrateError),
-    /// The page of a board cannot be written.
+    /// Folders of results cannot be read.
+    #[error("cannot read `{}`: {source}", path.display())]
+    Results {
+        /// The folder.
+        path: std::path::PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A page cannot be written.
     #[error("cannot write `{}`: {source}", path.display())]
-    Board {
+    Page {
         /// Where it was to go.
         path: std::path::PathBuf,
         /// What the system said.

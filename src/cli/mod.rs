@@ -4,12 +4,14 @@ mod actuator_args;
 mod args;
 mod board;
 mod check;
+mod command;
 mod config;
 mod demo;
 mod diagnose;
 mod doctor;
 mod evaluate;
 mod exit;
+mod gallery;
 mod inspect;
 mod machine;
 #[cfg(feature = "node")]
@@ -21,6 +23,7 @@ mod record;
 mod recording_args;
 mod render;
 mod settings;
+mod shell;
 mod stop;
 mod synth;
 mod terminal;
@@ -32,7 +35,7 @@ use std::process::ExitCode;
 
 use clap::Parser as _;
 
-use args::{Cli, Command};
+use command::{Cli, Command};
 use exit::{CliError, Exit};
 use terminal::{print_line, written};
 
@@ -80,6 +83,9 @@ fn run(command: Command) -> Result<Exit, CliError> {
         #[cfg(feature = "node")]
         Command::Record(args) => record::run(&args),
         Command::Config { command } => config::run(&command),
+        Command::Gallery(args) => gallery::run(&args),
+        Command::Completions(args) => shell::completions(&args),
+        Command::Man(args) => shell::man(&args),
         Command::Doctor(settings) => doctor::run(&settings),
     }
 }

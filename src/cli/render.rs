@@ -1,13 +1,14 @@
 //! Text of results.
 
-use std::fmt::Write as _;
+use std::{fmt::Write as _, path::Path};
 
 use crate::{
     model::JointKind,
     run::{JointSummary, Outcome},
 };
 
-/// Where the result lies, its joints, whether it is degraded. Warnings were shown at the end of the run.
+/// Where the result lies, its joints, whether it is degraded, what to look at next. Warnings were shown at the
+/// end of the run.
 pub fn outcome(outcome: &Outcome) -> String {
     let mut text = format!("{}\n", outcome.folder.display());
     if outcome.stood {
@@ -22,7 +23,16 @@ pub fn outcome(outcome: &Outcome) -> String {
         };
         writeln!(text, "  degraded: {count} {warnings}, listed above and in report.json").unwrap_or_default();
     }
+    let [report, scene] = ["report.html", "scene.xml"].map(|f| quoted(&outcome.folder.join(f)));
+    writeln!(text, "  next: open {report}, or python -m mujoco.viewer --mjcf={scene}").unwrap_or_default();
     text
+}
+
+/// A path as a shell takes it.
+fn quoted(path: &Path) -> String {
+    let text = path.display().to_string();
+    let is_plain = |c: char| c.is_alphanumeric() || "/._-+".contains(c);
+    if text.chars().all(is_plain) { text } else { format!("'{}'", text.replace('\'', r"'\''")) }
 }
 
 fn joint(joint: &JointSummary) -> String {
@@ -83,8 +93,10 @@ mod tests {
         let expected = "runs/box\n  lid: revolute, -28.65 deg about (0.0000, 0.0000, 1.0000) through \
             (0.2500, 0.5000, 0.0000) m\n  \
                         lid: prismatic, 123.4 mm along (0.0000, 0.0000, 1.0000)\n  degraded: 1 warning, \
-                        listed above and in report.json\n";
+                        listed above and in report.json\n  next: open runs/box/report.html, or python -m \
+                        mujoco.viewer --mjcf=runs/box/scene.xml\n";
         assert_eq!(super::outcome(&outcome), expected);
+        assert_eq!(quoted("it's a/b".as_ref()), r"'it'\''s a/b'");
         let three =
             JointSummary { positions: vec![0.0, 0.02, -0.1234], ..joint(JointKind::Prismatic, -0.1234) };
         assert!(

@@ -71,7 +71,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        cli::args::{Cli, Command},
+        cli::command::{Cli, Command},
         export::Base,
     };
 

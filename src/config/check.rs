@@ -36,6 +36,11 @@ impl Config {
         };
         self.train.validate().map_err(of_fields("train"))?;
         self.radiance.validate().map_err(of_fields("radiance"))?;
+        if cfg!(not(feature = "gpu")) && self.run.engine == Engine::Gpu {
+            let reason =
+                "this binary was built without GPU support: build it with `--features gpu`, or give cpu";
+            return Err(unusable("run.engine", reason));
+        }
         if self.run.method == Method::Radiance && self.run.engine != Engine::Cpu {
             return Err(unusable("run.engine", "radiance fields are trained on the CPU alone; give cpu"));
         }

@@ -9,6 +9,7 @@ mod contact_sheet;
 pub mod diagnosed;
 mod diagnosis_page;
 mod drawn;
+mod gallery_page;
 #[cfg(test)]
 mod grasp_tests;
 mod guide;
@@ -46,6 +47,7 @@ pub use config::ExportConfig;
 pub use config::{Base, UrdfScrew};
 pub use contact_sheet::contact_sheet;
 pub use diagnosis_page::{DiagnosisFacts, diagnosis_page};
+pub use gallery_page::{GALLERY_MARK, GalleryCard, gallery_page};
 pub use guide::screw_notes;
 #[cfg(test)]
 pub use look::look;

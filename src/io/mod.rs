@@ -2,6 +2,7 @@
 
 mod disk;
 mod frame_run;
+mod gallery;
 mod gap_report;
 mod joint_commands;
 mod joint_log;
@@ -26,6 +27,7 @@ mod urdf_fault;
 
 pub use disk::free_bytes;
 pub use frame_run::read_frame_run;
+pub use gallery::read_gallery;
 pub use gap_report::{GapReportError, read_gap_report};
 pub use joint_log::read_joint_log;
 pub use manifest::ResultKind;

@@ -224,7 +224,7 @@ fn picture(drawn: &Drawn, tree: &TwinTree, index: usize, shapes: &BTreeMap<Strin
 fn remarks(joint: &JointReport) -> String {
     let d = &joint.diagnosis;
     let mut said = Vec::new();
-    for f in d.findings.iter().filter(|f| !f.alternatives.is_empty()) {
+    for f in d.named().filter(|f| !f.alternatives.is_empty()) {
         let others: Vec<String> =
             f.alternatives.iter().map(|(n, w)| format!("{} ({})", words(n), fixed(*w, 2))).collect();
         said.push(format!("{} (weight {}), or {}.", words(&f.effect), fixed(f.weight, 2), others.join(", ")));

@@ -37,8 +37,8 @@ pub struct Finding {
     pub alternatives: Vec<(String, f64)>,
     /// Recording that would decide.
     pub experiment: String,
-    /// Whether it is surely there. What may be absent is named by nobody; the files hold it all the same where
-    /// unseen windows are better with it.
+    /// Whether it is surely there. What may be absent is no name; the files hold it all the same where unseen
+    /// windows are better with it.
     pub is_sure: bool,
 }
 

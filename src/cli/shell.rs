@@ -1,0 +1,37 @@
+//! `artitwin completions` and `artitwin man`: what a shell and `man` want to know of the commands.
+
+use std::io::{self, Write as _};
+
+use clap::CommandFactory as _;
+
+use super::{
+    command::{Cli, CompletionsArgs, ManArgs},
+    exit::{CliError, Exit},
+    terminal::written,
+};
+
+/// Prints the completions of a shell.
+///
+/// # Errors
+/// An output that cannot be written.
+pub fn completions(args: &CompletionsArgs) -> Result<Exit, CliError> {
+    let mut text = Vec::new();
+    clap_complete::generate(args.shell, &mut Cli::command(), "artitwin", &mut text);
+    written(io::stdout().write_all(&text)).map(|()| Exit::Done)
+}
+
+/// Prints a manual page (roff).
+///
+/// # Errors
+/// A command that is none; an output that cannot be written.
+pub fn man(args: &ManArgs) -> Result<Exit, CliError> {
+    let mut all = Cli::command();
+    all.build();
+    let page = match &args.command {
+        None => all,
+        Some(name) => all.find_subcommand(name).ok_or(CliError::Usage("there is no such command"))?.clone(),
+    };
+    let mut text = Vec::new();
+    written(clap_mangen::Man::new(page).render(&mut text))?;
+    written(io::stdout().write_all(&text)).map(|()| Exit::Done)
+}

@@ -1,0 +1,236 @@
+//! The results under some folders, as cards of a gallery.
+
+use std::{
+    ffi::OsStr,
+    fs, io,
+    path::{Component, Path, PathBuf},
+};
+
+use serde::Deserialize;
+
+use super::manifest::{MANIFEST, ResultKind};
+use crate::{
+    export::GalleryCard,
+    files,
+    limits::{FileLimit, REPORT},
+};
+
+/// Folders within folders that are looked through: objects in dates in labs.
+const MAX_DEPTH: usize = 6;
+/// Most folders that are looked at.
+const MAX_FOLDERS: usize = 100_000;
+/// A picture of a card; the program's own have a tenth of it.
+const PICTURE: FileLimit = FileLimit { what: "a picture of a gallery", bytes: 2 << 20 };
+
+/// Results, and those that could not be read with why.
+#[derive(Clone, Debug, Default)]
+pub struct Gallery {
+    /// Sorted by folder.
+    pub cards: Vec<GalleryCard>,
+    /// A sentence each.
+    pub unread: Vec<String>,
+}
+
+/// Reads the results of `reconstruct` and `diagnose` under some folders, for a page in `page_folder`.
+///
+/// # Errors
+/// A folder that was given and cannot be read.
+pub fn read_gallery(roots: &[PathBuf], page_folder: &Path) -> io::Result<Gallery> {
+    let from = fs::canonicalize(page_folder)?;
+    let mut results: Vec<PathBuf> = Vec::new();
+    for root in roots {
+        find(&fs::canonicalize(root)?, MAX_DEPTH, &mut 0, &mut results)?;
+    }
+    results.sort();
+    results.dedup();
+    let mut gallery = Gallery::default();
+    for folder in results {
+        match card(&folder, &relative(&from, &folder)) {
+            Ok(card) => gallery.cards.extend(card),
+            Err(why) => gallery.unread.push(format!("{}: {why}", folder.display())),
+        }
+    }
+    Ok(gallery)
+}
+
+/// Collects folders with a manifest. Nothing is looked for inside of them, or behind links and hidden names:
+/// those are unfinished.
+fn find(folder: &Path, depth: usize, seen: &mut usize, results: &mut Vec<PathBuf>) -> io::Result<()> {
+    if folder.join(MANIFEST).is_file() {
+        results.push(folder.to_owned());
+        return Ok(());
+    }
+    *seen += 1;
+    if depth == 0 || *seen > MAX_FOLDERS {
+        return Ok(());
+    }
+    for entry in fs::read_dir(folder)?.flatten() {
+        let is_hidden = entry.file_name().as_encoded_bytes().starts_with(b".");
+        if !is_hidden && entry.file_type().is_ok_and(|t| t.is_dir()) {
+            // One that may not be read is none of ours.
+            find(&entry.path(), depth - 1, seen, results).ok();
+        }
+    }
+    Ok(())
+}
+
+#[derive(Deserialize)]
+struct ManifestFile {
+    command: ResultKind,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct ReportFile {
+    name: String,
+    joints: Vec<Joint>,
+    links: Vec<serde::de::IgnoredAny>,
+    warnings: Vec<serde::de::IgnoredAny>,
+    verdict: Option<String>,
+    findings: Vec<Finding>,
+}
+
+#[derive(Deserialize)]
+struct Joint {
+    child: String,
+    motion: Quantity,
+}
+
+#[derive(Deserialize)]
+struct Quantity {
+    value: f64,
+    unit: String,
+}
+
+#[derive(Deserialize)]
+struct Finding {
+    joint: String,
+    effect: String,
+}
+
+/// The card of a result; `None` of what a gallery does not show.
+fn card(folder: &Path, at: &Path) -> Result<Option<GalleryCard>, String> {
+    let read = |name: &str| files::read_text(&folder.join(name), REPORT).map_err(|e| format!("{name}: {e}"));
+    let manifest: ManifestFile =
+        serde_json::from_str(&read(MANIFEST)?).map_err(|e| format!("{MANIFEST}: {e}"))?;
+    if !matches!(manifest.command, ResultKind::Reconstruct | ResultKind::Diagnose) {
+        return Ok(None);
+    }
+    let report: ReportFile =
+        serde_json::from_str(&read("report.json")?).map_err(|e| format!("report.json: {e}"))?;
+    let own = folder.file_name().unwrap_or(OsStr::new("result")).to_string_lossy().into_owned();
+    let (verdict, found) = match &report.verdict {
+        Some(verdict) => {
+            let found =
+                report.findings.iter().map(|f| format!("{}: {}", f.joint, f.effect.replace('_', " ")));
+            ((verdict.clone(), verdict == "none" || verdict == "named"), found.collect())
+        }
+        None => (twin_verdict(&report, &own), report.joints.iter().map(motion).collect()),
+    };
+    let pages = [("report", "report.html"), ("viewer", "viewer.html")];
+    let links = pages.iter().filter(|(_, file)| folder.join(file).is_file());
+    Ok(Some(GalleryCard {
+        name: if report.name.is_empty() { own } else { report.name },
+        folder: at.display().to_string(),
+        picture: files::read(&folder.join("preview/thumbnail.png"), PICTURE).ok(),
+        verdict,
+        found,
+        links: links.map(|(name, file)| ((*name).to_owned(), encoded(&at.join(file)))).collect(),
+    }))
+}
+
+fn twin_verdict(report: &ReportFile, folder: &str) -> (String, bool) {
+    let (parts, warnings) = (report.links.len(), report.warnings.len());
+    if folder.ends_with("_rejected") {
+        return (format!("{parts} parts, rejected"), false);
+    }
+    match warnings {
+        0 => (format!("{parts} parts, no warnings"), true),
+        1 => (format!("{parts} parts, 1 warning"), false),
+        n => (format!("{parts} parts, {n} warnings"), false),
+    }
+}
+
+fn motion(joint: &Joint) -> String {
+    let Quantity { value, unit } = &joint.motion;
+    if unit == "rad" {
+        format!("{} turns {:.1}\u{b0}", joint.child, value.to_degrees())
+    } else {
+        format!("{} slides {:.1} mm", joint.child, 1e3 * value)
+    }
+}
+
+/// A path as seen from a folder; both are absolute.
+fn relative(from: &Path, to: &Path) -> PathBuf {
+    let (from, to): (Vec<Component>, Vec<Component>) =
+        (from.components().collect(), to.components().collect());
+    let shared = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
+    let up = from[shared..].iter().map(|_| Component::ParentDir);
+    up.chain(to[shared..].iter().copied()).collect()
+}
+
+/// A relative path as part of an address (RFC 3986, 2.1).
+fn encoded(path: &Path) -> String {
+    let mut text = String::new();
+    for byte in path.as_os_str().as_encoded_bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'.' | b'_' | b'~' | b'/' => {
+                text.push(char::from(*byte));
+            }
+            _ => text.push_str(&format!("%{byte:02X}")),
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::temp::Temp;
+
+    fn write(folder: &Path, name: &str, text: &str) {
+        let path = folder.join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, text).unwrap();
+    }
+
+    #[test]
+    fn results_are_found_wherever_they_lie_and_damage_is_told_apart() {
+        let temp = Temp::new("gallery");
+        let twin = temp.0.join("lab/a b");
+        write(&twin, MANIFEST, r#"{"command": "reconstruct"}"#);
+        write(
+            &twin,
+            "report.json",
+            r#"{"name": "box", "links": [{}, {}], "warnings": [{}], "joints":
+               [{"child": "lid", "motion": {"value": 1.5707963, "unit": "rad"}}]}"#,
+        );
+        write(&twin, "report.html", "");
+        write(&twin, "preview/thumbnail.png", "png");
+        // What lies inside of a result belongs to it.
+        write(&twin, &format!("inner/{MANIFEST}"), "{}");
+        let diagnosis = temp.0.join("gap");
+        write(&diagnosis, MANIFEST, r#"{"command": "diagnose"}"#);
+        write(
+            &diagnosis,
+            "report.json",
+            r#"{"verdict": "named", "findings": [{"joint": "j", "effect": "coulomb_friction"}]}"#,
+        );
+        write(&temp.0, &format!("made/{MANIFEST}"), r#"{"command": "synth"}"#);
+        write(&temp.0, &format!("torn/{MANIFEST}"), "{");
+        write(&temp.0, &format!(".unfinished/{MANIFEST}"), "{");
+        let page = temp.0.join("pages");
+        fs::create_dir(&page).unwrap();
+        let found = read_gallery(&[temp.0.clone(), temp.0.join("lab")], &page).unwrap();
+        assert_eq!(found.cards.len(), 2, "{found:?}");
+        assert!(found.unread.len() == 1 && found.unread[0].contains("torn"), "{found:?}");
+        let [gap, own] = &found.cards[..] else { panic!() };
+        assert_eq!((gap.name.as_str(), gap.found[0].as_str()), ("gap", "j: coulomb friction"));
+        assert_eq!(gap.verdict, ("named".to_owned(), true));
+        assert_eq!(own.found, ["lid turns 90.0\u{b0}"]);
+        assert_eq!(own.verdict, ("2 parts, 1 warning".to_owned(), false));
+        assert_eq!(own.links, [("report".to_owned(), "../lab/a%20b/report.html".to_owned())]);
+        assert_eq!(own.picture.as_deref(), Some(b"png".as_slice()));
+        assert!(read_gallery(&[temp.0.join("nowhere")], &page).is_err());
+    }
+}
