@@ -38,8 +38,8 @@ pub fn run(args: &GalleryArgs) -> Result<Exit, CliError> {
         return Err(CliError::Usage("the file of --out is there and no gallery: give another"));
     }
     let folder = out.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let gallery = io::read_gallery(&args.runs, folder)
-        .map_err(|source| CliError::Results { path: first.to_owned(), source })?;
+    let gallery =
+        io::read_gallery(&args.runs, folder).map_err(|(path, source)| CliError::Results { path, source })?;
     let page = gallery_page(&gallery.cards, &gallery.unread);
     files::write_whole(&out, page.as_bytes())
         .map_err(|source| CliError::Page { path: out.clone(), source })?;

@@ -34,12 +34,13 @@ pub struct Gallery {
 /// Reads the results of `reconstruct` and `diagnose` under some folders, for a page in `page_folder`.
 ///
 /// # Errors
-/// A folder that was given and cannot be read.
-pub fn read_gallery(roots: &[PathBuf], page_folder: &Path) -> io::Result<Gallery> {
-    let from = fs::canonicalize(page_folder)?;
+/// A folder that was given and cannot be read, and why.
+pub fn read_gallery(roots: &[PathBuf], page_folder: &Path) -> Result<Gallery, (PathBuf, io::Error)> {
+    let absolute = |path: &Path| fs::canonicalize(path).map_err(|e| (path.to_owned(), e));
+    let from = absolute(page_folder)?;
     let mut results: Vec<PathBuf> = Vec::new();
     for root in roots {
-        find(&fs::canonicalize(root)?, MAX_DEPTH, &mut 0, &mut results)?;
+        find(&absolute(root)?, MAX_DEPTH, &mut 0, &mut results).map_err(|e| (root.clone(), e))?;
     }
     results.sort();
     results.dedup();
@@ -231,6 +232,11 @@ mod tests {
         assert_eq!(own.verdict, ("2 parts, 1 warning".to_owned(), false));
         assert_eq!(own.links, [("report".to_owned(), "../lab/a%20b/report.html".to_owned())]);
         assert_eq!(own.picture.as_deref(), Some(b"png".as_slice()));
-        assert!(read_gallery(&[temp.0.join("nowhere")], &page).is_err());
+        assert!(
+            read_gallery(&[temp.0.clone(), temp.0.join("nowhere")], &page)
+                .unwrap_err()
+                .0
+                .ends_with("nowhere")
+        );
     }
 }

@@ -35,8 +35,8 @@ impl Spread {
         let off = DVector::from_column_slice(off);
         let covariance = self.covariance.view((first, first), (n, n)).into_owned();
         // What is not free has no deviation; what nothing shows has an infinite one.
-        let is_free = covariance[(0, 0)] > 0.0;
-        let Some(known) = covariance.cholesky() else { return if is_free { 0.0 } else { f64::INFINITY } };
+        let is_fixed = covariance[(0, 0)] <= 0.0 && off.norm() > 0.0;
+        let Some(known) = covariance.cholesky() else { return if is_fixed { f64::INFINITY } else { 0.0 } };
         let region = chi_square_95(n as f64) / chi_square_95(1.0);
         let away = (off.dot(&known.solve(&off)) / region).sqrt();
         (away / half_width(self.fewest(first..first + n) - 1.0)).max(0.0)
