@@ -7,8 +7,8 @@ use crate::{
     run::{JointSummary, Outcome},
 };
 
-/// Where the result lies, its joints, whether it is degraded, what to look at next. Warnings were shown at the
-/// end of the run.
+/// Where the result lies, its joints, whether it is degraded, what to look at next. Warnings were shown at
+/// the end of the run.
 pub fn outcome(outcome: &Outcome) -> String {
     let mut text = format!("{}\n", outcome.folder.display());
     if outcome.stood {
