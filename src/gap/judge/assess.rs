@@ -136,7 +136,12 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
         let whole = prove(&held_out, &twin, &nearest.model);
         let fewer = if given.is_empty() { fewer(&problem, &nearest.model) } else { None };
         // A smaller set is diagnosed and proven like any other.
-        let fewer = fewer.map(|f| diagnose(&problem, &f, &[], rng)).filter(|d| !d.findings.is_empty());
+        let asked = |effects: Vec<usize>| {
+            let mut diagnosis = diagnose(&problem, &effects, &[], rng);
+            diagnosis.ask(problem.catalogue);
+            diagnosis
+        };
+        let fewer = fewer.map(asked).filter(|d| d.named().next().is_some());
         let proven = fewer.map(|d| (prove(&held_out, &twin, &d.model), d));
         match proven.filter(|(p, d)| is_borne_out(&d.model, &p.0, d.noise)) {
             Some((proved, found)) => {

@@ -2,7 +2,7 @@
 
 use crate::gap::{
     fit::problem::Problem,
-    judge::{spread::Spread, sure::is_surely_there},
+    judge::spread::Spread,
     model::{
         effect::{RUN_SPACING_S, Reported},
         joint_model::{Catalogue, JointModel},
@@ -65,15 +65,14 @@ pub fn doubts(
     ((1.0 + with.iter().map(|(_, weight)| weight).sum::<f64>()) / total, alternatives)
 }
 
-/// The effects of a model, each with how sure it is: `rivals` are other sets of as many effects with their
-/// weights, the sum of which and of the own is `total`; where it `asks`, one may as well be absent.
+/// The effects of a model, each with how sure it is of its name: `rivals` are other sets of as many effects
+/// with their weights, the sum of which and of the own is `total`.
 #[must_use]
 pub fn findings(
     problem: &Problem,
     model: &JointModel,
     spread: &Spread,
     (rivals, total): (&[(Vec<usize>, f64)], f64),
-    asks: bool,
 ) -> Vec<Finding> {
     let mut own: Vec<usize> = model.terms.iter().map(|t| t.effect).collect();
     own.sort_unstable();
@@ -104,7 +103,7 @@ pub fn findings(
             weight,
             alternatives,
             experiment: effect.spec().experiment.to_owned(),
-            is_sure: !asks || is_surely_there(problem.catalogue, spread, at, term),
+            is_sure: true,
         });
     }
     findings

@@ -21,6 +21,7 @@ use crate::gap::{
         search::{Breadth, Candidate, Scope, Search, search},
         simplify::{HALF_WIDTH, refitted, simplified},
         spread::Spread,
+        sure::is_surely_there,
     },
     model::{
         effect::{Coverage, Dimension, Place},
@@ -140,6 +141,16 @@ impl Diagnosis {
         self.verdict = Verdict::Unknown;
     }
 
+    /// Asks of each effect that was found whether it is surely there, where something remains that is no
+    /// noise.
+    pub fn ask(&mut self, catalogue: &Catalogue) {
+        if let Some(spread) = self.spread.as_ref().filter(|_| self.noise.remains()) {
+            for (finding, (at, term)) in self.findings.iter_mut().zip(self.model.placed()) {
+                finding.is_sure = is_surely_there(catalogue, spread, at, term);
+            }
+        }
+    }
+
     /// Effects that are surely there.
     pub fn named(&self) -> impl Iterator<Item = &Finding> {
         self.findings.iter().filter(|f| f.is_sure)
@@ -165,8 +176,7 @@ impl Diagnosis {
     /// Takes effects that were fitted again, of which some may be gone, in place of its own.
     pub fn fit_again(&mut self, problem: &Problem, model: JointModel, spread: Spread, is_given: bool) {
         let own = self.nearest.as_mut().map_or(&mut self.findings, |n| &mut n.findings);
-        let asks = !is_given && self.noise.remains();
-        let mut again = findings(problem, &model, &spread, (&[], 1.0), asks);
+        let mut again = findings(problem, &model, &spread, (&[], 1.0));
         for finding in &mut again {
             if let Some(known) = own.iter().find(|f| f.index == finding.index) {
                 (finding.weight, finding.alternatives) = (known.weight, known.alternatives.clone());
@@ -181,6 +191,9 @@ impl Diagnosis {
         }
         if self.nearest.is_none() && self.findings.is_empty() {
             self.verdict = if self.noise.remains() { Verdict::Unknown } else { Verdict::None };
+        }
+        if !is_given {
+            self.ask(problem.catalogue);
         }
         if self.nearest.is_none() && !self.findings.is_empty() && self.named().next().is_none() {
             self.withdraw();
@@ -263,10 +276,12 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     diagnosis.weighed.push((chosen.effects(), 1.0));
     diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
     let (model, spread) = with_offset(problem, refined(problem, &chosen.fit), effects);
-    let asks = effects.is_empty() && diagnosis.noise.remains();
-    diagnosis.findings = findings(problem, &model, &spread, (&rivals, total), asks);
+    diagnosis.findings = findings(problem, &model, &spread, (&rivals, total));
     diagnosis.actuator = actuator_estimates(&model, &spread, problem.turns);
     (diagnosis.model, diagnosis.spread) = (model, Some(spread));
+    if effects.is_empty() {
+        diagnosis.ask(problem.catalogue);
+    }
     // What was given stands or falls with the held-out runs alone.
     if effects.is_empty()
         && (diagnosis.named().next().is_none()
