@@ -175,7 +175,7 @@ fn a_shell_and_man_get_what_they_need() {
     for shell in ["bash", "zsh", "fish"] {
         let (code, out, err) = run(&["completions", shell]);
         assert!(
-            (code, err.as_str()) == (0, "") && out.contains("reconstruct") && out.contains("--parts"),
+            (code, err.as_str()) == (0, "") && out.contains("reconstruct") && out.contains("marker-topic"),
             "{out}"
         );
     }
