@@ -394,7 +394,8 @@ fn converted(path: &Path) -> PathBuf {
 
 /// A path as a word of a shell and as a string of YAML: bare where nothing in it means more, else in single
 /// quotes. (One with a single quote in it needs another form in each; it is written for the shell.)
-fn quoted(path: &Path) -> String {
+#[must_use]
+pub fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
     // A path that begins with a hyphen would be read as an option.
     let plain = text.chars().all(|c| c.is_alphanumeric() || "/._-+".contains(c))

@@ -31,7 +31,7 @@ pub use board::{
 pub use config::{At, CaptureConfig, TopicConfig};
 pub use coverage::{Coverage, SECTORS, coverage};
 pub use denoise::{denoise, smoothing_m};
-pub use error::{CaptureError, stamp_secs};
+pub use error::{CaptureError, quoted, stamp_secs};
 pub(crate) use features::luma;
 pub use features::{Correspondence, MatchConfig, PixelMatch, frame_pairs, match_states, on_object};
 pub use frame::{RgbdFrame, cameras, median_over_object};

@@ -1,8 +1,10 @@
 //! Text of results.
 
-use std::{fmt::Write as _, path::Path};
+use std::fmt::Write as _;
 
 use crate::{
+    capture::quoted,
+    export::count,
     model::JointKind,
     run::{JointSummary, Outcome},
 };
@@ -17,22 +19,12 @@ pub fn outcome(outcome: &Outcome) -> String {
     // Writing to a String cannot fail.
     outcome.joints.iter().for_each(|j| writeln!(text, "  {}", joint(j)).unwrap_or_default());
     if outcome.degraded {
-        let (count, warnings) = match outcome.warnings.len() {
-            1 => (1, "warning"),
-            n => (n, "warnings"),
-        };
-        writeln!(text, "  degraded: {count} {warnings}, listed above and in report.json").unwrap_or_default();
+        let warnings = count(outcome.warnings.len(), "warning");
+        writeln!(text, "  degraded: {warnings}, listed above and in report.json").unwrap_or_default();
     }
     let [report, scene] = ["report.html", "scene.xml"].map(|f| quoted(&outcome.folder.join(f)));
     writeln!(text, "  next: open {report}, or python -m mujoco.viewer --mjcf={scene}").unwrap_or_default();
     text
-}
-
-/// A path as a shell takes it.
-fn quoted(path: &Path) -> String {
-    let text = path.display().to_string();
-    let is_plain = |c: char| c.is_alphanumeric() || "/._-+".contains(c);
-    if text.chars().all(is_plain) { text } else { format!("'{}'", text.replace('\'', r"'\''")) }
 }
 
 fn joint(joint: &JointSummary) -> String {

@@ -55,6 +55,7 @@ pub use look::{Look, LookConfig, looks};
 #[cfg(test)]
 pub use obj::textured_obj;
 pub use package::{ExportFile, package, urdf_package};
+pub use page::count;
 pub use part_count::PartCountReport;
 pub use picture::{Picture, PictureKind, Window, axis_arrows, cutout_png, part_color};
 pub use report_html::{PhotoAndTwin, ReportPictures, report_html};

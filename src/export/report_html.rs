@@ -73,8 +73,7 @@ pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String,
 fn push_header(out: &mut String, report: &Report) {
     let (class, word) = match report.run.warnings.len() {
         0 => ("pill", "No warnings".to_owned()),
-        1 => ("pill check", "1 warning".to_owned()),
-        n => ("pill check", format!("{n} warnings")),
+        n => ("pill check", count(n, "warning")),
     };
     let motions: Vec<String> = report.joints.iter().map(sentence).collect();
     let verdict = if motions.is_empty() { "no joint was found".to_owned() } else { motions.join("; ") };

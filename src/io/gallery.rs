@@ -8,9 +8,9 @@ use std::{
 
 use serde::Deserialize;
 
-use super::manifest::{MANIFEST, ResultKind};
+use super::manifest::{MANIFEST, Manifest, ResultKind};
 use crate::{
-    export::GalleryCard,
+    export::{GalleryCard, count},
     files,
     limits::{FileLimit, REPORT},
 };
@@ -75,11 +75,6 @@ fn find(folder: &Path, depth: usize, seen: &mut usize, results: &mut Vec<PathBuf
     Ok(())
 }
 
-#[derive(Deserialize)]
-struct ManifestFile {
-    command: ResultKind,
-}
-
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct ReportFile {
@@ -111,14 +106,13 @@ struct Finding {
 
 /// The card of a result; `None` of what a gallery does not show.
 fn card(folder: &Path, at: &Path) -> Result<Option<GalleryCard>, String> {
-    let read = |name: &str| files::read_text(&folder.join(name), REPORT).map_err(|e| format!("{name}: {e}"));
-    let manifest: ManifestFile =
-        serde_json::from_str(&read(MANIFEST)?).map_err(|e| format!("{MANIFEST}: {e}"))?;
+    let manifest = Manifest::read(folder).ok_or_else(|| format!("{MANIFEST} cannot be read"))?;
     if !matches!(manifest.command, ResultKind::Reconstruct | ResultKind::Diagnose) {
         return Ok(None);
     }
-    let report: ReportFile =
-        serde_json::from_str(&read("report.json")?).map_err(|e| format!("report.json: {e}"))?;
+    let failed = |why: String| format!("report.json: {why}");
+    let text = files::read_text(&folder.join("report.json"), REPORT).map_err(|e| failed(e.to_string()))?;
+    let report: ReportFile = serde_json::from_str(&text).map_err(|e| failed(e.to_string()))?;
     let own = folder.file_name().unwrap_or(OsStr::new("result")).to_string_lossy().into_owned();
     let (verdict, found) = match &report.verdict {
         Some(verdict) => {
@@ -141,14 +135,13 @@ fn card(folder: &Path, at: &Path) -> Result<Option<GalleryCard>, String> {
 }
 
 fn twin_verdict(report: &ReportFile, folder: &str) -> (String, bool) {
-    let (parts, warnings) = (report.links.len(), report.warnings.len());
+    let parts = count(report.links.len(), "part");
     if folder.ends_with("_rejected") {
-        return (format!("{parts} parts, rejected"), false);
+        return (format!("{parts}, rejected"), false);
     }
-    match warnings {
-        0 => (format!("{parts} parts, no warnings"), true),
-        1 => (format!("{parts} parts, 1 warning"), false),
-        n => (format!("{parts} parts, {n} warnings"), false),
+    match report.warnings.len() {
+        0 => (format!("{parts}, no warnings"), true),
+        n => (format!("{parts}, {}", count(n, "warning")), false),
     }
 }
 
@@ -198,8 +191,9 @@ mod tests {
     #[test]
     fn results_are_found_wherever_they_lie_and_damage_is_told_apart() {
         let temp = Temp::new("gallery");
+        let manifest = |of: &str| format!(r#"{{"artitwin": "0", "command": "{of}", "files": {{}}}}"#);
         let twin = temp.0.join("lab/a b");
-        write(&twin, MANIFEST, r#"{"command": "reconstruct"}"#);
+        write(&twin, MANIFEST, &manifest("reconstruct"));
         write(
             &twin,
             "report.json",
@@ -211,13 +205,13 @@ mod tests {
         // What lies inside of a result belongs to it.
         write(&twin, &format!("inner/{MANIFEST}"), "{}");
         let diagnosis = temp.0.join("gap");
-        write(&diagnosis, MANIFEST, r#"{"command": "diagnose"}"#);
+        write(&diagnosis, MANIFEST, &manifest("diagnose"));
         write(
             &diagnosis,
             "report.json",
             r#"{"verdict": "named", "findings": [{"joint": "j", "effect": "coulomb_friction"}]}"#,
         );
-        write(&temp.0, &format!("made/{MANIFEST}"), r#"{"command": "synth"}"#);
+        write(&temp.0, &format!("made/{MANIFEST}"), &manifest("synth"));
         write(&temp.0, &format!("torn/{MANIFEST}"), "{");
         write(&temp.0, &format!(".unfinished/{MANIFEST}"), "{");
         let page = temp.0.join("pages");
