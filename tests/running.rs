@@ -355,6 +355,7 @@ fn events_are_as_documented() {
     let events = &uninterrupted().0;
     for event in events {
         let known: &[&str] = match event["event"].as_str().unwrap() {
+            "planned" => &["event", "stages"],
             "stage_started" => &["event", "stage", "steps"],
             "step" => &["event", "stage", "done", "total", "loss"],
             "stage_finished" => &["event", "stage", "seconds"],
@@ -368,6 +369,11 @@ fn events_are_as_documented() {
         events.iter().filter(|e| e["event"] == kind).map(|e| e["stage"].as_str().unwrap()).collect::<Vec<_>>()
     };
     assert_eq!(stages("stage_started"), stages("stage_finished"));
+    // Every stage is foreseen, and no other.
+    let planned =
+        events.iter().filter(|e| e["event"] == "planned").flat_map(|e| e["stages"].as_array().unwrap());
+    let planned: BTreeSet<&str> = planned.map(|p| p["stage"].as_str().unwrap()).collect();
+    assert_eq!(planned, stages("stage_started").into_iter().collect());
     for stage in [
         "capture",
         "match",

@@ -49,6 +49,9 @@ pub struct OutputArgs {
     /// Move what must not be replaced to NAME.bak instead of refusing; an input is never moved
     #[arg(long)]
     pub force: bool,
+    /// Show notes, too: what was chosen on the way, and why
+    #[arg(short, long)]
+    pub verbose: bool,
 }
 
 /// Options of `inspect`.

@@ -21,7 +21,7 @@ use crate::{
 /// A folder without a twin, a Python that lacks something, a folder that cannot be written, a request to
 /// stop.
 pub fn run(args: &DemoArgs) -> Result<Exit, CliError> {
-    let OutputArgs { out, name, force } = args.output.clone();
+    let OutputArgs { out, name, force, .. } = args.output.clone();
     let request = DemonstrateRequest {
         twin: args.twin.clone(),
         place: Place { out, name, force, inputs: vec![args.twin.clone()] },

@@ -1,8 +1,11 @@
 //! `artitwin diagnose`.
 
+use std::sync::{Arc, atomic::AtomicBool};
+
 use super::{
     args::DiagnoseArgs,
     exit::{CliError, Exit},
+    progress::{Progress, Shown},
     terminal,
 };
 use crate::{
@@ -39,15 +42,18 @@ pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
         },
         told: Told { unit: args.effort_unit, servos: args.servo.clone() },
     };
+    let stop = Arc::<AtomicBool>::default();
+    let shown = Shown { json: false, verbose: args.output.verbose };
+    let (progress, events) = Progress::start(shown, Arc::clone(&stop));
+    let monitor = Monitor::new(events, stop);
     let outcome = if args.frames.is_empty() {
-        run::diagnose(&request, &Monitor::silent())?
+        run::diagnose(&request, &monitor)
     } else {
         let options = FrameOptions { accuracy_m: 1e-3 * args.accuracy, ..FrameOptions::default() };
-        run::diagnose_frames(&request, &args.frames, &options, &Monitor::silent())?
+        run::diagnose_frames(&request, &args.frames, &options, &monitor)
     };
-    for warning in &outcome.warnings {
-        terminal::print_line(&format!("warning: {warning}"));
-    }
+    progress.finish().map_err(CliError::Events)?;
+    let outcome = outcome?;
     terminal::print(&format!(
         "{}report: {}\n",
         outcome.summary,

@@ -1,7 +1,6 @@
-//! What a run reports, shown while it runs: bars on a terminal, plain lines elsewhere, JSON lines on request.
+//! What a run reports, shown while it runs: a bar on a terminal, plain lines elsewhere, JSON lines on request.
 
 use std::{
-    collections::BTreeMap,
     io::{self, IsTerminal as _, Write},
     sync::{
         Arc,
@@ -12,14 +11,28 @@ use std::{
     time::{Duration, Instant},
 };
 
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::{io::printable, run::Event};
+use crate::{
+    export::count,
+    io::printable,
+    note::NoteCode,
+    run::{Event, RunProgress},
+};
 
 /// How long to wait for an event before looking whether the run has ended.
 const PATIENCE: Duration = Duration::from_millis(50);
 /// Plain lines about steps come no more often.
 const LINE_INTERVAL: Duration = Duration::from_secs(5);
+
+/// How events are shown.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Shown {
+    /// As JSON.
+    pub json: bool,
+    /// With notes.
+    pub verbose: bool,
+}
 
 /// A thread that shows events until [`Self::finish`].
 pub struct Progress {
@@ -28,23 +41,24 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Starts listening: `json` to stdout, else bars or lines to stderr. JSON that cannot be written sets
-    /// `stop`: events are what such a run is for, and it ends at its next step.
-    pub fn start(json: bool, stop: Arc<AtomicBool>) -> (Self, Sender<Event>) {
+    /// Starts listening: JSON to stdout, else a bar or lines to stderr. JSON that cannot be written sets `stop`:
+    /// events are what such a run is for, and it ends at its next step.
+    pub fn start(shown: Shown, stop: Arc<AtomicBool>) -> (Self, Sender<Event>) {
         let (sender, receiver) = mpsc::channel();
         let done = Arc::new(AtomicBool::new(false));
         let ended = Arc::clone(&done);
         let thread = thread::spawn(move || {
-            if json {
+            if shown.json {
                 let mut lines = JsonLines { out: io::stdout(), outcome: Ok(()), stop };
                 listen(&receiver, &ended, &mut lines);
                 return lines.outcome;
             }
-            // Bars for people; a log cannot be redrawn and gets lines.
+            let kept = Kept { verbose: shown.verbose, ..Kept::default() };
+            // A bar for people; a log cannot be redrawn and gets lines.
             if io::stderr().is_terminal() {
-                listen(&receiver, &ended, &mut Bars::default());
+                listen(&receiver, &ended, &mut Bar::new(kept));
             } else {
-                listen(&receiver, &ended, &mut Lines::new(io::stderr()));
+                listen(&receiver, &ended, &mut Lines::new(io::stderr(), kept));
             }
             Ok(())
         });
@@ -66,6 +80,9 @@ impl Progress {
 trait Listener {
     fn report(&mut self, event: &Event, at: Duration);
 
+    /// Nothing was reported for a while.
+    fn wait(&mut self, _at: Duration) {}
+
     /// Shows what was kept for the end.
     fn end(&mut self) {}
 }
@@ -76,7 +93,9 @@ fn listen(events: &Receiver<Event>, ended: &AtomicBool, listener: &mut dyn Liste
         match events.recv_timeout(PATIENCE) {
             Ok(event) => listener.report(&event, start.elapsed()),
             // Senders outlive the run (the handler of Ctrl-C keeps one), so its end is a flag.
-            Err(RecvTimeoutError::Timeout) if !ended.load(Ordering::Acquire) => {}
+            Err(RecvTimeoutError::Timeout) if !ended.load(Ordering::Acquire) => {
+                listener.wait(start.elapsed())
+            }
             Err(_) => return listener.end(),
         }
     }
@@ -108,48 +127,82 @@ impl<W: Write> Listener for JsonLines<W> {
     }
 }
 
-/// Plain lines.
-struct Lines<W> {
-    out: W,
-    /// When each stage began, and when a step of it was last shown.
-    stages: BTreeMap<String, (Duration, Duration)>,
-    /// Shown together at the end, where they are read.
+/// What is kept for the end, where it is read.
+#[derive(Default)]
+struct Kept {
+    /// Whether notes are shown as they come.
+    verbose: bool,
+    notes: usize,
     warnings: Vec<String>,
 }
 
+impl Kept {
+    /// A line to show at once.
+    fn now(&mut self, event: &Event) -> Option<String> {
+        match event {
+            Event::Warning { message, .. } => {
+                // Several objects may say the same.
+                if !self.warnings.contains(message) {
+                    self.warnings.push(message.clone());
+                }
+                None
+            }
+            // Who asked for a stop waits for this one.
+            Event::Note { code: NoteCode::Stopping, message } => Some(message.clone()),
+            Event::Note { message, .. } => {
+                self.notes += 1;
+                self.verbose.then(|| message.clone())
+            }
+            Event::Failed { message } => Some(format!("failed: {message}")),
+            Event::Artifact { path } => Some(format!("wrote {path}")),
+            // The program says last why it fails.
+            _ => None,
+        }
+    }
+
+    /// Lines to show at the end.
+    fn at_the_end(&mut self) -> Vec<String> {
+        let mut lines = Vec::new();
+        if self.notes > 0 && !self.verbose {
+            lines.push(format!("{} not shown: -v shows them", count(self.notes, "note")));
+        }
+        lines.extend(self.warnings.drain(..).map(|w| format!("warning: {w}")));
+        lines
+    }
+}
+
+/// Plain lines.
+struct Lines<W> {
+    out: W,
+    kept: Kept,
+    progress: RunProgress,
+    /// When a step was last shown.
+    shown: Duration,
+}
+
 impl<W> Lines<W> {
-    fn new(out: W) -> Self {
-        Self { out, stages: BTreeMap::new(), warnings: Vec::new() }
+    fn new(out: W, kept: Kept) -> Self {
+        Self { out, kept, progress: RunProgress::default(), shown: Duration::ZERO }
     }
 }
 
 impl<W: Write> Listener for Lines<W> {
     fn report(&mut self, event: &Event, at: Duration) {
+        self.progress.take(event, at);
         let line = match event {
-            Event::StageStarted { stage, steps } => {
-                self.stages.insert(stage.clone(), (at, at));
-                match steps {
-                    Some(steps) => format!("{stage}: {steps} steps"),
-                    None => format!("{stage}: started"),
-                }
-            }
             Event::Step { stage, done, total, .. } | Event::Count { stage, done, total } => {
-                let (began, shown) = self.stages.entry(stage.clone()).or_insert((at, at));
                 // A stage of a thousand steps would fill the log.
-                if at < *shown + LINE_INTERVAL {
+                if at < self.shown + LINE_INTERVAL {
                     return;
                 }
-                *shown = at;
-                let left = time_left(at.saturating_sub(*began), *done, *total);
-                let loss = if let Event::Step { loss, .. } = event {
-                    format!(", loss {loss:.4e}")
-                } else {
-                    String::new()
-                };
-                format!("{stage}: {done} of {total}{loss}{left}")
+                self.shown = at;
+                let loss = self.progress.loss().map(|loss| format!(", loss {loss:.4e}")).unwrap_or_default();
+                format!("{stage}: {done} of {total}{loss}{}", left(&self.progress, at))
             }
-            Event::Warning { message, .. } => return self.warnings.push(message.clone()),
-            other => match sentence(other) {
+            Event::StageFinished { stage, seconds } => {
+                format!("{stage}: done in {seconds:.1} s{}", left(&self.progress, at))
+            }
+            other => match self.kept.now(other) {
                 Some(line) => line,
                 None => return,
             },
@@ -158,129 +211,99 @@ impl<W: Write> Listener for Lines<W> {
     }
 
     fn end(&mut self) {
-        for warning in self.warnings.drain(..) {
-            writeln!(self.out, "warning: {}", printable(&warning)).ok();
+        for line in self.kept.at_the_end() {
+            writeln!(self.out, "{}", printable(&line)).ok();
         }
     }
 }
 
-/// A bar for every stage that runs.
-#[derive(Default)]
-struct Bars {
-    all: MultiProgress,
-    running: BTreeMap<String, ProgressBar>,
-    /// Shown together at the end, where they are read.
-    warnings: Vec<String>,
+/// One bar over all stages.
+struct Bar {
+    bar: ProgressBar,
+    kept: Kept,
+    progress: RunProgress,
 }
 
-impl Bars {
-    fn bar(&mut self, stage: &str, steps: Option<usize>) -> &ProgressBar {
-        self.running.entry(stage.to_owned()).or_insert_with(|| {
-            let (bar, template) = match steps {
-                Some(steps) => {
-                    (ProgressBar::new(steps as u64), "{prefix:24} {wide_bar} {pos}/{len} {msg} {eta} left")
-                }
-                None => (ProgressBar::new_spinner(), "{prefix:24} {spinner} {elapsed}"),
-            };
-            let style =
-                ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
-            let bar = self.all.add(bar.with_style(style).with_prefix(printable(stage)));
-            bar.enable_steady_tick(Duration::from_millis(200));
-            bar
-        })
+impl Bar {
+    fn new(kept: Kept) -> Self {
+        Self {
+            bar: ProgressBar::new(SHARES).with_style(style(SPINNER)),
+            kept,
+            progress: RunProgress::default(),
+        }
     }
-}
 
-impl Bars {
-    /// Writes a line above the bars. `MultiProgress::println` would leave the cursor in it once there are no
-    /// bars.
+    /// Writes a line above the bar.
     fn line(&self, text: &str) {
-        self.all.suspend(|| writeln!(io::stderr(), "{}", printable(text)).ok());
+        self.bar.suspend(|| writeln!(io::stderr(), "{}", printable(text)).ok());
+    }
+
+    /// Draws the bar as it stands after a time.
+    fn draw(&self, at: Duration) {
+        // Nothing runs: a bar would stand beside the line that says what came out.
+        let Some((stage, others)) = self.progress.stage() else { return };
+        let more = if others == 0 { String::new() } else { format!(" and {others} more") };
+        let doing = format!("{}{more}", printable(stage));
+        match self.progress.at(at) {
+            Some((share, _)) => {
+                self.bar.set_style(style(BAR));
+                self.bar.set_position((share * SHARES as f64) as u64);
+                self.bar.set_message(format!("{doing}{}", left(&self.progress, at)));
+            }
+            None => self.bar.set_message(format!("{doing}, {} s", at.as_secs())),
+        }
+        self.bar.tick();
     }
 }
 
-impl Listener for Bars {
-    fn report(&mut self, event: &Event, _: Duration) {
-        match event {
-            Event::StageStarted { stage, steps } => drop(self.bar(stage, *steps).clone()),
-            Event::Step { stage, done, total, loss } => {
-                let bar = self.bar(stage, Some(*total));
-                bar.set_position(*done as u64);
-                bar.set_message(format!("loss {loss:.3e}"));
-            }
-            Event::Count { stage, done, total } => {
-                self.bar(stage, Some(*total)).set_position(*done as u64);
-            }
-            Event::Warning { message, .. } => self.warnings.push(message.clone()),
-            other => {
-                if let Event::StageFinished { stage, .. } = other
-                    && let Some(bar) = self.running.remove(stage)
-                {
-                    bar.finish_and_clear();
-                    self.all.remove(&bar);
-                }
-                sentence(other).iter().for_each(|line| self.line(line));
-            }
-        }
+impl Listener for Bar {
+    fn report(&mut self, event: &Event, at: Duration) {
+        self.progress.take(event, at);
+        self.kept.now(event).iter().for_each(|line| self.line(line));
+        self.draw(at);
+    }
+
+    fn wait(&mut self, at: Duration) {
+        self.draw(at);
     }
 
     fn end(&mut self) {
-        std::mem::take(&mut self.warnings).iter().for_each(|w| self.line(&format!("warning: {w}")));
+        self.bar.finish_and_clear();
+        self.kept.at_the_end().iter().for_each(|line| self.line(line));
     }
 }
 
-impl Drop for Bars {
-    fn drop(&mut self) {
-        for (stage, bar) in &self.running {
-            let steps = bar
-                .length()
-                .map(|steps| format!(" at step {} of {steps}", bar.position()))
-                .unwrap_or_default();
-            bar.finish_and_clear();
-            self.line(&format!("{stage}: ended{steps}"));
-        }
-    }
+/// Parts of the bar.
+const SHARES: u64 = 1000;
+const BAR: &str = "{bar:32} {percent:>3} %  {msg}";
+const SPINNER: &str = "{spinner} {msg}";
+
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
-/// What an event says; steps, starts and warnings are shown in their own way.
-fn sentence(event: &Event) -> Option<String> {
-    match event {
-        // The program says last why it fails.
-        Event::StageStarted { .. }
-        | Event::Step { .. }
-        | Event::Count { .. }
-        | Event::Warning { .. }
-        | Event::Error { .. } => None,
-        Event::StageFinished { stage, seconds } => Some(format!("{stage}: done in {seconds:.1} s")),
-        Event::Failed { message } => Some(format!("failed: {message}")),
-        Event::Note { message, .. } => Some(message.clone()),
-        Event::Artifact { path } => Some(format!("wrote {path}")),
-    }
-}
-
-/// `, 1 min 20 s left` by the mean time of a step; nothing while no step is done.
-fn time_left(spent: Duration, done: usize, total: usize) -> String {
-    if done == 0 || done > total {
-        return String::new();
-    }
-    // By the mean of all steps: single ones vary.
-    let seconds = (spent.as_secs_f64() * (total - done) as f64 / done as f64).round() as u64;
-    if seconds < 60 {
-        format!(", {seconds} s left")
-    } else {
-        format!(", {} min {} s left", seconds / 60, seconds % 60)
+/// `, 1 min 20 s left`, of all that is foreseen; nothing where that is nothing.
+fn left(progress: &RunProgress, at: Duration) -> String {
+    let Some((_, left)) = progress.at(at) else { return String::new() };
+    let seconds = left.as_secs_f64().round() as u64;
+    match seconds {
+        0..60 => format!(", {seconds} s left"),
+        60..3600 => format!(", {} min {} s left", seconds / 60, seconds % 60),
+        _ => format!(", {} h {} min left", seconds / 3600, seconds % 3600 / 60),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::note::NoteCode;
+    use crate::run::Planned;
 
     fn events() -> Vec<(u64, Event)> {
         let stage = || "field/state0".to_owned();
         let step = |done, loss| Event::Step { stage: stage(), done, total: 100, loss };
+        let planned = |stage: &str, weight| Planned { stage: stage.to_owned(), weight };
         vec![
+            (0, Event::Planned { stages: vec![planned(&stage(), 90.0), planned("export", 10.0)] }),
             (0, Event::StageStarted { stage: stage(), steps: Some(100) }),
             (1, step(1, 0.5)),
             (10, step(10, 0.25)),
@@ -295,6 +318,7 @@ mod tests {
                 },
             ),
             (99, Event::Note { code: NoteCode::Stopping, message: "stopping".to_owned() }),
+            (99, Event::Note { code: NoteCode::ViewsKept, message: "16 of 16 views".to_owned() }),
             (99, Event::Artifact { path: "runs/box/box.urdf".to_owned() }),
             (99, Event::StageStarted { stage: "export".to_owned(), steps: None }),
         ]
@@ -304,20 +328,40 @@ mod tests {
         events().iter().for_each(|(seconds, event)| listener.report(event, Duration::from_secs(*seconds)));
     }
 
-    #[test]
-    fn lines_are_few_and_tell_the_time_left() {
-        let mut lines = Lines::new(Vec::new());
+    fn lines(verbose: bool) -> String {
+        let mut lines = Lines::new(Vec::new(), Kept { verbose, ..Kept::default() });
         shown(&mut lines);
         lines.end();
-        let expected = "field/state0: 100 steps\n\
-                        field/state0: 10 of 100, loss 2.5000e-1, 1 min 30 s left\n\
-                        field/state0: 20 of 100, loss NaN, 1 min 20 s left\n\
-                        field/state0: done in 99.0 s\n\
+        String::from_utf8(lines.out).unwrap()
+    }
+
+    #[test]
+    fn lines_are_few_and_say_the_time_left_of_the_whole() {
+        // After 10 s 9 of 100 are done, and 10 count as foreseen, at 4 a second.
+        let expected = "field/state0: 10 of 100, loss 2.5000e-1, 1 min 0 s left\n\
+                        field/state0: 20 of 100, loss NaN, 1 min 6 s left\n\
+                        field/state0: done in 99.0 s, 10 s left\n\
                         stopping\n\
                         wrote runs/box/box.urdf\n\
-                        export: started\n\
+                        1 note not shown: -v shows them\n\
                         warning: topic \u{fffd}[2J lost\n";
-        assert_eq!(String::from_utf8(lines.out).unwrap(), expected);
+        assert_eq!(lines(false), expected);
+    }
+
+    #[test]
+    fn notes_are_shown_on_request() {
+        let shown = lines(true);
+        assert!(shown.contains("stopping\n16 of 16 views\n") && !shown.contains("-v"), "{shown}");
+    }
+
+    #[test]
+    fn a_warning_is_shown_once() {
+        let mut kept = Kept::default();
+        for message in ["b", "a", "b"] {
+            let event = Event::Warning { code: NoteCode::RecordingDamaged, message: message.to_owned() };
+            assert_eq!(kept.now(&event), None);
+        }
+        assert_eq!(kept.at_the_end(), ["warning: b", "warning: a"]);
     }
 
     fn json<W>(out: W) -> JsonLines<W> {
@@ -354,43 +398,37 @@ mod tests {
         let text = String::from_utf8(json.out).unwrap();
         let parsed: Vec<serde_json::Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
         assert_eq!(parsed.len(), events().len());
+        assert_eq!(parsed[0]["stages"][1], serde_json::json!({"stage": "export", "weight": 10.0}));
         assert_eq!(
-            parsed[0],
+            parsed[1],
             serde_json::json!({"event": "stage_started", "stage": "field/state0", "steps": 100})
         );
         let stage = "field/state0";
         assert_eq!(
-            parsed[1],
+            parsed[2],
             serde_json::json!({"event": "step", "stage": stage, "done": 1, "total": 100, "loss": 0.5})
         );
-        assert_eq!(parsed[4]["loss"], serde_json::Value::Null);
+        assert_eq!(parsed[5]["loss"], serde_json::Value::Null);
         let warning = "topic \u{1b}[2J lost";
         assert_eq!(
-            parsed[6],
+            parsed[7],
             serde_json::json!({"event": "warning", "code": "recording_damaged", "message": warning})
         );
-        assert_eq!(parsed[8], serde_json::json!({"event": "artifact", "path": "runs/box/box.urdf"}));
+        assert_eq!(parsed[10], serde_json::json!({"event": "artifact", "path": "runs/box/box.urdf"}));
     }
 
     #[test]
-    fn bars_follow_their_stages() {
-        let mut bars = Bars::default();
-        bars.all.set_draw_target(indicatif::ProgressDrawTarget::hidden());
-        shown(&mut bars);
-        assert_eq!(bars.running.keys().collect::<Vec<_>>(), ["export"]);
+    fn the_bar_follows_all_stages() {
+        let mut bar = Bar::new(Kept::default());
+        bar.bar.set_draw_target(indicatif::ProgressDrawTarget::hidden());
+        shown(&mut bar);
+        assert_eq!((bar.bar.position(), bar.bar.message().as_str()), (900, "export, 10 s left"));
     }
 
     #[test]
     fn the_listener_ends_though_a_sender_is_left() {
-        let (progress, sender) = Progress::start(false, Arc::default());
+        let (progress, sender) = Progress::start(Shown::default(), Arc::default());
         progress.finish().unwrap();
         sender.send(Event::Note { code: NoteCode::Stopping, message: String::new() }).ok();
-    }
-
-    #[test]
-    fn the_time_left_needs_a_step() {
-        assert_eq!(time_left(Duration::from_secs(3), 0, 5), "");
-        assert_eq!(time_left(Duration::from_secs(3), 6, 5), "");
-        assert_eq!(time_left(Duration::from_secs(3), 5, 5), ", 0 s left");
     }
 }

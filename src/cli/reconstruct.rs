@@ -8,7 +8,7 @@ use std::{
 use super::{
     args::ReconstructArgs,
     exit::{CliError, Exit},
-    progress::Progress,
+    progress::{Progress, Shown},
     render,
     stop::stop_on_request,
     terminal,
@@ -22,7 +22,8 @@ use crate::run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError};
 /// it too. Of several objects those that succeeded are there.
 pub fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
     let stop = Arc::new(AtomicBool::new(false));
-    let (progress, events) = Progress::start(args.json, Arc::clone(&stop));
+    let (progress, events) =
+        Progress::start(Shown { json: args.json, verbose: args.output.verbose }, Arc::clone(&stop));
     let outcomes = reconstruct(args, &events, &stop);
     if let Err(error) = &outcomes {
         events.send(Event::Error { message: error.chain(), exit_code: error.exit() as u8 }).ok();

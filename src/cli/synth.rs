@@ -43,7 +43,7 @@ pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
         board: args.board,
         imu: args.imu,
     };
-    let OutputArgs { out, name, force } = args.output.clone();
+    let OutputArgs { out, name, force, .. } = args.output.clone();
     let place = io::Place { out, name, force, inputs: Vec::new() };
     let (committed, object) = match args.layout.as_deref().and_then(io::DatasetLayout::named) {
         Some(layout) => io::write_synth_dataset(&place, &config, layout)?,

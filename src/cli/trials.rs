@@ -9,7 +9,7 @@ use clap::Args;
 
 use super::{
     exit::{CliError, Exit},
-    progress::Progress,
+    progress::{Progress, Shown},
     stop::stop_on_request,
     terminal,
 };
@@ -53,6 +53,9 @@ pub struct TrialsArgs {
     /// Events as lines of JSON on standard output
     #[arg(long)]
     pub json: bool,
+    /// Show notes, too
+    #[arg(short, long)]
+    pub verbose: bool,
 }
 
 /// The method that is taken apart by ablations.
@@ -82,7 +85,8 @@ pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
         out: args.out.clone(),
     };
     let stop = Arc::new(AtomicBool::new(false));
-    let (progress, events) = Progress::start(args.json, Arc::clone(&stop));
+    let (progress, events) =
+        Progress::start(Shown { json: args.json, verbose: args.verbose }, Arc::clone(&stop));
     stop_on_request(events.clone(), Arc::clone(&stop))?;
     let table = run::trials(&request, &Monitor::new(events, stop));
     progress.finish().map_err(CliError::Events)?;

@@ -34,7 +34,6 @@ mod parameter_values;
 mod parameters;
 mod participant;
 mod preview_cloud;
-mod progress;
 mod reach;
 mod reconstruction;
 mod recorder;

@@ -1,6 +1,6 @@
 //! The action `~/reconstruct`: the pipeline of the command line on the recordings of a session.
 
-use std::{fs, io::Write as _, path::Path, sync::Arc};
+use std::{fs, io::Write as _, path::Path, sync::Arc, time::Duration};
 
 use ros2_client::Message;
 use tokio::sync::watch;
@@ -10,7 +10,6 @@ use super::{
     goal_error::GoalError,
     job::{Finished, Job, Work},
     last_results::note_twin,
-    progress::RunProgress,
     twin::Twin,
 };
 use crate::{
@@ -19,7 +18,7 @@ use crate::{
         SummaryJoint, read_run_summary,
         ros2msg::status::{ReconstructFeedback, ReconstructGoal, ReconstructResult},
     },
-    run::{self, Outcome, ReconstructRequest, RunError},
+    run::{self, Outcome, ReconstructRequest, RunError, RunProgress},
 };
 
 impl Message for ReconstructGoal {}
@@ -55,9 +54,9 @@ impl Job for Reconstructor {
         let read = self.shared.read_session();
         let request = self.request(goal)?;
         let this = Arc::clone(self);
-        let mut progress = RunProgress::new(request.config.trains_fields());
+        let mut progress = RunProgress::default();
         Ok(Work::start(
-            move |event, elapsed| progress.take(event).then(|| progress.feedback(elapsed)),
+            move |event, elapsed| progress.take(event, elapsed).then(|| feedback(&progress, elapsed)),
             move |monitor| {
                 let result = run::reconstruct(&request, monitor);
                 // The bags are read to the end: the next state may begin while the result is taken up.
@@ -137,6 +136,18 @@ impl Reconstructor {
         note_twin(session, &twin);
         self.twins.send_replace(Some(Arc::new(twin)));
         Finished::Done(done)
+    }
+}
+
+/// What a goal's feedback says after a time.
+fn feedback(progress: &RunProgress, elapsed: Duration) -> ReconstructFeedback {
+    let (fraction, left) = progress.at(elapsed).unzip();
+    ReconstructFeedback {
+        stage: progress.stage().map(|(stage, _)| stage.to_owned()).unwrap_or_default(),
+        fraction: fraction.unwrap_or_default() as f32,
+        // A message has no absent fields.
+        loss: progress.loss().unwrap_or(f64::NAN),
+        seconds_left: left.map_or(f64::NAN, |left| left.as_secs_f64()),
     }
 }
 

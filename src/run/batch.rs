@@ -5,7 +5,11 @@ use std::sync::{
     atomic::{AtomicUsize, Ordering},
 };
 
-use super::{Event, Monitor, Outcome, ReconstructRequest, RunError, chain, reconstruct};
+use super::{
+    Event, Monitor, Outcome, ReconstructRequest, RunError, chain,
+    plan::{foreseen, settled},
+    reconstruct,
+};
 use crate::{config::ConfigError, io};
 
 /// Runs that may go on at once, at most.
@@ -27,17 +31,20 @@ pub fn reconstruct_all(
     let next = AtomicUsize::new(0);
     let results =
         Mutex::new(requests.iter().map(|_| None).collect::<Vec<Option<Result<Outcome, RunError>>>>());
+    let own = |i: usize| monitor.of_object(&names[i]);
+    requests.iter().enumerate().for_each(|(i, request)| own(i).report(foreseen(&request.config)));
     let work = || {
         loop {
             // Whoever is free takes the next object: one needs seconds, another many minutes.
             let i = next.fetch_add(1, Ordering::Relaxed);
             let Some(request) = requests.get(i) else { return };
-            let own = monitor.of_object(&names[i]);
+            let own = own(i);
             let result = own.check().map_err(RunError::from).and_then(|()| reconstruct(request, &own));
             if let Err(error) = &result {
                 // At once, as the others may go on for hours.
                 own.report(Event::Failed { message: chain(error) });
             }
+            own.report(settled(&request.config));
             if let Some(slot) = results.lock().unwrap_or_else(PoisonError::into_inner).get_mut(i) {
                 *slot = Some(result);
             }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::{
-    DiagnoseOutcome, DiagnoseRequest, Monitor, RunError,
+    DiagnoseOutcome, DiagnoseRequest, Event, Monitor, RunError,
     diagnose::{find, put_files},
     least_bytes::least_diagnosis,
     outcome::OUTPUT_STAGE,
@@ -69,6 +69,7 @@ pub fn diagnose_frames(
         .map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
     let mut warnings = Vec::new();
     let mut runs: Vec<FrameRun> = Vec::new();
+    monitor.report(Event::StageStarted { stage: "frames".to_owned(), steps: None });
     for path in recordings {
         monitor.check()?;
         runs.push(

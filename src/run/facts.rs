@@ -13,10 +13,8 @@ use crate::{
         ReportPictures, RunFacts, StageTime, WorldFrameReport, compare_starts, nearest_starts,
     },
     field::InstructionSet,
-    model::{ArticulatedModel, Link},
     note::{Note, NoteCode},
     random::hash_of,
-    surface::SolidFit,
 };
 
 /// What the report says about the run.
@@ -88,18 +86,8 @@ pub(super) fn facts(
             .chain(twin.warnings.iter().cloned())
             // Warnings hold the cautions too: a program that reads one list misses nothing.
             .chain(cautions(&twin.model))
-            .chain(solids_off(&twin.model))
             .collect(),
     }
-}
-
-/// Parts whose collision solids do not stand where their surface was seen.
-fn solids_off(model: &ArticulatedModel) -> Vec<Note> {
-    let note = |link: &Link| {
-        let fit = SolidFit::of(&link.visual, &link.collision).filter(|fit| !fit.is_sound())?;
-        Some(Note::new(NoteCode::SolidsOff, format!("{}: the collision solids {fit}", link.name)))
-    };
-    model.links.iter().filter_map(note).collect()
 }
 
 /// A preset and what it costs.

@@ -8,6 +8,7 @@ use std::sync::{
 
 use serde::Serialize;
 
+use super::Planned;
 use crate::note::{Note, NoteCode};
 
 /// One thing that happened. Serialized by `--json` as a line of JSON whose `event` is the variant's name in
@@ -15,6 +16,11 @@ use crate::note::{Note, NoteCode};
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
+    /// Stages are to come, or weigh other than it was said before.
+    Planned {
+        /// Them, in order.
+        stages: Vec<Planned>,
+    },
     /// A stage began.
     StageStarted {
         /// Name, e.g. `field/state0`.
@@ -123,6 +129,9 @@ impl Monitor {
     pub fn report(&self, mut event: Event) {
         if let Some(object) = &self.object {
             match &mut event {
+                Event::Planned { stages } => {
+                    stages.iter_mut().for_each(|p| p.stage = format!("{object}/{}", p.stage));
+                }
                 Event::StageStarted { stage, .. }
                 | Event::Step { stage, .. }
                 | Event::Count { stage, .. }

@@ -7,6 +7,7 @@ use super::{
     facts::facts,
     outcome::CHECK_STAGE,
     pictures::pictures,
+    plan::{foreseen, foreseen_anew},
     reconstruct_twin,
     write::write,
 };
@@ -46,11 +47,13 @@ fn reconstruct_files(
 ) -> Result<Outcome, RunError> {
     let config = &request.config;
     let mut stages = Stages::keeping(monitor, request.keep.then_some(checkpoint));
+    monitor.report(foreseen(config));
     // Recordings to posed, masked, denoised frames.
     let mut capture = stages.kept("capture", None, |_| {
         io::open(&request.sources, &config.capture, config.run.seed)
             .map_err(|e| RunError::stage("capture", e))
     })?;
+    foreseen_anew(config, capture.states.len()).into_iter().for_each(|event| monitor.report(event));
     // Not inside the stage, which a continued run does not compute again.
     capture.notes.iter().for_each(|n| monitor.note(n));
     capture.warnings.iter().for_each(|w| monitor.warn(w));

@@ -17,8 +17,9 @@ use crate::{
     export::{PartCountReport, screw_notes},
     geometry::Pose,
     io::OnnxMatcher,
-    model::{ArticulatedModel, named, validate},
-    note::Note,
+    model::{ArticulatedModel, Link, named, validate},
+    note::{Note, NoteCode},
+    surface::SolidFit,
 };
 
 /// A model and what the report says about how it came about.
@@ -128,7 +129,8 @@ fn twin(
     stages: &mut Stages,
 ) -> Twin {
     let Found { articulation, registered, curve, mut notes, warnings } = found;
-    cautions(&model).for_each(|c| stages.monitor.warn(&c));
+    let off = solids_off(&model);
+    cautions(&model).chain(off.iter().cloned()).for_each(|c| stages.monitor.warn(&c));
     if drifts.len() > 2 {
         let views = more_views(&model);
         views.iter().for_each(|n| stages.monitor.note(n));
@@ -148,7 +150,7 @@ fn twin(
         part_count,
         drifts: drifts().map(|d| d.map(|d| d.world_from_world0)).collect(),
         notes,
-        warnings: drifts().flatten().map(|d| d.note.clone()).chain(warnings).collect(),
+        warnings: drifts().flatten().map(|d| d.note.clone()).chain(warnings).chain(off).collect(),
         replaced_engines: Vec::new(),
         model,
     }
@@ -157,4 +159,13 @@ fn twin(
 /// What speaks against trusting the joints.
 pub(super) fn cautions(model: &ArticulatedModel) -> impl Iterator<Item = Note> {
     model.joints.iter().flat_map(|j| j.evidence.cautions.iter().map(move |c| c.about(&j.name)))
+}
+
+/// Parts whose collision solids do not stand where their surface was seen.
+fn solids_off(model: &ArticulatedModel) -> Vec<Note> {
+    let note = |link: &Link| {
+        let fit = SolidFit::of(&link.visual, &link.collision).filter(|fit| !fit.is_sound())?;
+        Some(Note::new(NoteCode::SolidsOff, format!("{}: the collision solids {fit}", link.name)))
+    };
+    model.links.iter().filter_map(note).collect()
 }

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use serde::{Serialize, de::DeserializeOwned};
 
-use super::{Checkpoint, Event, Monitor};
+use super::{Checkpoint, Event, Monitor, Planned};
 
 use crate::note::{Note, NoteCode};
 
@@ -98,6 +98,9 @@ impl<'a> Stages<'a> {
         self.monitor.check()?;
         let start = Instant::now();
         let Some(result) = self.checkpoint.and_then(|c| c.load(name, self.monitor)) else { return Ok(None) };
+        // It takes no time from this run.
+        let planned = Planned { stage: name.to_owned(), weight: 0.0 };
+        self.monitor.report(Event::Planned { stages: vec![planned] });
         // As if it had run: who listens sees the same stages in the same order.
         self.monitor.report(Event::StageStarted { stage: name.to_owned(), steps: None });
         let text = format!("{name} was kept from the run that was stopped");

@@ -14,6 +14,7 @@ use super::{
     admission::fingerprint,
     chain,
     outcome::{CHECK_STAGE, OUTPUT_STAGE},
+    plan::{foreseen, settled},
     reconstruct,
 };
 use crate::{
@@ -107,14 +108,21 @@ pub fn trials(request: &TrialsRequest, monitor: &Monitor) -> Result<TrialTable, 
     let options =
         EvaluateOptions { min_component: Some(PUBLISHED_MIN_COMPONENT), ..EvaluateOptions::default() };
     let mut table = TrialTable::new(request.seeds);
+    let of_trial = |name: &str, method: &Method, seed| {
+        monitor.of_object(&format!("{name}/{}/{}", method.name, seed_name(seed)))
+    };
+    for ((name, ..), method) in objects.iter().flat_map(|o| request.methods.iter().map(move |m| (o, m))) {
+        (0..request.seeds).for_each(|seed| of_trial(name, method, seed).report(foreseen(&method.config)));
+    }
     for (name, object, truth) in &objects {
         for method in &request.methods {
             let folder = request.out.join(name).join(&method.name);
             let (mut records, mut runs) = (Vec::new(), Vec::new());
             for seed in 0..request.seeds {
-                let own = monitor.of_object(&format!("{name}/{}/seed_{seed}", method.name));
+                let own = of_trial(name, method, seed);
                 let run = trial_request(object, method, truth.parts.len(), &folder, seed);
                 let record = trial(&run, &own)?;
+                own.report(settled(&method.config));
                 runs.push(result_folder(&run, &record));
                 records.push(record);
             }

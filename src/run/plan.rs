@@ -1,0 +1,102 @@
+//! Which stages a run will go through, and about how long each takes beside the others.
+
+use serde::Serialize;
+
+use super::{Event, outcome::CHECK_STAGE, stage::stage_of};
+use crate::config::{Config, Init, Method};
+
+/// A stage that is to come.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Planned {
+    /// Name, e.g. `field/state0`.
+    pub stage: String,
+    /// Its share of the time, against the other stages'; 0: none.
+    pub weight: f64,
+}
+
+/// Weight of a second on the machine of the weights below.
+pub(super) const WEIGHT_OF_SECOND: f64 = 4.0;
+// Measured on two cores: hundredths of a default run of two states, in the mean of a laptop, a drawer and a
+// fridge.
+const CAPTURE: f64 = 22.0;
+const MATCH: f64 = 4.0;
+const ALIGN: f64 = 0.2;
+const FUSION: f64 = 8.0;
+const SURFACE: f64 = 9.0;
+const REGISTER: f64 = 10.0;
+const JOINTS: f64 = 4.0;
+const ASSEMBLE: f64 = 17.0;
+const PICTURES: f64 = 5.0;
+const EXPORT: f64 = 3.0;
+const CHECK: f64 = 1.0;
+/// Of a sample of a field's training step, and of a step of consistency: the same, presets `fields` and
+/// `paper`.
+const FIELD_SAMPLE: f64 = 2.5e-6;
+const CONSISTENCY_STEP: f64 = 0.12;
+/// Of a step of radiance fields: the same, presets `paris` and `paris-depth`.
+const RADIANCE_STEP: f64 = 0.25;
+
+/// The stages of a run of so many states, in order.
+#[must_use]
+pub(super) fn plan(config: &Config, states: usize) -> Vec<Planned> {
+    let mut stages = Vec::new();
+    let mut add = |stage: &str, weight| stages.push(Planned { stage: stage.to_owned(), weight });
+    add("capture", CAPTURE);
+    for state in 1..states {
+        add(&stage_of("match", state, states), MATCH);
+        add(&stage_of("align", state, states), ALIGN);
+    }
+    let radiance = config.run.method == Method::Radiance;
+    // Radiance fields that start as published look at no surfaces.
+    if !radiance || config.run.init == Init::Registration {
+        for state in 0..states {
+            add(&format!("fusion/state{state}"), FUSION);
+            if config.trains_fields() {
+                let samples = config.train.rays * (config.train.free_samples + config.train.band_samples);
+                let steps = config.train.steps * samples;
+                add(&format!("field/state{state}"), FIELD_SAMPLE * steps as f64);
+            }
+            add(&format!("surface/state{state}"), SURFACE);
+        }
+        (1..states).for_each(|state| add(&stage_of("register", state, states), REGISTER));
+    }
+    if radiance {
+        let fitted = RADIANCE_STEP * config.radiance.steps as f64;
+        ["radiance/free", "radiance/typed"].iter().for_each(|stage| add(stage, fitted));
+    } else {
+        if config.seeks_consistency() {
+            let steps = match config.run.init {
+                Init::Registration => config.articulation.refine_steps,
+                Init::Identity => config.articulation.identity_steps,
+            };
+            add("articulate", CONSISTENCY_STEP * steps as f64);
+        }
+        add("joints", JOINTS);
+    }
+    add("assemble", ASSEMBLE);
+    add("pictures", PICTURES);
+    add("export", EXPORT);
+    add(CHECK_STAGE, CHECK);
+    stages
+}
+
+/// What a run reports before it begins, when it takes the recording for one of two states.
+#[must_use]
+pub(super) fn foreseen(config: &Config) -> Event {
+    Event::Planned { stages: plan(config, 2) }
+}
+
+/// What it reports once it knows the states, where they are not two.
+#[must_use]
+pub(super) fn foreseen_anew(config: &Config, states: usize) -> Option<Event> {
+    let Event::Planned { stages: mut gone } = settled(config) else { return None };
+    let stages = plan(config, states);
+    gone.retain(|p| stages.iter().all(|q| q.stage != p.stage));
+    (states != 2).then(|| Event::Planned { stages: [gone, stages].concat() })
+}
+
+/// What is reported of a run that is over: no stage of it is to come.
+#[must_use]
+pub(super) fn settled(config: &Config) -> Event {
+    Event::Planned { stages: plan(config, 2).into_iter().map(|p| Planned { weight: 0.0, ..p }).collect() }
+}

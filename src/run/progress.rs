@@ -1,0 +1,202 @@
+//! How far runs are, from the events of their stages.
+
+use std::{collections::BTreeMap, time::Duration};
+
+use super::{Event, plan::WEIGHT_OF_SECOND};
+
+/// How much the pace of the machine that weights were measured on counts, against that of this run: as much
+/// as stages of this weight.
+const TRUST_IN_WEIGHTS: f64 = 10.0;
+
+/// A stage that began.
+#[derive(Clone, Debug)]
+struct Running {
+    name: String,
+    began: Duration,
+    /// Share that is done, 0 to 1; `None`: it reports no steps.
+    share: Option<f64>,
+}
+
+/// How far a run is, or several at once. Times are since it began.
+#[derive(Clone, Debug, Default)]
+pub struct RunProgress {
+    /// Of the stages that are to come or run.
+    weights: BTreeMap<String, f64>,
+    /// In the order in which they began.
+    running: Vec<Running>,
+    /// Weight of all that ended.
+    done: f64,
+    /// The last time that something was done, and how much was done then.
+    counted: (Duration, f64),
+    loss: Option<f64>,
+}
+
+impl RunProgress {
+    /// Takes an event; whether it says how far the run is.
+    pub fn take(&mut self, event: &Event, at: Duration) -> bool {
+        match event {
+            Event::Planned { stages } => {
+                for planned in stages {
+                    self.weights.insert(planned.stage.clone(), planned.weight);
+                }
+                return false;
+            }
+            Event::StageStarted { stage, .. } => {
+                self.running.push(Running { name: stage.clone(), began: at, share: None });
+                self.loss = None;
+            }
+            Event::Step { stage, done, total, loss } => {
+                self.loss = Some(*loss);
+                self.stepped(stage, *done, *total, at);
+            }
+            Event::Count { stage, done, total } => self.stepped(stage, *done, *total, at),
+            Event::StageFinished { stage, .. } => {
+                self.running.retain(|r| r.name != *stage);
+                self.done += self.weights.remove(stage).unwrap_or_default();
+                self.loss = None;
+                self.counted = (at, self.done + self.stepped_weight());
+            }
+            _ => return false,
+        }
+        true
+    }
+
+    fn stepped(&mut self, stage: &str, done: usize, total: usize, at: Duration) {
+        if let Some(running) = self.running.iter_mut().find(|r| r.name == stage) {
+            running.share = Some((done as f64 / total.max(1) as f64).min(1.0));
+        }
+        self.counted = (at, self.done + self.stepped_weight());
+    }
+
+    fn weight(&self, stage: &Running) -> f64 {
+        self.weights.get(&stage.name).copied().unwrap_or_default()
+    }
+
+    /// Weight of the steps that stages which are not done have done.
+    fn stepped_weight(&self) -> f64 {
+        self.running.iter().map(|r| self.weight(r) * r.share.unwrap_or_default()).sum()
+    }
+
+    /// The last stage that began and runs, and how many others run.
+    #[must_use]
+    pub fn stage(&self) -> Option<(&str, usize)> {
+        self.running.last().map(|r| (r.name.as_str(), self.running.len() - 1))
+    }
+
+    /// The loss of the stage that runs, where it has one.
+    #[must_use]
+    pub fn loss(&self) -> Option<f64> {
+        self.loss
+    }
+
+    /// Share of the work that is done, 0 to 1, and the time that the rest takes at the pace so far; `None`
+    /// where no stages are foreseen.
+    #[must_use]
+    pub fn at(&self, now: Duration) -> Option<(f64, Duration)> {
+        let to_come: f64 = self.weights.values().sum();
+        let all = self.done + to_come;
+        if all <= 0.0 {
+            return None;
+        }
+        let (counted_at, counted) = self.counted;
+        let seconds_of_weight =
+            (counted_at.as_secs_f64() + TRUST_IN_WEIGHTS / WEIGHT_OF_SECOND) / (counted + TRUST_IN_WEIGHTS);
+        // A stage without steps has done what its time so far is worth; stages that run together share it.
+        let by_time = |r: &Running| {
+            let spent = now.saturating_sub(r.began).as_secs_f64() / self.running.len() as f64;
+            (spent / seconds_of_weight).min(self.weight(r))
+        };
+        let part = |r: &Running| r.share.map_or_else(|| by_time(r), |share| share * self.weight(r));
+        let done = self.done + self.running.iter().map(part).sum::<f64>();
+        let left_s = (all - done) * seconds_of_weight;
+        Some(((done / all).clamp(0.0, 1.0), Duration::from_secs_f64(left_s.max(0.0))))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{config::Config, note::NoteCode, run::plan};
+
+    fn seconds(s: f64) -> Duration {
+        Duration::from_secs_f64(s)
+    }
+
+    fn started(stage: &str) -> Event {
+        Event::StageStarted { stage: stage.into(), steps: None }
+    }
+
+    fn finished(stage: &str) -> Event {
+        Event::StageFinished { stage: stage.into(), seconds: 1.0 }
+    }
+
+    #[test]
+    fn the_share_rises_to_one_and_the_time_left_is_that_of_the_pace() {
+        for preset in ["default", "fields", "paper", "paris"] {
+            let config = Config::preset(preset).unwrap();
+            let mut progress = RunProgress::default();
+            assert!(progress.at(seconds(1.0)).is_none());
+            progress.take(&plan::foreseen(&config), seconds(0.0));
+            // A machine of a third of the pace.
+            let pace = 3.0 / WEIGHT_OF_SECOND;
+            let stages = plan::plan(&config, 2);
+            let whole = pace * stages.iter().map(|p| p.weight).sum::<f64>();
+            let (mut now, mut last) = (0.0, 0.0);
+            for planned in &stages {
+                progress.take(&started(&planned.stage), seconds(now));
+                assert_eq!(progress.stage(), Some((planned.stage.as_str(), 0)));
+                now += 0.5 * planned.weight * pace;
+                let (share, _) = progress.at(seconds(now)).unwrap();
+                assert!(share >= last, "{preset} {}", planned.stage);
+                now += 0.5 * planned.weight * pace;
+                progress.take(&finished(&planned.stage), seconds(now));
+                let (after, left) = progress.at(seconds(now)).unwrap();
+                assert!(after >= share && (after - now / whole).abs() < 1e-9, "{preset} {}", planned.stage);
+                // Half done, the pace is known within a quarter.
+                let error_s = left.as_secs_f64() - (whole - now);
+                assert!(after < 0.5 || error_s.abs() < 0.25 * (whole - now) + 1e-6, "{preset} {error_s}");
+                last = after;
+            }
+            assert!((last - 1.0).abs() < 1e-9, "{preset}");
+        }
+    }
+
+    #[test]
+    fn steps_count_and_a_stage_that_was_kept_does_not() {
+        let weigh = |stage: &str, weight| plan::Planned { stage: stage.into(), weight };
+        let mut progress = RunProgress::default();
+        let stages = vec![weigh("a", 60.0), weigh("b", 40.0)];
+        progress.take(&Event::Planned { stages }, seconds(0.0));
+        progress.take(&Event::Planned { stages: vec![weigh("a", 0.0)] }, seconds(0.0));
+        progress.take(&started("a"), seconds(0.0));
+        progress.take(&finished("a"), seconds(0.0));
+        assert!(progress.at(seconds(0.0)).unwrap().0 < 1e-12);
+        progress.take(&started("b"), seconds(0.0));
+        let step = Event::Step { stage: "b".into(), done: 1, total: 4, loss: 0.5 };
+        assert!(progress.take(&step, seconds(25.0)) && progress.loss() == Some(0.5));
+        let (share, left) = progress.at(seconds(25.0)).unwrap();
+        // 10 of 40 in 25 s, and what was foreseen counts as much.
+        assert!((share - 0.25).abs() < 1e-12);
+        assert!((left.as_secs_f64() - 30.0 * (25.0 + 2.5) / 20.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn notes_say_nothing_of_the_way() {
+        let note = Event::Note { code: NoteCode::Stopping, message: String::new() };
+        assert!(!RunProgress::default().take(&note, Duration::ZERO));
+    }
+
+    #[test]
+    fn three_states_are_foreseen_anew() {
+        let config = Config::default();
+        let mut progress = RunProgress::default();
+        progress.take(&plan::foreseen(&config), Duration::ZERO);
+        progress.take(&plan::foreseen_anew(&config, 3).unwrap(), Duration::ZERO);
+        for planned in plan::plan(&config, 3) {
+            progress.take(&started(&planned.stage), Duration::ZERO);
+            progress.take(&finished(&planned.stage), Duration::ZERO);
+        }
+        assert!((progress.at(Duration::ZERO).unwrap().0 - 1.0).abs() < 1e-12);
+        assert!(plan::foreseen_anew(&config, 2).is_none());
+    }
+}
