@@ -67,9 +67,15 @@ fn reconstruct(
         resume: args.resume,
         keep: true,
         force: args.output.force,
+        rerun: args.rerun.clone(),
         // Of other objects too.
         beside: args.bags.iter().chain(&args.settings.config).cloned().collect(),
     };
+    if args.rerun.is_some() && !cfg!(feature = "rerun") {
+        return Err(CliError::Usage(
+            "this binary was built without rerun; build it with `cargo build --release --features rerun`",
+        ));
+    }
     stop_on_request(events.clone(), Arc::clone(stop))?;
     let monitor = Monitor::new(events.clone(), Arc::clone(stop));
     let Some(jobs) = args.jobs else {

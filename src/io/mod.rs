@@ -72,6 +72,8 @@ mod picture_size;
 mod pixels;
 mod poses;
 mod recording;
+#[cfg(feature = "rerun")]
+mod rerun;
 mod source;
 mod synth_bag;
 mod synth_dataset;
@@ -101,6 +103,8 @@ pub use onnx::{MAX_MODEL_BYTES, OnnxError};
 #[cfg(feature = "onnx")]
 pub use onnx_matcher::OnnxMatcher;
 pub use recording::{object_name, open, state_count, track_camera};
+#[cfg(feature = "rerun")]
+pub use rerun::{Seen, write_rerun};
 pub use synth_dataset::{DatasetLayout, write_synth_dataset};
 pub use synth_error::SynthError;
 pub use synth_folder::{write_synth, write_synth_bag, write_true_twin};

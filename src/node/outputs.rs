@@ -237,3 +237,26 @@ fn log_failure<E: std::fmt::Debug>(published: Result<(), E>, what: &str) {
         log::debug!("{what} could not be published");
     }
 }
+
+#[cfg(test)]
+mod tests {
+    /// The layouts for RViz and Foxglove name topics of the node that are published.
+    #[test]
+    fn shipped_layouts_show_what_is_published() {
+        let published = include_str!("outputs.rs");
+        for layout in [
+            include_str!("../../launch_configs/ros/twin.rviz"),
+            include_str!("../../launch_configs/ros/twin.foxglove.json"),
+        ] {
+            let named: Vec<&str> = layout
+                .split("/artitwin/")
+                .skip(1)
+                .map(|rest| rest.split(['"', '\n']).next().unwrap_or_default())
+                .collect();
+            assert!(named.len() >= 3, "{named:?}");
+            for name in named {
+                assert!(published.contains(&format!("publisher(\"~/{name}\"")), "{name}");
+            }
+        }
+    }
+}

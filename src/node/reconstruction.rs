@@ -93,6 +93,7 @@ impl Reconstructor {
             resume: false,
             keep: false,
             force: false,
+            rerun: None,
             beside: Vec::new(),
         })
     }

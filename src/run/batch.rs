@@ -32,7 +32,7 @@ pub fn reconstruct_all(
     let results =
         Mutex::new(requests.iter().map(|_| None).collect::<Vec<Option<Result<Outcome, RunError>>>>());
     let own = |i: usize| monitor.of_object(&names[i]);
-    requests.iter().enumerate().for_each(|(i, request)| own(i).report(foreseen(&request.config)));
+    requests.iter().enumerate().for_each(|(i, request)| own(i).report(foreseen(request)));
     let work = || {
         loop {
             // Whoever is free takes the next object: one needs seconds, another many minutes.
@@ -44,7 +44,7 @@ pub fn reconstruct_all(
                 // At once, as the others may go on for hours.
                 own.report(Event::Failed { message: chain(error) });
             }
-            own.report(settled(&request.config));
+            own.report(settled(request));
             if let Some(slot) = results.lock().unwrap_or_else(PoisonError::into_inner).get_mut(i) {
                 *slot = Some(result);
             }

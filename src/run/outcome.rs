@@ -34,6 +34,8 @@ pub struct ReconstructRequest {
     pub keep: bool,
     /// Whether what may not be replaced is moved to `NAME.bak`.
     pub force: bool,
+    /// File that gets what was seen and found as a recording of rerun; needs the feature `rerun`.
+    pub rerun: Option<PathBuf>,
     /// Files and folders beside the sources that the result must not take the place of.
     pub beside: Vec<PathBuf>,
 }
@@ -50,6 +52,7 @@ impl ReconstructRequest {
             resume: false,
             keep: false,
             force: false,
+            rerun: None,
             beside: Vec::new(),
         }
     }
@@ -213,6 +216,7 @@ mod tests {
             resume: false,
             keep: false,
             force: true,
+            rerun: None,
             beside: vec!["mine.yaml".into()],
         };
         let (place, rejected) = (request.place("box"), request.rejected_place("box"));

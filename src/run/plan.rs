@@ -2,8 +2,11 @@
 
 use serde::Serialize;
 
-use super::{Event, outcome::CHECK_STAGE, stage::stage_of};
-use crate::config::{Config, Init, Method};
+use super::{Event, ReconstructRequest, outcome::CHECK_STAGE, stage::stage_of};
+use crate::{
+    config::{Config, Init, Method},
+    io,
+};
 
 /// A stage that is to come.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -59,6 +62,9 @@ pub(super) fn plan(config: &Config, states: usize) -> Vec<Planned> {
             add(&format!("surface/state{state}"), SURFACE);
         }
         (1..states).for_each(|state| add(&stage_of("register", state, states), REGISTER));
+        if states > 2 {
+            add("unite", REGISTER);
+        }
     }
     if radiance {
         let fitted = RADIANCE_STEP * config.radiance.steps as f64;
@@ -80,23 +86,22 @@ pub(super) fn plan(config: &Config, states: usize) -> Vec<Planned> {
     stages
 }
 
-/// What a run reports before it begins, when it takes the recording for one of two states.
-#[must_use]
-pub(super) fn foreseen(config: &Config) -> Event {
-    Event::Planned { stages: plan(config, 2) }
+/// States that a recording will turn out to have.
+fn states(request: &ReconstructRequest) -> usize {
+    // A marker topic divides one recording into as many as it likes: two are usual.
+    let divided = request.config.capture.split_secs.len() + 1;
+    io::state_count(&request.sources).unwrap_or_default().max(divided).max(2)
 }
 
-/// What it reports once it knows the states, where they are not two.
+/// What a run reports before it begins.
 #[must_use]
-pub(super) fn foreseen_anew(config: &Config, states: usize) -> Option<Event> {
-    let Event::Planned { stages: mut gone } = settled(config) else { return None };
-    let stages = plan(config, states);
-    gone.retain(|p| stages.iter().all(|q| q.stage != p.stage));
-    (states != 2).then(|| Event::Planned { stages: [gone, stages].concat() })
+pub(super) fn foreseen(request: &ReconstructRequest) -> Event {
+    Event::Planned { stages: plan(&request.config, states(request)) }
 }
 
 /// What is reported of a run that is over: no stage of it is to come.
 #[must_use]
-pub(super) fn settled(config: &Config) -> Event {
-    Event::Planned { stages: plan(config, 2).into_iter().map(|p| Planned { weight: 0.0, ..p }).collect() }
+pub(super) fn settled(request: &ReconstructRequest) -> Event {
+    let none = |p: Planned| Planned { weight: 0.0, ..p };
+    Event::Planned { stages: plan(&request.config, states(request)).into_iter().map(none).collect() }
 }

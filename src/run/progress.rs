@@ -136,7 +136,7 @@ mod tests {
             let config = Config::preset(preset).unwrap();
             let mut progress = RunProgress::default();
             assert!(progress.at(seconds(1.0)).is_none());
-            progress.take(&plan::foreseen(&config), seconds(0.0));
+            progress.take(&Event::Planned { stages: plan::plan(&config, 2) }, seconds(0.0));
             // A machine of a third of the pace.
             let pace = 3.0 / WEIGHT_OF_SECOND;
             let stages = plan::plan(&config, 2);
@@ -184,19 +184,5 @@ mod tests {
     fn notes_say_nothing_of_the_way() {
         let note = Event::Note { code: NoteCode::Stopping, message: String::new() };
         assert!(!RunProgress::default().take(&note, Duration::ZERO));
-    }
-
-    #[test]
-    fn three_states_are_foreseen_anew() {
-        let config = Config::default();
-        let mut progress = RunProgress::default();
-        progress.take(&plan::foreseen(&config), Duration::ZERO);
-        progress.take(&plan::foreseen_anew(&config, 3).unwrap(), Duration::ZERO);
-        for planned in plan::plan(&config, 3) {
-            progress.take(&started(&planned.stage), Duration::ZERO);
-            progress.take(&finished(&planned.stage), Duration::ZERO);
-        }
-        assert!((progress.at(Duration::ZERO).unwrap().0 - 1.0).abs() < 1e-12);
-        assert!(plan::foreseen_anew(&config, 2).is_none());
     }
 }

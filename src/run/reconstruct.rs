@@ -1,13 +1,13 @@
 //! The pipeline, from recordings to a run folder.
 
 use super::{
-    Checkpoint, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
+    Checkpoint, Event, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
     admission::{checked_name, fingerprint, matcher},
     earlier::{Beginning, begin, ended, finished},
     facts::facts,
-    outcome::CHECK_STAGE,
+    outcome::{CHECK_STAGE, OUTPUT_STAGE},
     pictures::pictures,
-    plan::{foreseen, foreseen_anew},
+    plan::foreseen,
     reconstruct_twin,
     write::write,
 };
@@ -47,13 +47,12 @@ fn reconstruct_files(
 ) -> Result<Outcome, RunError> {
     let config = &request.config;
     let mut stages = Stages::keeping(monitor, request.keep.then_some(checkpoint));
-    monitor.report(foreseen(config));
+    monitor.report(foreseen(request));
     // Recordings to posed, masked, denoised frames.
     let mut capture = stages.kept("capture", None, |_| {
         io::open(&request.sources, &config.capture, config.run.seed)
             .map_err(|e| RunError::stage("capture", e))
     })?;
-    foreseen_anew(config, capture.states.len()).into_iter().for_each(|event| monitor.report(event));
     // Not inside the stage, which a continued run does not compute again.
     capture.notes.iter().for_each(|n| monitor.note(n));
     capture.warnings.iter().for_each(|w| monitor.warn(w));
@@ -75,6 +74,13 @@ fn reconstruct_files(
     // All at once, under the final name.
     let folder = write(&twin.model, &files, &found, &report, &images, request, monitor)?;
     let warnings = report.run.warnings;
+    #[cfg(feature = "rerun")]
+    if let Some(file) = &request.rerun {
+        let seen =
+            io::Seen { capture: &capture, surfaces: &twin.surfaces, model: &twin.model, warnings: &warnings };
+        io::write_rerun(file, &seen).map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
+        monitor.report(Event::Artifact { path: file.display().to_string() });
+    }
     Ok(Outcome {
         folder,
         joints: JointSummary::of(&twin.model),

@@ -19,7 +19,7 @@ use crate::{
     io::OnnxMatcher,
     model::{ArticulatedModel, Link, named, validate},
     note::{Note, NoteCode},
-    surface::SolidFit,
+    surface::{SolidFit, TriangleMesh},
 };
 
 /// A model and what the report says about how it came about.
@@ -30,6 +30,8 @@ pub struct Twin {
     pub starts: Vec<Pose>,
     /// The motions that registration found, in its own order.
     pub registered: Vec<Pose>,
+    /// Fused surface of each state, world frame of state 0; none where radiance fields were fitted.
+    pub surfaces: Vec<TriangleMesh>,
     /// How the number of parts was found.
     pub part_count: PartCountReport,
     /// For every state behind state 0 what takes what stands still from state 0's world frame to its own,
@@ -80,7 +82,8 @@ pub fn reconstruct_twin(
     })?;
     let drifts: Vec<_> = states.iter().map(|s| s.drift.as_ref()).collect();
     let twin = twin(sound(model, config)?, &drifts, found, &scene, stages);
-    Ok(Twin { replaced_engines: replaced_engines(&states), ..twin })
+    let replaced_engines = replaced_engines(&states);
+    Ok(Twin { replaced_engines, surfaces: states.into_iter().map(|s| s.surface.mesh).collect(), ..twin })
 }
 
 /// Images to a model (docs/method.md 12.11).
@@ -152,6 +155,7 @@ fn twin(
         notes,
         warnings: drifts().flatten().map(|d| d.note.clone()).chain(warnings).chain(off).collect(),
         replaced_engines: Vec::new(),
+        surfaces: Vec::new(),
         model,
     }
 }

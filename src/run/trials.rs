@@ -111,18 +111,23 @@ pub fn trials(request: &TrialsRequest, monitor: &Monitor) -> Result<TrialTable, 
     let of_trial = |name: &str, method: &Method, seed| {
         monitor.of_object(&format!("{name}/{}/{}", method.name, seed_name(seed)))
     };
-    for ((name, ..), method) in objects.iter().flat_map(|o| request.methods.iter().map(move |m| (o, m))) {
-        (0..request.seeds).for_each(|seed| of_trial(name, method, seed).report(foreseen(&method.config)));
+    let run = |(name, object, truth): &(String, &PathBuf, Truth), method: &Method, seed| {
+        let folder = request.out.join(name).join(&method.name);
+        trial_request(object, method, truth.parts.len(), &folder, seed)
+    };
+    for (object, method) in objects.iter().flat_map(|o| request.methods.iter().map(move |m| (o, m))) {
+        (0..request.seeds)
+            .for_each(|k| of_trial(&object.0, method, k).report(foreseen(&run(object, method, k))));
     }
-    for (name, object, truth) in &objects {
+    for object in &objects {
+        let (name, _, truth) = object;
         for method in &request.methods {
-            let folder = request.out.join(name).join(&method.name);
             let (mut records, mut runs) = (Vec::new(), Vec::new());
             for seed in 0..request.seeds {
                 let own = of_trial(name, method, seed);
-                let run = trial_request(object, method, truth.parts.len(), &folder, seed);
+                let run = run(object, method, seed);
                 let record = trial(&run, &own)?;
-                own.report(settled(&method.config));
+                own.report(settled(&run));
                 runs.push(result_folder(&run, &record));
                 records.push(record);
             }

@@ -1,0 +1,234 @@
+//! What a run saw and found, as a recording of rerun (<https://rerun.io>): camera, images, surfaces, parts,
+//! joints.
+
+use std::path::Path;
+
+use image::{DynamicImage, ImageBuffer, ImageFormat, codecs::jpeg::JpegEncoder};
+use nalgebra::Vector3;
+use re_sdk::{
+    AsComponents, RecordingStream, RecordingStreamBuilder, RecordingStreamError,
+    blueprint::{
+        Blueprint, ContainerLike, Horizontal, Spatial2DView, Spatial3DView, TextDocumentView, TimeSeriesView,
+        Vertical,
+    },
+};
+use re_sdk_types::{
+    archetypes::{
+        Arrows3D, EncodedDepthImage, EncodedImage, LineStrips3D, Mesh3D, Pinhole, Scalars, TextDocument,
+        Transform3D, ViewCoordinates,
+    },
+    datatypes::Quaternion,
+};
+
+use super::write_new;
+use crate::{
+    capture::{Capture, RgbdFrame},
+    geometry::Pose,
+    model::ArticulatedModel,
+    note::Note,
+    surface::TriangleMesh,
+};
+
+/// Timeline of the views, in the order in which they were recorded.
+const VIEW: &str = "view";
+/// Timeline on which all joints go from their lower to their upper limits and back.
+const MOTION: &str = "motion";
+/// Steps of that motion there and back.
+const STEPS: usize = 60;
+/// Quality of the color images: a choice, a tenth of the size of PNG.
+const JPEG_QUALITY: u8 = 85;
+/// Depth of the images, units a meter.
+const DEPTH_UNITS: f32 = 1000.0;
+/// Length and thickness of a joint's arrow, parts of the size of its child: choices.
+const ARROW: f64 = 0.6;
+const ARROW_RADIUS: f64 = 0.01;
+
+/// Why no recording was written.
+#[derive(Debug, thiserror::Error)]
+pub enum RerunError {
+    /// The library refuses what it was given.
+    #[error("cannot make the rerun recording: {0}")]
+    Log(#[from] RecordingStreamError),
+    /// What was logged cannot be written down.
+    #[error("cannot make the rerun recording: {0}")]
+    Encode(Box<dyn std::error::Error + Send + Sync>),
+    /// The file is there, or cannot be written.
+    #[error("cannot write `{}`: {source}; give a name that is not taken, in a folder that is there", path.display())]
+    Write {
+        /// Where it was to go.
+        path: std::path::PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+/// What is shown.
+pub struct Seen<'a> {
+    /// Posed images; the world is that of state 0.
+    pub capture: &'a Capture,
+    /// Fused surface of each state, as far as there are any, world frame.
+    pub surfaces: &'a [TriangleMesh],
+    /// The twin.
+    pub model: &'a ArticulatedModel,
+    /// What was lost or is uncertain.
+    pub warnings: &'a [Note],
+}
+
+/// Writes a recording that `rerun FILE` shows. Its bytes are not the same twice: the library numbers what is
+/// logged by the clock.
+///
+/// # Errors
+/// Something has that name, or the system or the library refuses.
+pub fn write_rerun(path: &Path, seen: &Seen) -> Result<(), RerunError> {
+    let (stream, storage) =
+        RecordingStreamBuilder::new("artitwin").with_default_blueprint(blueprint()).memory()?;
+    stream.log_static("world", &ViewCoordinates::RIGHT_HAND_Z_UP())?;
+    for (state, mesh) in seen.surfaces.iter().enumerate() {
+        stream.log_static(format!("world/fused/state{state}"), &surface(mesh))?;
+    }
+    views(&stream, seen)?;
+    twin(&stream, seen.model)?;
+    stream.log_static("notes", &TextDocument::from_markdown(text(seen)))?;
+    let bytes = storage.drain_as_bytes().map_err(|e| RerunError::Encode(e.into()))?;
+    write_new(path, &bytes).map_err(|source| RerunError::Write { path: path.to_owned(), source })
+}
+
+/// Twin and images beside what both states look like.
+fn blueprint() -> Blueprint {
+    let space = |name: &str, contents: &[&str]| -> ContainerLike {
+        Spatial3DView::new(name).with_origin("world").with_contents(contents.iter().copied()).into()
+    };
+    let image = |name: &str, entity: &str| -> ContainerLike {
+        Spatial2DView::new(name).with_origin("world/camera").with_contents([entity]).into()
+    };
+    Blueprint::new(Horizontal::new([
+        Vertical::new([
+            space("twin", &["world/twin/**", "world/camera/**", "world/path/**"]),
+            space("fused surfaces", &["world/fused/**"]),
+        ])
+        .into(),
+        Vertical::new([
+            image("color", "world/camera/color"),
+            image("depth", "world/camera/depth"),
+            TimeSeriesView::new("joints").with_origin("joints").into(),
+            TextDocumentView::new("notes").with_origin("notes").into(),
+        ])
+        .into(),
+    ]))
+}
+
+/// Images and camera of every view; the twin stands as it did in the state.
+fn views(stream: &RecordingStream, seen: &Seen) -> Result<(), RerunError> {
+    let mut number = 0;
+    for (state, frames) in seen.capture.states.iter().enumerate() {
+        let path = frames.iter().map(|f| f.world_from_camera.translation.vector.cast::<f32>().into());
+        stream.log_static(
+            format!("world/path/state{state}"),
+            &LineStrips3D::new([path.collect::<Vec<[f32; 3]>>()]),
+        )?;
+        for frame in frames {
+            stream.set_time_sequence(VIEW, number);
+            number += 1;
+            view(stream, frame)?;
+            if let Some(positions) = seen.model.states.get(state) {
+                stand(stream, seen.model, positions)?;
+            }
+        }
+    }
+    stream.reset_time();
+    Ok(())
+}
+
+fn view(stream: &RecordingStream, frame: &RgbdFrame) -> Result<(), RerunError> {
+    let k = &frame.intrinsics;
+    stream.log("world/camera", &transform(&frame.world_from_camera))?;
+    let [fx, fy, cx, cy, width, height] =
+        [k.fx, k.fy, k.cx, k.cy, k.width as f64, k.height as f64].map(|x| x as f32);
+    let pinhole = Pinhole::from_focal_length_and_resolution([fx, fy], [width, height]);
+    // Here integers stand at pixel centers, there at their corners.
+    stream.log("world/camera", &pinhole.with_principal_point([cx + 0.5, cy + 0.5]))?;
+    let (width, height) = (k.width as u32, k.height as u32);
+    let mut color = Vec::new();
+    let pixels = frame.rgb.as_flattened();
+    JpegEncoder::new_with_quality(&mut color, JPEG_QUALITY)
+        .encode(pixels, width, height, image::ExtendedColorType::Rgb8)
+        .map_err(|e| RerunError::Encode(e.into()))?;
+    stream.log("world/camera/color", &EncodedImage::from_file_contents(color))?;
+    let units = frame.depth_m.iter().map(|d| (d * DEPTH_UNITS).round() as u16).collect();
+    let mut depth = std::io::Cursor::new(Vec::new());
+    if let Some(image) = ImageBuffer::from_raw(width, height, units) {
+        DynamicImage::ImageLuma16(image)
+            .write_to(&mut depth, ImageFormat::Png)
+            .map_err(|e| RerunError::Encode(e.into()))?;
+    }
+    let depth = EncodedDepthImage::from_file_contents(depth.into_inner()).with_meter(DEPTH_UNITS);
+    Ok(stream.log("world/camera/depth", &depth)?)
+}
+
+/// Meshes of the links, and the motion through their joints' limits.
+fn twin(stream: &RecordingStream, model: &ArticulatedModel) -> Result<(), RerunError> {
+    for link in &model.links {
+        stream.log_static(format!("world/twin/{}", link.name), &surface(&link.visual))?;
+    }
+    for step in 0..=STEPS {
+        stream.set_time_sequence(MOTION, step as i64);
+        let share = 1.0 - (2.0 * step as f64 / STEPS as f64 - 1.0).abs();
+        let limits = model.joints.iter().map(|j| &j.limit);
+        let positions: Vec<f64> = limits.map(|l| l.lower + share * (l.upper - l.lower)).collect();
+        stand(stream, model, &positions)?;
+    }
+    stream.reset_time();
+    Ok(())
+}
+
+/// Links and joints at joint positions.
+fn stand(stream: &RecordingStream, model: &ArticulatedModel, positions: &[f64]) -> Result<(), RerunError> {
+    for (i, link) in model.links.iter().enumerate() {
+        let pose = model.world_from_link(i, positions);
+        stream.log(format!("world/twin/{}", link.name), &transform(&pose))?;
+    }
+    for (joint, position) in model.joints.iter().zip(positions) {
+        let child = model.links[joint.child].visual.bounds();
+        let size = child.map_or(0.1, |(lower, upper)| f64::from((upper - lower).norm()));
+        let frame = model.world_from_link(joint.parent, positions) * joint.parent_from_joint;
+        let along: Vector3<f32> = (frame * joint.axis.into_inner() * (ARROW * size)).cast();
+        let from: Vector3<f32> = frame.translation.vector.cast();
+        let arrow = Arrows3D::from_vectors([<[f32; 3]>::from(along)])
+            .with_origins([<[f32; 3]>::from(from - 0.5 * along)])
+            .with_radii([(ARROW_RADIUS * size) as f32])
+            .with_labels([format!("{}: {}", joint.name, joint.kind.name())]);
+        stream.log(format!("world/twin/joints/{}", joint.name), &arrow)?;
+        let shown = if joint.kind.turns() { position.to_degrees() } else { 1e3 * position };
+        stream.log(format!("joints/{}", joint.name), &Scalars::single(shown))?;
+    }
+    Ok(())
+}
+
+fn surface(mesh: &TriangleMesh) -> impl AsComponents + use<> {
+    let vertices: Vec<[f32; 3]> = mesh.vertices.iter().map(|v| v.coords.into()).collect();
+    let shown = Mesh3D::new(vertices).with_triangle_indices(mesh.triangles.iter().copied());
+    if mesh.colors.is_empty() { shown } else { shown.with_vertex_colors(mesh.colors.iter().copied()) }
+}
+
+fn transform(pose: &Pose) -> Transform3D {
+    let t: [f32; 3] = pose.translation.vector.cast::<f32>().into();
+    let q: [f32; 4] = pose.rotation.coords.cast::<f32>().into();
+    Transform3D::from_translation_rotation(t, Quaternion::from_xyzw(q))
+}
+
+/// Joints, units of their curves, warnings.
+fn text(seen: &Seen) -> String {
+    let joint = |j: &crate::model::Joint| {
+        let (unit, scale) = if j.kind.turns() { ("deg", 1f64.to_degrees()) } else { ("mm", 1e3) };
+        let [lower, upper] = [j.limit.lower, j.limit.upper].map(|x| x * scale);
+        format!("- `{}`: {}, {lower:.1} to {upper:.1} {unit}\n", j.name, j.kind.name())
+    };
+    let joints: String = seen.model.joints.iter().map(joint).collect();
+    let warnings: String = seen.warnings.iter().map(|w| format!("- {}\n", w.text)).collect();
+    let warned = if warnings.is_empty() { String::new() } else { format!("\n## Warnings\n\n{warnings}") };
+    format!(
+        "# {}\n\n{joints}\nTimeline `{VIEW}`: the views as they were recorded. Timeline `{MOTION}`: all joints \
+         through their limits.\n{warned}",
+        seen.model.name
+    )
+}
