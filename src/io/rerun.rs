@@ -144,9 +144,9 @@ fn view(stream: &RecordingStream, frame: &RgbdFrame) -> Result<(), RerunError> {
     stream.log("world/camera", &transform(&frame.world_from_camera))?;
     let [fx, fy, cx, cy, width, height] =
         [k.fx, k.fy, k.cx, k.cy, k.width as f64, k.height as f64].map(|x| x as f32);
-    let pinhole = Pinhole::from_focal_length_and_resolution([fx, fy], [width, height]);
-    // Here integers stand at pixel centers, there at their corners.
-    stream.log("world/camera", &pinhole.with_principal_point([cx + 0.5, cy + 0.5]))?;
+    // Column by column. Here integers stand at pixel centers, there at their corners.
+    let image_from_camera = [[fx, 0.0, 0.0], [0.0, fy, 0.0], [cx + 0.5, cy + 0.5, 1.0]];
+    stream.log("world/camera", &Pinhole::new(image_from_camera).with_resolution([width, height]))?;
     let (width, height) = (k.width as u32, k.height as u32);
     let mut color = Vec::new();
     let pixels = frame.rgb.as_flattened();
