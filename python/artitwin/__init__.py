@@ -1,6 +1,7 @@
 """Digital twins of articulated objects, made and diagnosed by the program `artitwin` (docs/python.md).
 
-Words and units are those of `report.json`: meters, radians, seconds and kilograms unless a name says otherwise.
+Words and units are those of `report.json`: meters, radians, seconds and kilograms unless a name says
+otherwise.
 """
 
 from .check import Check, CheckFinding

@@ -43,9 +43,10 @@ def reconstruct(
 ) -> Twin:
     """Makes the twin of one object in the folder `out`/NAME.
 
-    The options are those of the command (`artitwin reconstruct --help`); what is not given has the program's default.
-    `settings` are its `--set`, `topics` maps a kind (`color`, `depth`, ...) to a topic. `on_event` is called with every
-    event; what it raises stops the run. Ctrl-C stops it after its current step, and `resume=True` goes on from there.
+    The options are those of the command (`artitwin reconstruct --help`); what is not given has the program's
+    default. `settings` are its `--set`, `topics` maps a kind (`color`, `depth`, ...) to a topic. `on_event`
+    is called with every event; what it raises stops the run. Ctrl-C stops it after its current step, and
+    `resume=True` goes on from there.
 
     Raises an `ArtitwinError` with the program's message. A degraded result is a result: see its `warnings`.
     """
@@ -110,13 +111,15 @@ def diagnose(
     name: str | None = None,
     force: bool = False,
 ) -> Diagnosis:
-    """Compares a twin (a `Twin`, a run folder or a URDF) with recorded motion, and writes what was found to `out`, or to
-    `out`/`name`.
+    """Compares a twin (a `Twin`, a run folder or a URDF) with recorded motion, and writes what was found to
+    `out`, or to `out`/`name`.
 
-    The options are those of the command (`artitwin diagnose --help`); what is not given has the program's default.
-    `wrench` and `pose` map a topic to a link, `command` a topic to the joints of its values, none where it names them.
+    The options are those of the command (`artitwin diagnose --help`); what is not given has the program's
+    default. `wrench` and `pose` map a topic to a link, `command` a topic to the joints of its values, none
+    where it names them.
 
-    Raises an `ArtitwinError` with the program's message. `insufficient` is a result: see `verdict` and `warnings`.
+    Raises an `ArtitwinError` with the program's message. `insufficient` is a result: see `verdict` and
+    `warnings`.
     """
     arguments = [
         "diagnose",
@@ -130,7 +133,7 @@ def diagnose(
         *option("effort-unit", effort_unit),
         *option("effort-hold", effort_hold),
         *options("servo", servo),
-        *options("command", ("=".join([topic, *_joined(joints)]) for topic, joints in command.items())),
+        *options("command", (_command(topic, list(joints)) for topic, joints in command.items())),
         *options("wrench", (f"{topic}={link}" for topic, link in wrench.items())),
         *options("pose", (f"{topic}={link}" for topic, link in pose.items())),
         *option("accuracy", accuracy_mm),
@@ -144,7 +147,7 @@ def diagnose(
 
 
 def check(model: StrPath) -> Check:
-    """Checks a URDF, or those of a folder, ours or not. Findings are a result; only what cannot be read raises."""
+    """Checks a URDF, or those of a folder, ours or not. Findings are a result; what cannot be read raises."""
     exit_code, output, message = run_whatever(["check", "--", *paths(model)])
     # The count ends a check. One that failed has none.
     if not re.search(r"^\d+ errors, \d+ warnings$", output, re.MULTILINE):
@@ -153,9 +156,8 @@ def check(model: StrPath) -> Check:
     return Check(tuple(CheckFinding(*line.groups()) for line in lines))
 
 
-def _joined(names: Iterable[str]) -> list[str]:
-    """Names as one text; nothing where there are none."""
-    return [",".join(all_names)] if (all_names := list(names)) else []
+def _command(topic: str, joints: list[str]) -> str:
+    return "=".join([topic, ",".join(joints)]) if joints else topic
 
 
 def _written(value: Setting) -> str:

@@ -64,8 +64,8 @@ class Region:
 
 @dataclass(frozen=True)
 class RunGap:
-    """Root mean square residual of a held-out run under the twin and under the updated twin, by windows and over its
-    full length."""
+    """Root mean square residual of a held-out run under the twin and under the updated twin, by windows and
+    over its full length."""
 
     run: str
     joint: str

@@ -14,7 +14,7 @@ class UsageError(ArtitwinError):
 
 
 class StoppedError(ArtitwinError):
-    """Somebody stopped the program (exit code 130); of a reconstruction the finished stages are kept for `resume`."""
+    """Somebody stopped the program (exit code 130); finished stages are kept for `resume`."""
 
 
 class ProgramError(ArtitwinError):

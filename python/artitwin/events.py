@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import dataclass
-from typing import Union
 
 from .record import record
 
@@ -73,7 +72,7 @@ class Failed:
     exit_code: int
 
 
-Event = Union[StageStarted, Step, Count, StageFinished, Warned, Noted, Artifact, Failed]
+Event = StageStarted | Step | Count | StageFinished | Warned | Noted | Artifact | Failed
 
 _KINDS: dict[str, type[Event]] = {
     "stage_started": StageStarted,

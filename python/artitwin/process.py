@@ -17,13 +17,13 @@ StrPath = str | os.PathLike[str]
 
 
 def program() -> Path:
-    """Path of the program: `ARTITWIN_PROGRAM`, else that of this package's wheel, else `artitwin` on the PATH."""
+    """Path of the program: `ARTITWIN_PROGRAM`, else that of this wheel, else `artitwin` on the PATH."""
     named = os.environ.get("ARTITWIN_PROGRAM")
     if named:
         return Path(named)
     found = _of_wheel() or shutil.which("artitwin")
     if found is None:
-        raise ProgramError("the program artitwin is not installed; install the wheel, or name it with ARTITWIN_PROGRAM")
+        raise ProgramError("the program is not installed; install the wheel, or set ARTITWIN_PROGRAM")
     return Path(found)
 
 
@@ -33,7 +33,8 @@ def _of_wheel() -> Path | None:
         files = importlib.metadata.files("artitwin") or []
     except importlib.metadata.PackageNotFoundError:
         return None
-    scripts = (Path(os.path.normpath(str(file.locate()))) for file in files if file.name == "artitwin" and file.parent.name == "bin")
+    named = (file.locate() for file in files if file.name == "artitwin" and file.parent.name == "bin")
+    scripts = (Path(os.path.normpath(str(path))) for path in named)
     return next((script for script in scripts if script.is_file()), None)
 
 
@@ -63,8 +64,8 @@ def commas(values: Iterable[float] | None) -> str | None:
 def run(arguments: Iterable[str], on_line: Callable[[str], object] | None = None) -> str:
     """Runs a command and gives its standard output, each line of which `on_line` gets when it comes.
 
-    Ctrl-C, or an error of `on_line`, asks the program to stop, waits until it has left a usable state, and is raised
-    again; a second Ctrl-C ends it at once.
+    Ctrl-C, or an error of `on_line`, asks the program to stop, waits until it has left a usable state, and is
+    raised again; a second Ctrl-C ends it at once.
     """
     exit_code, output, message = run_whatever(arguments, on_line)
     if exit_code not in (0, 3):
@@ -72,8 +73,10 @@ def run(arguments: Iterable[str], on_line: Callable[[str], object] | None = None
     return output
 
 
-def run_whatever(arguments: Iterable[str], on_line: Callable[[str], object] | None = None) -> tuple[int, str, str]:
-    """The same, however the program ends: its exit code, its output, and its last error or all that it said."""
+def run_whatever(
+    arguments: Iterable[str], on_line: Callable[[str], object] | None = None
+) -> tuple[int, str, str]:
+    """The same, however it ends: its exit code, its output, and its last error or all that it said."""
     lines: list[str] = []
     # A file, not a pipe: nobody has to read while the program runs.
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as said:
@@ -103,8 +106,8 @@ def _started(arguments: list[str], said: IO[str]) -> "subprocess.Popen[str]":
             stderr=said,
             encoding="utf-8",
             errors="replace",
-            # A terminal sends Ctrl-C to the group of its foreground, and the program takes a second one as an order to
-            # end at once: it gets the one that is passed on.
+            # A terminal sends Ctrl-C to the group of its foreground, and the program takes a second one as an
+            # order to end at once: it gets the one that is passed on.
             start_new_session=True,
         )
     except OSError as error:

@@ -99,11 +99,11 @@ class Twin(os.PathLike[str]):
 
     def joint(self, name: str) -> Joint:
         """The joint of that name."""
-        return next(joint for joint in self.joints if joint.name == name)
+        return {joint.name: joint for joint in self.joints}[name]
 
     def link(self, name: str) -> Link:
         """The link of that name."""
-        return next(link for link in self.links if link.name == name)
+        return {link.name: link for link in self.links}[name]
 
     def visual(self, link: str) -> tuple[Mesh, ...]:
         """Meshes that show a link: what was seen, then walls that no view saw."""

@@ -3,7 +3,6 @@
 usage: notebook.py NOTEBOOK
 """
 
-import json
 import sys
 from pathlib import Path
 
