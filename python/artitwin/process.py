@@ -28,13 +28,15 @@ def program() -> Path:
 
 
 def _of_wheel() -> Path | None:
-    """The program where pip put it, which is not always beside the interpreter: `--user`, `--target`."""
+    """The program where pip put it, which is not always beside the interpreter (`--user`)."""
     try:
         files = importlib.metadata.files("artitwin") or []
     except importlib.metadata.PackageNotFoundError:
         return None
     named = (file.locate() for file in files if file.name == "artitwin" and file.parent.name == "bin")
-    scripts = (Path(os.path.normpath(str(path))) for path in named)
+    # `--target` moves it without saying so.
+    beside = Path(__file__).parents[1] / "bin" / "artitwin"
+    scripts = [*(Path(os.path.normpath(str(path))) for path in named), beside]
     return next((script for script in scripts if script.is_file()), None)
 
 

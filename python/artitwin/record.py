@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from .errors import ReportError
 
-Array = npt.NDArray[np.float64]
+# Not NDArray, which newer versions of numpy hide from get_origin.
+Array = np.ndarray[Any, np.dtype[np.float64]]
 """Numbers that cannot be written to; `null` is NaN."""
 
 T = TypeVar("T")
