@@ -39,17 +39,18 @@ fn output(command: &mut Command) -> String {
 
 /// The wheel, around the program that these tests were built with.
 fn wheel(python: &Path) -> PathBuf {
-    let (out, target) = (folder("wheel"), Path::new(ROOT).join("src/main.rs"));
+    let (out, source) = (folder("wheel"), Path::new(ROOT).join("src/main.rs"));
     let built = serde_json::json!({
         "reason": "compiler-artifact",
-        "package_id": format!("path+file://{ROOT}#artitwin@{}", env!("CARGO_PKG_VERSION")),
+        "package_id": output(Command::new(env!("CARGO")).current_dir(ROOT).args(["pkgid", "--locked"])).trim(),
         "manifest_path": Path::new(ROOT).join("Cargo.toml"),
         "target": {
-            "kind": ["bin"], "crate_types": ["bin"], "name": "artitwin", "src_path": target, "edition": "2024",
-            "doc": true, "doctest": false, "test": true,
+            "kind": ["bin"], "crate_types": ["bin"], "name": "artitwin", "src_path": source,
+            "edition": "2024", "doc": true, "doctest": false, "test": true,
         },
         "profile": {
-            "opt_level": "3", "debuginfo": 0, "debug_assertions": false, "overflow_checks": false, "test": false,
+            "opt_level": "3", "debuginfo": 0, "debug_assertions": false, "overflow_checks": false,
+            "test": false,
         },
         "features": [],
         "filenames": [env!("CARGO_BIN_EXE_artitwin")],
