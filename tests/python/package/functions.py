@@ -3,10 +3,13 @@
 usage: functions.py BAG OUT
 """
 
+import inspect
 import json
 import os
+import re
 import signal
 import stat
+import subprocess
 import sys
 from pathlib import Path
 
@@ -37,6 +40,19 @@ def stand_in(text):
 
 def the_program_is_that_of_the_wheel():
     assert artitwin.program() == Path(sys.prefix) / "bin/artitwin", artitwin.program()
+
+
+def options_are_those_of_the_commands():
+    """A new option of a command is one of its function, too."""
+    other_words = {"accuracy": "accuracy_mm", "set": "settings", "topic": "topics"}
+    # Of several objects, and what a function does by itself.
+    left_out = {"help", "version", "json", "jobs"}
+    for function in (artitwin.reconstruct, artitwin.diagnose):
+        help_text = subprocess.check_output([artitwin.program(), function.__name__, "--help"], text=True)
+        words = set(re.findall(r"^ +(?:-\w, )?--([a-z-]+)", help_text, re.MULTILINE)) - left_out
+        wanted = {other_words.get(word, word.replace("-", "_")) for word in words}
+        given = set(inspect.signature(function).parameters) - {"bags", "twin", "runs", "on_event"}
+        assert wanted == given, (function, wanted ^ given)
 
 
 def refusals_have_the_words_of_the_program():
@@ -146,6 +162,7 @@ def other_ends_have_errors_of_their_own():
 
 
 the_program_is_that_of_the_wheel()
+options_are_those_of_the_commands()
 refusals_have_the_words_of_the_program()
 twin = interrupted_and_resumed()
 numbers_are_those_of_the_report(twin)
