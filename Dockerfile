@@ -1,6 +1,6 @@
 # docker build -t artitwin .
 # docker run --rm --user "$(id -u):$(id -g)" -v "$PWD:/work" artitwin reconstruct bags/drawer --out runs
-# docker run --rm --network host artitwin node
+# docker run --rm --user "$(id -u):$(id -g)" -v "$PWD:/work" --network host artitwin node
 FROM rust:1.95-bookworm AS build
 WORKDIR /source
 COPY . .
