@@ -40,9 +40,10 @@ fn output(command: &mut Command) -> String {
 /// The wheel, around the program that these tests were built with.
 fn wheel(python: &Path) -> PathBuf {
     let (out, source) = (folder("wheel"), Path::new(ROOT).join("src/main.rs"));
+    let id = output(Command::new(env!("CARGO")).current_dir(ROOT).args(["pkgid", "--locked"]));
     let built = serde_json::json!({
         "reason": "compiler-artifact",
-        "package_id": output(Command::new(env!("CARGO")).current_dir(ROOT).args(["pkgid", "--locked"])).trim(),
+        "package_id": id.trim(),
         "manifest_path": Path::new(ROOT).join("Cargo.toml"),
         "target": {
             "kind": ["bin"], "crate_types": ["bin"], "name": "artitwin", "src_path": source,
