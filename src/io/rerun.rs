@@ -93,7 +93,7 @@ pub fn write_rerun(path: &Path, seen: &Seen) -> Result<(), RerunError> {
     write_new(path, &bytes).map_err(|source| RerunError::Write { path: path.to_owned(), source })
 }
 
-/// Twin and images beside what both states look like.
+/// The twin, and what it was made of.
 fn blueprint() -> Blueprint {
     let space = |name: &str, contents: &[&str]| -> ContainerLike {
         Spatial3DView::new(name).with_origin("world").with_contents(contents.iter().copied()).into()
@@ -103,8 +103,8 @@ fn blueprint() -> Blueprint {
     };
     Blueprint::new(Horizontal::new([
         Vertical::new([
-            space("twin", &["world/twin/**", "world/camera/**", "world/path/**"]),
-            space("fused surfaces", &["world/fused/**"]),
+            space("twin", &["world/twin/**"]),
+            space("recording", &["world/fused/**", "world/camera/**", "world/path/**"]),
         ])
         .into(),
         Vertical::new([
