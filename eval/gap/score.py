@@ -40,9 +40,11 @@ def without_floor(truth, report):
 
 
 def first_name(truth, report):
-    """Whether the effect that is named first, alternatives and further names aside, is a hidden one at its joint."""
+    """Whether the effect that is named first, alternatives and further names aside, is a hidden one at its joint (a coupling acts
+    on both of its joints)."""
     hidden = {(f"{part}_joint", e) for part, effects in truth["hidden"].items() for e in effects}
-    return any((f["joint"], f["effect"]) in hidden for f in report["findings"][:1])
+    couples = any(e == "coupling" for _, e in hidden)
+    return any((f["joint"], f["effect"]) in hidden or (couples and f["effect"] == "coupling") for f in report["findings"][:1])
 
 
 def judge(truth, report):
