@@ -34,6 +34,8 @@ MADE = {
     "capped_box": "--seed 3 --family capped_box --parts 2",
     "clamshell": "--seed 4 --family clamshell --parts 2",
 }
+# As few and as small as the shipped recordings: seconds for each object.
+VIEWS = "--views 16 --width 320 --height 240"
 LINK = re.compile(r"\]\(([^)\s#]+)")
 UNIT = {"rad": lambda value: f"{math.degrees(value):.1f} deg", "m": lambda value: f"{1000 * value:.1f} mm"}
 
@@ -72,9 +74,9 @@ def make_runs(artitwin, work):
         command = f"artitwin reconstruct bags/{name} --preset preview --out runs"
         yield runs / name, SHIPPED[name], command
     for name, options in MADE.items():
-        call("synth", "--out", work / name, *options.split())
+        call("synth", "--out", work / name, *options.split(), *VIEWS.split())
         call("reconstruct", work / name, "--preset", "preview", "--out", runs)
-        command = f"artitwin synth --out {name} {options}\nartitwin reconstruct {name} --preset preview --out runs"
+        command = f"artitwin synth --out {name} {options} {VIEWS}\nartitwin reconstruct {name} --preset preview --out runs"
         yield runs / name, "made, rendered", command
 
 

@@ -8,7 +8,19 @@ from .check import Check, CheckFinding
 from .commands import check, diagnose, reconstruct
 from .diagnosis import Diagnosis, Export, Finding, Gap, Parameter
 from .errors import ArtitwinError, FailedError, ProgramError, ReportError, StoppedError, UsageError
-from .events import Artifact, Count, Event, Failed, Noted, StageFinished, StageStarted, Step, Warned
+from .events import (
+    Artifact,
+    Count,
+    Event,
+    Failed,
+    Noted,
+    Planned,
+    PlannedStage,
+    StageFinished,
+    StageStarted,
+    Step,
+    Warned,
+)
 from .joint import Joint, Limit
 from .mesh import Mesh
 from .note import Note
@@ -36,6 +48,8 @@ __all__ = [
     "Note",
     "Noted",
     "Parameter",
+    "Planned",
+    "PlannedStage",
     "ProgramError",
     "ReportError",
     "StageFinished",

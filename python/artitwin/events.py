@@ -7,6 +7,21 @@ from .record import record
 
 
 @dataclass(frozen=True)
+class PlannedStage:
+    """A stage that is to come, and its share of the time against the others'."""
+
+    stage: str
+    weight: float
+
+
+@dataclass(frozen=True)
+class Planned:
+    """Stages are to come, or weigh other than it was said before."""
+
+    stages: tuple[PlannedStage, ...]
+
+
+@dataclass(frozen=True)
 class StageStarted:
     """A stage began; `steps` is how many it will take, where known."""
 
@@ -72,9 +87,10 @@ class Failed:
     exit_code: int
 
 
-Event = StageStarted | Step | Count | StageFinished | Warned | Noted | Artifact | Failed
+Event = Planned | StageStarted | Step | Count | StageFinished | Warned | Noted | Artifact | Failed
 
 _KINDS: dict[str, type[Event]] = {
+    "planned": Planned,
     "stage_started": StageStarted,
     "step": Step,
     "count": Count,
