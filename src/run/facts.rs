@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::{
-    Fingerprint, ReconstructRequest, Stages, Twin, pictures::photo_path, reconstruct_twin::cautions,
+    Fingerprint, ReconstructRequest, Stages, Twin, differences::differing, pictures::photo_path,
+    reconstruct_twin::cautions,
 };
 use crate::{
     capture::Capture,
@@ -53,6 +54,7 @@ pub(super) fn facts(
             frames: capture.states.iter().map(Vec::len).collect(),
         },
         initialization,
+        differences: images.differences.clone(),
         renderings: images.states.iter().filter_map(rendering).collect(),
         part_count: Some(twin.part_count.clone()),
         object_box_m: capture.object_box_m,
@@ -89,6 +91,7 @@ pub(super) fn facts(
             // Warnings hold the cautions too: a program that reads one list misses nothing.
             .chain(cautions(&twin.model))
             .chain(solids_off(&twin.model))
+            .chain(differing(&images.differences))
             .collect(),
     }
 }

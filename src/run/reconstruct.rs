@@ -3,6 +3,7 @@
 use super::{
     Checkpoint, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
     admission::{checked_name, fingerprint, matcher},
+    differences::differing,
     earlier::{Beginning, begin, ended, finished},
     facts::facts,
     outcome::CHECK_STAGE,
@@ -61,6 +62,7 @@ fn reconstruct_files(
         let images = pictures(&capture, &twin.model, &looks);
         Ok::<_, RunError>((looks, images))
     })?;
+    differing(&images.differences).for_each(|w| monitor.warn(&w));
     // The model to files in memory.
     let files =
         stages.kept("export", None, |_| Ok::<_, RunError>(package(&twin.model, &looks, &config.export)))?;
@@ -68,7 +70,8 @@ fn reconstruct_files(
     let found = stages.run(CHECK_STAGE, None, |_| {
         Ok::<_, RunError>(check_folder(&files.iter().map(|f| (f.path.clone(), f.bytes.clone())).collect()))
     })?;
-    let report = Report::new(&twin.model, facts(request, fingerprint, &capture, &twin, &images, &stages));
+    let facts = facts(request, fingerprint, &capture, &twin, &images, &stages);
+    let report = Report::new(&twin.model, &files, facts);
     // All at once, under the final name.
     let folder = write(&twin.model, &files, &found, &report, &images, request, monitor)?;
     let warnings = report.run.warnings;
