@@ -19,7 +19,7 @@ pub mod evaluate {
 }
 pub mod export {
     pub use crate::export::{
-        ExportConfig, Folder, Level, LookConfig, StateDifference, check_folder, looks, urdf_package,
+        ExportConfig, Folder, Level, Look, LookConfig, check_folder, looks, urdf_package,
     };
 }
 pub mod field {

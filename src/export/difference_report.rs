@@ -10,8 +10,14 @@ use crate::{
 
 /// Significant digits of a share.
 const DIGITS: usize = 3;
-/// A larger share is not explained.
-const MOST: f64 = 0.1;
+/// A larger share, of a state or of what is seen of a link in it, is worth a warning.
+///
+/// measured: docs/method.md 11.4, between twins that are right and parts that are off by ten deviations
+const MOST: f64 = 0.05;
+/// Less of a state's readings is worth none, whatever link it is of.
+///
+/// derived: what explains less is no part (docs/method.md 7)
+const LEAST: f64 = 0.004;
 
 /// How many readings were compared, and how many of them the twin does not explain.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -74,7 +80,9 @@ pub struct StateDifference {
 pub struct NamedShare {
     /// The name.
     pub name: String,
-    /// The share.
+    /// Readings that were compared.
+    pub readings: usize,
+    /// Share of them that the twin does not explain.
     pub share: f64,
 }
 
@@ -82,16 +90,18 @@ impl StateDifference {
     /// What is said where the twin differs by more than errors explain.
     #[must_use]
     pub fn warning(&self) -> Option<Note> {
-        if self.share <= MOST {
+        let is_much =
+            |l: &&NamedShare| l.share > MOST && l.share * l.readings as f64 > LEAST * self.readings as f64;
+        let worst = self.links.iter().filter(is_much).max_by(|a, b| a.share.total_cmp(&b.share));
+        if self.share <= MOST && worst.is_none() {
             return None;
         }
         let [share, lacks, surplus] = [self.share, self.lacks, self.surplus].map(|s| 100.0 * s);
-        let worst = self.links.iter().max_by(|a, b| a.share.total_cmp(&b.share));
         let worst =
             worst.map_or_else(String::new, |l| format!("; of {} it is {:.1} %", l.name, 100.0 * l.share));
         let text = format!(
-            "state {}: {share:.1} % of what the cameras read of the object is not where the twin is ({lacks:.1} \
-             % where it has nothing, {surplus:.1} % behind it){worst}",
+            "state {}: {share:.1} % of what the cameras read is not where the twin is ({lacks:.1} % where it \
+             has nothing, {surplus:.1} % behind it){worst}",
             self.state
         );
         Some(Note::new(NoteCode::TwinDiffers, text))
@@ -103,7 +113,12 @@ impl StateDifference {
         let mut all = Tally::default();
         views.iter().for_each(|(_, tally)| all.add(tally));
         let named = |of: &[(String, Tally)]| {
-            of.iter().map(|(name, tally)| NamedShare { name: name.clone(), share: tally.share() }).collect()
+            let one = |(name, tally): &(String, Tally)| NamedShare {
+                name: name.clone(),
+                readings: tally.compared,
+                share: tally.share(),
+            };
+            of.iter().map(one).collect()
         };
         Self {
             state,
@@ -114,5 +129,40 @@ impl StateDifference {
             views: named(views),
             links: named(links),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tally(compared: usize, lacks: usize, surplus: usize) -> Tally {
+        Tally { compared, lacks, surplus }
+    }
+
+    fn of(views: &[Tally], links: &[Tally]) -> StateDifference {
+        let named =
+            |of: &[Tally]| of.iter().enumerate().map(|(k, t)| (format!("n{k}"), *t)).collect::<Vec<_>>();
+        StateDifference::new(1, &named(views), &named(links))
+    }
+
+    #[test]
+    fn shares_are_of_all_views_together() {
+        let found = of(&[tally(3000, 30, 0), tally(1000, 0, 10)], &[tally(2000, 20, 0)]);
+        assert_eq!((found.share, found.lacks, found.surplus, found.readings), (0.01, 0.0075, 0.0025, 4000));
+        assert_eq!((found.views[1].share, found.links[0].share), (0.01, 0.01));
+        assert_eq!(found.warning(), None);
+        assert_eq!(of(&[Tally::default()], &[]).warning(), None);
+    }
+
+    #[test]
+    fn a_state_or_a_link_that_differs_much_is_a_warning() {
+        let warned = |views: Tally, link: Tally| of(&[views], &[tally(5000, 0, 0), link]).warning();
+        let text = warned(tally(10_000, 700, 50), tally(0, 0, 0)).unwrap().text;
+        assert!(text.starts_with("state 1: 7.5 % of what") && text.contains("(7.0 %"), "{text}");
+        let text = warned(tally(10_000, 0, 200), tally(1000, 0, 200)).unwrap().text;
+        assert!(text.ends_with("; of n1 it is 20.0 %"), "{text}");
+        // Of a link that is hardly seen much may differ.
+        assert_eq!(warned(tally(10_000, 0, 20), tally(30, 0, 20)), None);
     }
 }

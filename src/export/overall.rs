@@ -12,7 +12,7 @@ pub enum OverallWord {
     /// There is no warning.
     #[default]
     Usable,
-    /// No warning is about the parts, their joints or their shape against the photos.
+    /// No warning puts a part, a joint or a shape in question ([`crate::note::NoteCode::doubts_twin`]).
     UsableWithWarnings,
     /// A warning is.
     LookBeforeUse,
@@ -44,8 +44,7 @@ impl Overall {
             };
             (OverallWord::Usable, vec![of.to_owned()])
         } else {
-            let text = "the warnings below are about the recording or about collisions and limits, none about \
-                        parts, joints or what the photos show";
+            let text = "what is warned of below puts no part, joint or shape in question";
             (OverallWord::UsableWithWarnings, vec![text.to_owned()])
         };
         if word != OverallWord::LookBeforeUse {
@@ -77,4 +76,32 @@ fn agreement(differences: &[StateDifference]) -> Option<String> {
             count(views, "view")
         )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::note::NoteCode;
+
+    #[test]
+    fn the_word_follows_the_warnings() {
+        let of = |codes: &[NoteCode]| {
+            let notes: Vec<Note> = codes.iter().map(|c| Note::new(*c, c.word())).collect();
+            let overall = Overall::of(1, &notes, &[]);
+            (overall.title(notes.len()), overall.reason)
+        };
+        let (title, reason) = of(&[]);
+        assert_eq!((title.as_str(), reason.as_str()), ("Usable", "nothing speaks against the joint"));
+        assert_eq!(of(&[NoteCode::PosesMissing, NoteCode::SolidsOff]).0, "Usable, with 2 warnings");
+        let (title, reason) = of(&[NoteCode::PosesMissing, NoteCode::TwinDiffers, NoteCode::AxisCoarse]);
+        assert_eq!((title.as_str(), reason.as_str()), ("Look before use", "twin_differs (and 1 more)"));
+    }
+
+    #[test]
+    fn a_usable_twin_says_how_much_of_the_readings_it_explains() {
+        let state = |readings, share| StateDifference { readings, share, ..StateDifference::default() };
+        let overall = Overall::of(2, &[], &[state(3000, 0.02), state(1000, 0.06)]);
+        assert!(overall.reason.contains("the twin explains 97.0 % of the depth"), "{overall:?}");
+        assert!(Overall::of(0, &[], &[]).reason.contains("one body"));
+    }
 }

@@ -16,6 +16,10 @@ use crate::model::escape_xml as escape;
 /// In place of a deviation that no guess would exceed.
 const NOT_DETERMINED: &str = "not determined";
 
+/// What the colors of [`PhotoAndTwin::difference`] say.
+const DIFFERENCE_LEGEND: &str = "Orange: a camera read the object where the twin has nothing. Violet: a \
+    camera saw through where the twin is. White: edges and pixels without a reading, which say nothing.";
+
 /// The pictures of a report.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReportPictures {
@@ -63,8 +67,8 @@ pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String,
     let kept: Vec<&Picture> = pictures.kept.iter().collect();
     let parts: Vec<&Picture> = pictures.parts.iter().collect();
     out.push_str("<div class=\"side\">\n");
-    push_pictures(&mut out, "Parts and axes", &parts, 2)?;
-    push_pictures(&mut out, "Kept as the object", &kept, 2)?;
+    push_pictures(&mut out, "Parts and axes", &parts, 2, "")?;
+    push_pictures(&mut out, "Kept as the object", &kept, 2, "")?;
     push_unknown(&mut out, report);
     push_times(&mut out, report);
     push_start(&mut out, report);
@@ -88,8 +92,8 @@ fn push_header(out: &mut String, report: &Report) {
     let (name, reason, found) = (escape(&report.name), escape(&report.overall.reason), escape(&found));
     writeln!(
         out,
-        "<header>\n<h1>{name}</h1>\n<p class=\"verdict\"><span class=\"{class}\">{title}</span>{reason}.</p>\n\
-         <p class=\"found\">{found}.</p>"
+        "<header>\n<h1>{name}</h1>\n<p class=\"verdict\"><span class=\"{class}\">{title}</span>\
+         {reason}.</p>\n<p class=\"found\">{found}.</p>"
     )
     .ok();
     let mut facts = vec![count(report.links.len(), "part"), count(report.joints.len(), "joint")];
@@ -131,10 +135,17 @@ fn push_photos(
         .flat_map(|s| [Some(&s.photo), Some(&s.twin), s.difference.as_ref()])
         .flatten()
         .collect();
-    let columns = if states.iter().all(|s| s.difference.is_some()) { 3 } else { 4 };
-    push_pictures(out, "Photos and twin, same camera", &all, columns)?;
-    let head =
-        ["State", "Views", "Readings compared", "Not explained", "Twin has nothing", "Twin in the way"];
+    let (columns, legend) =
+        if states.iter().all(|s| s.difference.is_some()) { (3, DIFFERENCE_LEGEND) } else { (4, "") };
+    push_pictures(out, "Photos and twin, same camera", &all, columns, legend)?;
+    let head = [
+        "State",
+        "Views",
+        "Readings compared",
+        "Not explained",
+        "Orange: twin lacks",
+        "Violet: twin too much",
+    ];
     let percent = |share: f64| unit(&decimal(100.0 * share, 2), "%");
     let cells = |d: &StateDifference| {
         let worst = d.views.iter().max_by(|a, b| a.share.total_cmp(&b.share));
@@ -145,7 +156,7 @@ fn push_photos(
             d.links.iter().map(|l| format!("{} {}", escape(&l.name), percent(l.share))).collect();
         let by_part = format!("<br><span class=\"soft\">{}</span>", links.join(", "));
         [
-            d.state.to_string(),
+            format!("state {}", d.state),
             d.views.len().to_string() + &worst,
             d.readings.to_string(),
             percent(d.share) + &by_part,
@@ -163,6 +174,7 @@ fn push_pictures(
     title: &str,
     pictures: &[&Picture],
     columns: usize,
+    legend: &str,
 ) -> Result<(), PictureError> {
     if pictures.is_empty() {
         return Ok(());
@@ -174,7 +186,9 @@ fn push_pictures(
         out.push_str(&picture.figure()?);
         out.push('\n');
     }
-    out.push_str("</div>\n</section>\n");
+    let legend =
+        if legend.is_empty() { String::new() } else { format!("<p class=\"legend\">{legend}</p>\n") };
+    writeln!(out, "</div>\n{legend}</section>").ok();
     Ok(())
 }
 

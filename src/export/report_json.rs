@@ -291,7 +291,8 @@ pub struct StageTime {
 }
 
 impl Report {
-    /// The report of a model, its `files` and its run. The model must be without findings ([`crate::model::validate`]).
+    /// The report of a model, its `files` and its run. The model must be without findings
+    /// ([`crate::model::validate`]).
     #[must_use]
     pub fn new(model: &ArticulatedModel, files: &[ExportFile], run: RunFacts) -> Self {
         let state = |positions: &Vec<f64>| StateReport {

@@ -4,7 +4,6 @@ use crate::{
     capture::{Capture, RgbdFrame},
     export::{Look, StateDifference, Tally},
     model::ArticulatedModel,
-    note::Note,
     surface::{Difference, Paint, RenderItem, Rendered, differences, render},
 };
 
@@ -40,11 +39,6 @@ pub fn compare(capture: &Capture, model: &ArticulatedModel, looks: &[Look]) -> V
         (!views.is_empty()).then(|| StateDifference::new(state, &views, &links))
     };
     capture.states.iter().enumerate().filter_map(of_state).collect()
-}
-
-/// What is said of states in which they differ by more than errors explain.
-pub(super) fn differing(differences: &[StateDifference]) -> impl Iterator<Item = Note> {
-    differences.iter().filter_map(StateDifference::warning)
 }
 
 /// What a frame of a state says of the twin as its camera would see it.

@@ -3,15 +3,15 @@
 use std::collections::BTreeMap;
 
 use super::{
-    Fingerprint, ReconstructRequest, Stages, Twin, differences::differing, pictures::photo_path,
-    reconstruct_twin::cautions,
+    Fingerprint, ReconstructRequest, Stages, Twin, pictures::photo_path, reconstruct_twin::cautions,
 };
 use crate::{
     capture::Capture,
     config::{Config, Engine, Init, preset_cost},
     export::{
         CameraPosesReport, CameraTrackingReport, DepthSensorReport, InputFacts, PhotoAndTwin, Rendering,
-        ReportPictures, RunFacts, StageTime, WorldFrameReport, compare_starts, nearest_starts,
+        ReportPictures, RunFacts, StageTime, StateDifference, WorldFrameReport, compare_starts,
+        nearest_starts,
     },
     field::InstructionSet,
     model::{ArticulatedModel, Link},
@@ -91,7 +91,7 @@ pub(super) fn facts(
             // Warnings hold the cautions too: a program that reads one list misses nothing.
             .chain(cautions(&twin.model))
             .chain(solids_off(&twin.model))
-            .chain(differing(&images.differences))
+            .chain(images.differences.iter().filter_map(StateDifference::warning))
             .collect(),
     }
 }

@@ -3,7 +3,6 @@
 use super::{
     Checkpoint, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
     admission::{checked_name, fingerprint, matcher},
-    differences::differing,
     earlier::{Beginning, begin, ended, finished},
     facts::facts,
     outcome::CHECK_STAGE,
@@ -14,6 +13,7 @@ use super::{
 use crate::{
     export::{Report, check_folder, looks, package},
     io,
+    note::{Note, NoteCode},
 };
 
 /// Reconstructs the object of a request: writes `out/<name>/` and gives back what was found.
@@ -62,7 +62,6 @@ fn reconstruct_files(
         let images = pictures(&capture, &twin.model, &looks);
         Ok::<_, RunError>((looks, images))
     })?;
-    differing(&images.differences).for_each(|w| monitor.warn(&w));
     // The model to files in memory.
     let files =
         stages.kept("export", None, |_| Ok::<_, RunError>(package(&twin.model, &looks, &config.export)))?;
@@ -72,6 +71,9 @@ fn reconstruct_files(
     })?;
     let facts = facts(request, fingerprint, &capture, &twin, &images, &stages);
     let report = Report::new(&twin.model, &files, facts);
+    // What only the finished twin shows was not reported on the way.
+    let is_late = |w: &&Note| matches!(w.code, NoteCode::SolidsOff | NoteCode::TwinDiffers);
+    report.run.warnings.iter().filter(is_late).for_each(|w| monitor.warn(w));
     // All at once, under the final name.
     let folder = write(&twin.model, &files, &found, &report, &images, request, monitor)?;
     let warnings = report.run.warnings;

@@ -76,3 +76,63 @@ impl Around {
         found
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        geometry::Pose,
+        surface::{Paint, RenderItem, TriangleMesh, render, shapes::box_mesh},
+    };
+    use nalgebra::Vector3;
+
+    const K: Intrinsics = Intrinsics { width: 80, height: 60, fx: 100.0, fy: 100.0, cx: 39.5, cy: 29.5 };
+
+    /// A wall 1.5 m ahead, and before it boxes of 0.2 m, which are the object.
+    fn seen(boxes: &[Vector3<f64>]) -> Rendered {
+        let mesh: TriangleMesh = box_mesh(Vector3::new(0.1, 0.1, 0.1));
+        let item = |at: &Vector3<f64>| RenderItem {
+            mesh: &mesh,
+            world_from_mesh: Pose::translation(at.x, at.y, at.z),
+            paint: Paint::Vertices,
+        };
+        render(&boxes.iter().map(item).collect::<Vec<_>>(), &K, &Pose::identity(), false)
+    }
+
+    /// Lacks and surplus of a model where a camera sees one box 1 m ahead, in readings.
+    fn found(model: &[Vector3<f64>]) -> [usize; 2] {
+        let object = seen(&[Vector3::new(0.0, 0.0, 1.1)]);
+        let frame = RgbdFrame {
+            id: "0_0000".into(),
+            stamp_nanos: 0,
+            intrinsics: K,
+            world_from_camera: Pose::identity(),
+            rgb: object.rgb.clone(),
+            depth_m: object.depth_m.iter().map(|d| if *d > 0.0 { *d } else { 1.5 }).collect(),
+            mask: Some(object.depth_m.iter().map(|d| *d > 0.0).collect()),
+            readings: Vec::new(),
+        };
+        let all = differences(&frame, &seen(model), |_| 0.003);
+        [Difference::Lacks, Difference::Surplus].map(|d| all.iter().filter(|a| **a == d).count())
+    }
+
+    #[test]
+    fn readings_before_and_through_a_model_are_told_apart() {
+        let at = |x: f64, z: f64| Vector3::new(x, 0.0, z);
+        let area = 20 * 20;
+        assert_eq!(found(&[at(0.0, 1.1)]), [0, 0]);
+        // Within four deviations, and within a pixel aside.
+        assert_eq!((found(&[at(0.0, 1.111)]), found(&[at(0.01, 1.1)])), ([0, 0], [0, 0]));
+        let [lacks, surplus] = found(&[at(0.0, 1.13)]);
+        assert!(lacks > area * 8 / 10 && surplus == 0, "{lacks} {surplus}");
+        let [lacks, surplus] = found(&[at(0.0, 1.07)]);
+        assert!(surplus > area * 8 / 10 && lacks == 0, "{lacks} {surplus}");
+        assert_eq!(found(&[]), [area, 0]);
+        // Aside by half its width: a half of each.
+        let [lacks, surplus] = found(&[at(0.1, 1.1)]);
+        assert!(
+            [lacks, surplus].iter().all(|n| (area * 3 / 10..area * 6 / 10).contains(n)),
+            "{lacks} {surplus}"
+        );
+    }
+}
