@@ -18,7 +18,9 @@ pub mod evaluate {
     };
 }
 pub mod export {
-    pub use crate::export::{ExportConfig, Folder, Level, check_folder, urdf_package};
+    pub use crate::export::{
+        ExportConfig, Folder, Level, Look, LookConfig, check_folder, looks, urdf_package,
+    };
 }
 pub mod field {
     pub use crate::field::{
@@ -119,7 +121,7 @@ pub mod random {
     pub use crate::random::stage_rng;
 }
 pub mod run {
-    pub use crate::run::{Checkpoint, Fingerprint, Monitor, Stages, Twin, reconstruct_twin};
+    pub use crate::run::{Checkpoint, Fingerprint, Monitor, Stages, Twin, compare, reconstruct_twin};
 }
 pub mod surface {
     pub use crate::surface::{

@@ -32,6 +32,29 @@ impl fmt::Display for Note {
     }
 }
 
+/// What puts a twin's parts, joints or shape in question; all else is about the recording, the run, or what
+/// can be used as it is.
+const DOUBTS: &[NoteCode] = &[
+    NoteCode::PosesContradict,
+    NoteCode::PosesFarOff,
+    NoteCode::SensorFarOff,
+    NoteCode::MorePartsEvident,
+    NoteCode::PartOnLittleEvidence,
+    NoteCode::PartAlmostEvident,
+    NoteCode::JointTypeUndecided,
+    NoteCode::JointTypeUnknown,
+    NoteCode::JointAtRest,
+    NoteCode::JointContradicted,
+    NoteCode::StateContradicts,
+    NoteCode::AxisNotDetermined,
+    NoteCode::AxisCoarse,
+    NoteCode::MotionNotDetermined,
+    NoteCode::ParentNotDecided,
+    NoteCode::PartUntouched,
+    NoteCode::SurfaceLeftOut,
+    NoteCode::TwinDiffers,
+];
+
 macro_rules! codes {
     ($($name:ident = $word:literal, $meaning:literal;)*) => {
         /// What a note or a warning is about.
@@ -43,6 +66,12 @@ macro_rules! codes {
         impl NoteCode {
             /// All codes, each with its word and what it means.
             pub const ALL: &[(Self, &str, &str)] = &[$((Self::$name, $word, $meaning),)*];
+
+            /// Whether it puts a twin's parts, joints or shape in question.
+            #[must_use]
+            pub fn doubts_twin(self) -> bool {
+                DOUBTS.contains(&self)
+            }
 
             /// The word that stands for it in files and events.
             #[must_use]
@@ -147,6 +176,8 @@ codes! {
     SurfaceLeftOut = "surface_left_out", "Surface is of no part: another state saw nothing where its part \
         is.";
     SolidsOff = "solids_off", "Collision solids of a part do not stand where its surface was seen.";
+    TwinDiffers = "twin_differs", "The twin is not where the cameras saw the object, or where they saw \
+        through.";
     // Runs.
     EngineReplaced = "engine_replaced", "The CPU engine took over from the one that was asked for.";
     StageKept = "stage_kept", "A stage was taken from the run that was stopped.";

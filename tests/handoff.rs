@@ -15,10 +15,14 @@ use std::{
     process::Command,
 };
 
-use artitwin::internal::{
-    export::{ExportConfig, Level, check_folder},
-    io::read_model_folder,
-    model::{ArticulatedModel, LimitPolicy, LimitSource, Material, ModelConfig, PartNames, named},
+use artitwin::{
+    Monitor, ReconstructRequest,
+    internal::{
+        export::{ExportConfig, Level, check_folder},
+        io::read_model_folder,
+        model::{ArticulatedModel, LimitPolicy, LimitSource, Material, ModelConfig, PartNames, named},
+    },
+    reconstruct,
 };
 use objects::{Temp, chest, chest_with, jar, lamp, write_run, write_run_as};
 
@@ -270,10 +274,17 @@ fn masses_follow_the_material_and_stay_in_their_range() {
     }
 }
 
-#[test]
-fn a_slider_of_the_page_moves_the_part() {
-    if Command::new("chromium").arg("--version").output().is_err() {
+fn is_without_chromium() -> bool {
+    let is_missing = Command::new("chromium").arg("--version").output().is_err();
+    if is_missing {
         venv::without::<()>("chromium is not installed");
+    }
+    is_missing
+}
+
+#[test]
+fn everything_that_the_viewer_offers_does_something_and_fits_every_screen() {
+    if is_without_chromium() {
         return;
     }
     let (model, temp) = (chest(), Temp::new("viewer"));
@@ -284,5 +295,35 @@ fn a_slider_of_the_page_moves_the_part() {
         (Some(2), Some(0)),
         "{found}"
     );
-    assert!(found["shown"].as_f64().unwrap() > 0.05 && found["changed"].as_f64().unwrap() > 0.01, "{found}");
+    assert!(found["shown"].as_f64().unwrap() > 0.05, "{found}");
+    for (step, share) in found["changed"].as_object().unwrap() {
+        let share = share.as_f64().unwrap();
+        // What was stopped stands still; all else changes the picture.
+        let is_as_expected = if step == "paused" { share == 0.0 } else { share > 0.001 };
+        assert!(is_as_expected, "{step}: {share} in {found}");
+    }
+    nothing_is_cut(&found);
+}
+
+fn nothing_is_cut(found: &serde_json::Value) {
+    let cut = found["cut"].as_object().unwrap();
+    assert!(cut.len() >= 3 && cut.values().all(|c| c.as_array().is_some_and(Vec::is_empty)), "{found}");
+    assert_eq!(found["errors"].as_array().map(Vec::len), Some(0), "{found}");
+}
+
+#[test]
+fn no_text_of_the_report_is_cut_on_any_screen() {
+    if is_without_chromium() {
+        return;
+    }
+    let temp = Temp::new("report-widths");
+    let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags/drawer");
+    let name = format!("n{}", "ame_without_end".repeat(4));
+    let mut request = ReconstructRequest::new([recording], &temp.0);
+    request.name = Some(name.clone());
+    request.config.export.prefix = "a_cell_with_many_robots_".into();
+    reconstruct(&request, &Monitor::silent()).unwrap();
+    let page = temp.0.join(&name).join("report.html");
+    let Some(found) = script("handoff_report.py", &[page.to_str().unwrap()]) else { return };
+    nothing_is_cut(&found);
 }

@@ -90,7 +90,7 @@ fn of_the_urdfs_the_macro_alone_has_frames() {
 
 #[test]
 fn the_report_lists_them_and_an_older_one_is_read() {
-    let report = Report::new(&twin(), RunFacts::default());
+    let report = Report::new(&twin(), &[], RunFacts::default());
     let json: serde_json::Value = serde_json::from_str(&report.to_json()).unwrap();
     let first = &json["links"][1]["grasps"][0];
     assert_eq!((&first["name"], &first["width_mm"]), (&NAMES[0].into(), &14.2.into()));

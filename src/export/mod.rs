@@ -8,18 +8,21 @@ mod config;
 mod contact_sheet;
 pub mod diagnosed;
 mod diagnosis_page;
+mod difference_report;
 mod drawn;
 mod gallery_page;
 #[cfg(test)]
 mod grasp_tests;
 mod guide;
 mod limit_report;
+mod link_report;
 mod look;
 mod mjcf;
 #[cfg(test)]
 mod names_tests;
 pub mod number;
 mod obj;
+mod overall;
 mod package;
 mod page;
 mod part_count;
@@ -47,6 +50,7 @@ pub use config::ExportConfig;
 pub use config::{Base, UrdfScrew};
 pub use contact_sheet::contact_sheet;
 pub use diagnosis_page::{DiagnosisFacts, diagnosis_page};
+pub use difference_report::{StateDifference, Tally};
 pub use gallery_page::{GALLERY_MARK, GalleryCard, gallery_page};
 pub use guide::screw_notes;
 #[cfg(test)]

@@ -149,7 +149,7 @@ proptest! {
         let title = page.split_once("<title>").unwrap().1.split_once("</title>").unwrap().0;
         prop_assert_eq!(title, escape_xml(&model.name));
         let page = |model: &ArticulatedModel| {
-            report_html(&Report::new(model, RunFacts::default()), &ReportPictures::default()).unwrap()
+            report_html(&Report::new(model, &[], RunFacts::default()), &ReportPictures::default()).unwrap()
         };
         let (html, plain) = (page(&model), page(&cabinet()));
         prop_assert_eq!(html.matches('<').count(), plain.matches('<').count());

@@ -16,7 +16,7 @@ pub fn head(title: &str, style: &str) -> String {
     // can make the page load or run something.
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" \
-         content=\"width=device-width\">\n\
+         content=\"width=device-width, initial-scale=1\">\n\
          <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; \
          style-src 'unsafe-inline'\">\n\
          <title>{title}</title>\n<style>\n{STYLE}{style}</style>\n</head>\n<body>\n<main>\n"
@@ -34,7 +34,17 @@ pub fn push_list(out: &mut String, class: &str, title: &str, sentences: &[String
     writeln!(out, "<section class=\"{class}\">\n<h2>{title}</h2>\n<ul>\n{items}</ul>\n</section>").ok();
 }
 
-/// A section with a table; nothing without rows.
+/// A row of a table under a head. On a narrow screen, where every cell has a line of its own, each but the
+/// first shows what stands above it in the head.
+#[must_use]
+pub fn row(head: &[&str], cells: &[String]) -> String {
+    let label = |k: usize| if k > 0 { format!(" data-label=\"{}\"", head[k]) } else { String::new() };
+    let cell = |(k, cell): (usize, &String)| format!("<td{}><div>{cell}</div></td>", label(k));
+    let cells: String = cells.iter().take(head.len()).enumerate().map(cell).collect();
+    format!("<tr>{cells}</tr>\n")
+}
+
+/// A section with a table of such rows; nothing without any.
 pub fn push_table(out: &mut String, title: &str, head: &[&str], rows: &str) {
     if rows.is_empty() {
         return;

@@ -1,10 +1,11 @@
 //! How the number of parts was found, for both reports.
 
-use std::fmt::Write as _;
-
 use serde::{Deserialize, Serialize};
 
-use super::number::{decimal, round_significant};
+use super::{
+    number::{decimal, round_significant},
+    page::row,
+};
 use crate::articulate::EvidencePoint;
 
 /// Significant digits of evidence.
@@ -53,23 +54,15 @@ impl PartCountReport {
         Self { given, found, least_evidence, curve }
     }
 
-    /// Rows of a table: number of parts, evidence, weakest motion, what is left; the chosen one marked.
-    pub(super) fn rows(&self) -> String {
-        let mut rows = String::new();
-        for p in &self.curve {
+    /// Head and rows of a table: number of parts, evidence, weakest motion, what is left; the chosen one
+    /// marked.
+    pub(super) fn table(&self) -> ([&'static str; 4], String) {
+        let head = ["Parts", "Evidence of all motions", "Weakest motion", "Unexplained"];
+        let cells = |p: &EvidencePointReport| {
             let mark = if p.parts == self.found { " (the twin)" } else { "" };
-            let weakest = p.weakest.map_or_else(String::new, |w| decimal(w, 1));
-            // Writing to a string cannot fail.
-            writeln!(
-                rows,
-                "<tr><td>{}{mark}</td><td class=\"number\">{}</td><td class=\"number\">{weakest}</td><td \
-                 class=\"number\">{}</td></tr>",
-                p.parts,
-                decimal(p.evidence, 1),
-                decimal(p.unexplained, 1),
-            )
-            .ok();
-        }
-        rows
+            let weakest = p.weakest.map_or_else(|| "\u{2013}".to_owned(), |w| decimal(w, 1));
+            [format!("{}{mark}", p.parts), decimal(p.evidence, 1), weakest, decimal(p.unexplained, 1)]
+        };
+        (head, self.curve.iter().map(|p| row(&head, &cells(p))).collect())
     }
 }

@@ -10,7 +10,7 @@ use super::number::decimal;
 use crate::model::escape_xml as escape;
 use crate::{
     geometry::{Intrinsics, Pose},
-    model::{ArticulatedModel, JointKind},
+    model::{ArticulatedModel, Joint, JointKind},
 };
 
 /// Quality of photos, 1 to 100.
@@ -256,15 +256,24 @@ fn svg(arrows: &[Arrow], width: usize, height: usize) -> String {
         // The label stays inside the picture: on the left of a head in the right third.
         let right = arrow.to[0] > 0.66 * width as f64;
         let (anchor, shift) = if right { ("end", -12.0) } else { ("start", 12.0) };
+        let left = arrow.to[0] + shift * size;
         let (x, y) = (
-            decimal(arrow.to[0] + shift * size, 1),
+            decimal(left, 1),
             decimal((arrow.to[1] - 4.0 * size).min(height as f64 - 8.0 * size).max(30.0 * size), 1),
         );
         let (font, rim) = (decimal(29.0 * size, 1), decimal(7.0 * size, 1));
+        // A long name is drawn narrower: letters are about 0.62 of the font wide.
+        let room = if right { left } else { width as f64 - left };
+        let is_long = 0.62 * 29.0 * size * arrow.label.chars().count() as f64 > room;
+        let fit = if is_long {
+            format!("textLength=\"{}\" lengthAdjust=\"spacingAndGlyphs\" ", decimal(0.98 * room, 1))
+        } else {
+            String::new()
+        };
         write!(
             out,
             "<text x=\"{x}\" y=\"{y}\" text-anchor=\"{anchor}\" font-size=\"{font}\" \
-             stroke-width=\"{rim}\" fill=\"rgb({r} {g} {b})\">{}</text>",
+             {fit}stroke-width=\"{rim}\" fill=\"rgb({r} {g} {b})\">{}</text>",
             escape(&arrow.label)
         )
         .ok();
@@ -273,9 +282,8 @@ fn svg(arrows: &[Arrow], width: usize, height: usize) -> String {
     out
 }
 
-/// Arrows along the joint axes of a model in a state, as a camera sees them: through the middle of the part,
-/// a slider's from there towards rising positions. An axis with an end behind the camera is left out; nothing
-/// hides an axis.
+/// Arrows along the joint axes of a model in a state ([`axis_line`]), as a camera sees them. An axis with an
+/// end behind the camera is left out; nothing hides an axis.
 #[must_use]
 pub fn axis_arrows(
     model: &ArticulatedModel,
@@ -284,25 +292,12 @@ pub fn axis_arrows(
     world_from_camera: &Pose,
 ) -> Vec<Arrow> {
     let Some(positions) = model.states.get(state) else { return Vec::new() };
-    let draw = |joint: &crate::model::Joint| {
-        let link = &model.links[joint.child];
-        let (lower, upper) = link.visual.bounds()?;
-        let middle = nalgebra::center(&lower.cast::<f64>(), &upper.cast::<f64>());
-        let half = AXIS_SHARE * f64::from((upper - lower).max());
-        let axis = joint.axis.into_inner();
-        let (from, to) = match joint.kind {
-            JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
-                // The axis passes through the origin of the link frame, so that this is the point of it
-                // nearest to the middle.
-                let on_axis = axis * middle.coords.dot(&axis);
-                (on_axis - axis * half, on_axis + axis * half)
-            }
-            JointKind::Prismatic => (middle.coords, middle.coords + axis * half * 1.5),
-        };
+    let draw = |joint: &Joint| {
+        let [from, to] = axis_line(model, joint)?;
         let world_from_link = model.world_from_link(joint.child, positions);
-        let pixel = |v: Vector3<f64>| {
-            let (u, v) = intrinsics
-                .project(&world_from_camera.inverse_transform_point(&(world_from_link * Point3::from(v))))?;
+        let pixel = |p: Point3<f64>| {
+            let (u, v) =
+                intrinsics.project(&world_from_camera.inverse_transform_point(&(world_from_link * p)))?;
             Some([u, v])
         };
         Some(Arrow {
@@ -313,6 +308,24 @@ pub fn axis_arrows(
         })
     };
     model.joints.iter().filter_map(draw).collect()
+}
+
+/// The stretch of a joint's axis that is drawn, in the frame of its child: through the middle of the part, a
+/// slider's from there towards rising positions; `None` of a part without surface.
+#[must_use]
+pub fn axis_line(model: &ArticulatedModel, joint: &Joint) -> Option<[Point3<f64>; 2]> {
+    let (lower, upper) = model.links[joint.child].visual.bounds()?;
+    let middle = nalgebra::center(&lower.cast::<f64>(), &upper.cast::<f64>());
+    let half = joint.axis.into_inner() * (AXIS_SHARE * f64::from((upper - lower).max()));
+    Some(match joint.kind {
+        JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
+            // The axis passes through the origin of the link frame, so that this is the point of it nearest
+            // to the middle.
+            let on_axis = Point3::from(joint.axis.into_inner() * middle.coords.dot(&joint.axis));
+            [on_axis - half, on_axis + half]
+        }
+        JointKind::Prismatic => [middle, middle + half * 1.5],
+    })
 }
 
 #[cfg(test)]

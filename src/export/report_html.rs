@@ -3,15 +3,22 @@
 use std::fmt::Write as _;
 
 use super::{
+    difference_report::StateDifference,
+    link_report::{FileTriangles, LinkReport},
     number::{decimal, significant},
-    page::{self, count, minus, push_list, push_table, unit},
+    overall::OverallWord,
+    page::{self, count, minus, push_list, push_table, row, unit},
     picture::{Picture, PictureError, part_color},
-    report_json::{JointReport, LinkReport, Quantity, RecordedCamera, Report, SpreadReport},
+    report_json::{JointReport, Quantity, RecordedCamera, Report, SpreadReport},
 };
 use crate::model::escape_xml as escape;
 
 /// In place of a deviation that no guess would exceed.
 const NOT_DETERMINED: &str = "not determined";
+
+/// What the colors of [`PhotoAndTwin::difference`] say.
+const DIFFERENCE_LEGEND: &str = "Orange: a camera read the object where the twin has nothing. Violet: a \
+    camera saw through where the twin is. White: edges and pixels without a reading, which say nothing.";
 
 /// The pictures of a report.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -22,6 +29,8 @@ pub struct ReportPictures {
     pub parts: Vec<Picture>,
     /// What was kept as the object.
     pub kept: Vec<Picture>,
+    /// Where the twin and the photos differ, over all views.
+    pub differences: Vec<StateDifference>,
 }
 
 /// A photo and the twin as the same camera would see it.
@@ -37,6 +46,8 @@ pub struct PhotoAndTwin {
     pub photo: Picture,
     /// The rendered model.
     pub twin: Picture,
+    /// Where they differ by the depth that was read; where the object's pixels are known.
+    pub difference: Option<Picture>,
     /// The object alone as the camera saw it, and that camera; where the object's pixels are known.
     pub cutout: Option<(Vec<u8>, RecordedCamera)>,
 }
@@ -50,16 +61,15 @@ pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String,
     let mut out = page::head(&format!("{name}: articulated twin"), "");
     push_header(&mut out, report);
     push_warnings(&mut out, report);
-    let pairs: Vec<&Picture> = pictures.states.iter().flat_map(|s| [&s.photo, &s.twin]).collect();
-    push_pictures(&mut out, "Photos and twin, same camera", &pairs, 4)?;
+    push_photos(&mut out, &pictures.states, &report.run.differences)?;
     push_joints(&mut out, report);
+    push_links(&mut out, report);
     let kept: Vec<&Picture> = pictures.kept.iter().collect();
     let parts: Vec<&Picture> = pictures.parts.iter().collect();
     out.push_str("<div class=\"side\">\n");
-    push_pictures(&mut out, "Parts and axes", &parts, 2)?;
-    push_pictures(&mut out, "Kept as the object", &kept, 2)?;
+    push_pictures(&mut out, "Parts and axes", &parts, 2, "")?;
+    push_pictures(&mut out, "Kept as the object", &kept, 2, "")?;
     push_unknown(&mut out, report);
-    push_links(&mut out, report);
     push_times(&mut out, report);
     push_start(&mut out, report);
     push_run(&mut out, report);
@@ -71,14 +81,21 @@ pub fn report_html(report: &Report, pictures: &ReportPictures) -> Result<String,
 // Writing to a string cannot fail: the results below are dropped.
 
 fn push_header(out: &mut String, report: &Report) {
-    let (class, word) = match report.run.warnings.len() {
-        0 => ("pill", "No warnings".to_owned()),
-        n => ("pill check", count(n, "warning")),
+    let class = match report.overall.word {
+        OverallWord::Usable => "pill",
+        OverallWord::UsableWithWarnings => "pill check",
+        OverallWord::LookBeforeUse => "pill look",
     };
+    let title = report.overall.title(report.run.warnings.len());
     let motions: Vec<String> = report.joints.iter().map(sentence).collect();
-    let verdict = if motions.is_empty() { "no joint was found".to_owned() } else { motions.join("; ") };
-    writeln!(out, "<header>\n<h1>{}</h1>", escape(&report.name)).ok();
-    writeln!(out, "<p class=\"verdict\"><span class=\"{class}\">{word}</span>{}.</p>", escape(&verdict)).ok();
+    let found = if motions.is_empty() { "no joint was found".to_owned() } else { motions.join("; ") };
+    let (name, reason, found) = (escape(&report.name), escape(&report.overall.reason), escape(&found));
+    writeln!(
+        out,
+        "<header>\n<h1>{name}</h1>\n<p class=\"verdict\"><span class=\"{class}\">{title}</span>\
+         {reason}.</p>\n<p class=\"found\">{found}.</p>"
+    )
+    .ok();
     let mut facts = vec![count(report.links.len(), "part"), count(report.joints.len(), "joint")];
     if !report.run.input.frames.is_empty() {
         facts.push(format!(
@@ -107,23 +124,71 @@ fn push_warnings(out: &mut String, report: &Report) {
     push_list(out, "warnings", "Warnings", &all);
 }
 
+/// Of every view that is shown the photo, the twin, and where they differ.
+fn push_photos(
+    out: &mut String,
+    states: &[PhotoAndTwin],
+    differences: &[StateDifference],
+) -> Result<(), PictureError> {
+    let all: Vec<&Picture> = states
+        .iter()
+        .flat_map(|s| [Some(&s.photo), Some(&s.twin), s.difference.as_ref()])
+        .flatten()
+        .collect();
+    let (columns, legend) =
+        if states.iter().all(|s| s.difference.is_some()) { (3, DIFFERENCE_LEGEND) } else { (4, "") };
+    push_pictures(out, "Photos and twin, same camera", &all, columns, legend)?;
+    let head = [
+        "State",
+        "Views",
+        "Readings compared",
+        "Not explained",
+        "Orange: twin lacks",
+        "Violet: twin too much",
+    ];
+    let percent = |share: f64| unit(&decimal(100.0 * share, 2), "%");
+    let cells = |d: &StateDifference| {
+        let worst = d.views.iter().max_by(|a, b| a.share.total_cmp(&b.share));
+        let worst = worst.map_or_else(String::new, |w| {
+            format!("<br><span class=\"soft\">most in {}: {}</span>", escape(&w.name), percent(w.share))
+        });
+        let links: Vec<String> =
+            d.links.iter().map(|l| format!("{} {}", escape(&l.name), percent(l.share))).collect();
+        let by_part = format!("<br><span class=\"soft\">{}</span>", links.join(", "));
+        [
+            format!("state {}", d.state),
+            d.views.len().to_string() + &worst,
+            d.readings.to_string(),
+            percent(d.share) + &by_part,
+            percent(d.lacks),
+            percent(d.surplus),
+        ]
+    };
+    let rows: String = differences.iter().map(|d| row(&head, &cells(d))).collect();
+    push_table(out, "Where twin and photos differ", &head, &rows);
+    Ok(())
+}
+
 fn push_pictures(
     out: &mut String,
     title: &str,
     pictures: &[&Picture],
     columns: usize,
+    legend: &str,
 ) -> Result<(), PictureError> {
     if pictures.is_empty() {
         return Ok(());
     }
     let columns = columns.min(pictures.len());
-    writeln!(out, "<section>\n<h2>{title}</h2>\n<div class=\"pictures\" style=\"--columns: {columns}\">")
-        .ok();
+    let class = if columns == 3 { "pictures triples" } else { "pictures" };
+    writeln!(out, "<section>\n<h2>{title}</h2>\n<div class=\"{class}\" style=\"--columns: {columns}\">").ok();
     for picture in pictures {
         out.push_str(&picture.figure()?);
         out.push('\n');
     }
-    out.push_str("</div>\n</section>\n");
+    let legend =
+        if legend.is_empty() { String::new() } else { format!("<p class=\"legend\">{legend}</p>\n") };
+    writeln!(out, "</div>\n{legend}</section>").ok();
     Ok(())
 }
 
@@ -169,12 +234,7 @@ fn push_joints(out: &mut String, report: &Report) {
             format!("{}<br><span class=\"soft\">{share:.0} % of {}</span>", joint.inliers, joint.tried),
             unit(&decimal(joint.residual_rms_mm, 2), "mm"),
         ];
-        rows.push_str("<tr>");
-        for (i, cell) in cells.iter().enumerate() {
-            let class = if i > 0 { " class=\"number\"" } else { "" };
-            write!(rows, "<td{class}>{cell}</td>").ok();
-        }
-        rows.push_str("</tr>\n");
+        rows.push_str(&row(&head, &cells));
         for caution in &joint.cautions {
             writeln!(rows, "<tr class=\"caution\"><td colspan=\"8\">{}</td></tr>", escape(&caution.text))
                 .ok();
@@ -196,36 +256,57 @@ fn push_unknown(out: &mut String, report: &Report) {
     if let Some(count) = &report.run.part_count {
         let title =
             if count.given.is_some() { "Number of parts: given" } else { "Number of parts: by evidence" };
-        push_table(
-            out,
-            title,
-            &["Parts", "Evidence of all motions", "Weakest motion", "Unexplained"],
-            &count.rows(),
-        );
+        let (head, rows) = count.table();
+        push_table(out, title, &head, &rows);
     }
 }
 
 fn push_links(out: &mut String, report: &Report) {
-    let mut rows = String::new();
-    for (i, link) in report.links.iter().enumerate() {
-        writeln!(
-            rows,
-            "<tr><td>{}{}{}</td><td class=\"number\">{}</td><td class=\"number\">{}{}</td><td \
-             class=\"number\">{}<br><span class=\"soft\">{} to {}<br>{}</span></td></tr>",
-            dot(i),
-            escape(&link.name),
-            grasps(link),
-            link.triangles,
-            unit(&decimal(link.area_m2, 3), "m\u{b2}"),
-            assumed(link),
-            unit(&significant(link.mass_kg, 3), "kg"),
-            significant(link.mass_range_kg[0], 2),
-            significant(link.mass_range_kg[1], 2),
-            escape(&link.assumption)
+    let head = ["Part", "Visual mesh", "Collision", "Area", "Mass (assumed)", "Rests on"];
+    let mass = |kg: f64, range_kg: [f64; 2]| {
+        let [low, high] = range_kg.map(|m| significant(m, 2));
+        format!(
+            "{}<br><span class=\"soft\">{low} to {}</span>",
+            unit(&significant(kg, 3), "kg"),
+            unit(&high, "kg")
         )
-        .ok();
+    };
+    let triangles = |n: usize| unit(&n.to_string(), if n == 1 { "triangle" } else { "triangles" });
+    let cells = |(i, link): (usize, &LinkReport)| {
+        let FileTriangles { visual, assumed: walls, collision } = link.file_triangles;
+        let walls = if walls > 0 { format!(", {walls} of assumed walls") } else { String::new() };
+        [
+            format!("{}{}{}", dot(i), escape(&link.name), grasps(link)),
+            format!(
+                "{}<br><span class=\"soft\">of {} before decimation{walls}</span>",
+                triangles(visual),
+                link.triangles
+            ),
+            format!(
+                "{}<br><span class=\"soft\">in {}</span>",
+                triangles(collision),
+                count(link.solids, "convex solid")
+            ),
+            unit(&decimal(link.area_m2, 3), "m\u{b2}") + &assumed(link),
+            mass(link.mass_kg, link.mass_range_kg),
+            format!("<span class=\"soft\">{}</span>", escape(&link.assumption)),
+        ]
+    };
+    let mut rows: String = report.links.iter().enumerate().map(|l| row(&head, &cells(l))).collect();
+    if report.links.len() > 1 {
+        let all = |of: fn(&LinkReport) -> usize| report.links.iter().map(of).sum::<usize>();
+        let sum = |of: fn(&LinkReport) -> f64| report.links.iter().map(of).sum::<f64>();
+        let cells = [
+            "All parts".to_owned(),
+            triangles(all(|l| l.file_triangles.visual + l.file_triangles.assumed)),
+            triangles(all(|l| l.file_triangles.collision)),
+            unit(&decimal(sum(|l| l.area_m2), 3), "m\u{b2}"),
+            mass(sum(|l| l.mass_kg), [sum(|l| l.mass_range_kg[0]), sum(|l| l.mass_range_kg[1])]),
+            String::new(),
+        ];
+        rows.push_str(&row(&head, &cells));
     }
-    push_table(out, "Parts", &["Part", "Triangles", "Area", "Mass (assumed)"], &rows);
+    push_table(out, "Parts and their files", &head, &rows);
 }
 
 /// Where a gripper can take a link, for its name's cell.
@@ -271,6 +352,7 @@ fn push_times(out: &mut String, report: &Report) {
 }
 
 fn push_start(out: &mut String, report: &Report) {
+    let head = ["Joint", "Started from", "Start turns / moves part by", "Result differs by"];
     let mut rows = String::new();
     for m in &report.run.initialization {
         let source = if m.used { escape(&m.source) } else { format!("not used: {}", escape(&m.source)) };
@@ -281,21 +363,11 @@ fn push_start(out: &mut String, report: &Report) {
                 unit(&decimal(displacement_mm, 2), "mm")
             )
         };
-        let (start, change) =
-            (both(m.start_rotation_deg, m.start_displacement_mm), both(m.rotation_deg, m.displacement_mm));
-        writeln!(
-            rows,
-            "<tr>{}</tr>",
-            [escape(&m.joint), source, start, change].map(|c| format!("<td>{c}</td>")).concat()
-        )
-        .ok();
+        let start = both(m.start_rotation_deg, m.start_displacement_mm);
+        let change = both(m.rotation_deg, m.displacement_mm);
+        rows.push_str(&row(&head, &[escape(&m.joint), source, start, change]));
     }
-    push_table(
-        out,
-        "From the start to the result",
-        &["Joint", "Started from", "Start turns / moves part by", "Result differs by"],
-        &rows,
-    );
+    push_table(out, "From the start to the result", &head, &rows);
 }
 
 fn push_run(out: &mut String, report: &Report) {
@@ -415,7 +487,7 @@ mod tests {
             seed: 7,
             ..RunFacts::default()
         };
-        let mut report = Report::new(&cabinet(), run);
+        let mut report = Report::new(&cabinet(), &[], run);
         let mut pictures = ReportPictures {
             states: vec![PhotoAndTwin {
                 photo: picture("photo"),
@@ -424,6 +496,7 @@ mod tests {
             }],
             parts: vec![picture("parts")],
             kept: vec![picture("kept")],
+            ..ReportPictures::default()
         };
         edit(&mut report, &mut pictures);
         report_html(&report, &pictures).unwrap()
@@ -449,7 +522,7 @@ mod tests {
     fn the_page_says_what_was_found_and_loads_nothing() {
         let html = page(|_, _| {});
         for text in [
-            "No warnings",
+            ">Usable</span>nothing speaks against the joints.",
             "door turns +71.62\u{b0} \u{b1} 0.01\u{b0}; drawer slides \u{2212}180.00 mm \u{b1} 0.1 mm.",
             "3 parts \u{b7} 2 joints \u{b7} 30 + 28 frames \u{b7} 2 min 06 s \u{b7} seed 7",
             "90 % of 1000",
@@ -473,7 +546,10 @@ mod tests {
             report.run.warnings.push(caution.about("door_hinge"));
             report.joints[0].cautions.push(caution);
         });
-        assert!(html.contains(">2 warnings<") && html.contains("<li>door_hinge: little support</li>"));
+        assert!(
+            html.contains(">Look before use</span>door_hinge: little support.")
+                && html.contains("<li>door_hinge: little support</li>")
+        );
         assert!(html.find("2 frames had no pose") < html.find("<img"));
     }
 

@@ -7,16 +7,18 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     camera_poses::{CameraPosesReport, CameraTrackingReport, DepthSensorReport, WorldFrameReport},
+    difference_report::StateDifference,
     limit_report::LimitReport,
-    mjcf::quaternion,
+    link_report::LinkReport,
     number::round_significant,
+    overall::Overall,
+    package::ExportFile,
     part_count::PartCountReport,
     start::InitialMotion,
-    urdf::grasp_name,
 };
 use crate::{
     geometry::{Intrinsics, Pose},
-    model::{ArticulatedModel, Deviations, Grasp, Joint, JointKind, ParentScore},
+    model::{ArticulatedModel, Deviations, Joint, JointKind, ParentScore},
     note::Note,
 };
 
@@ -32,6 +34,9 @@ pub struct Report {
     pub format: String,
     /// Name of the object.
     pub name: String,
+    /// What can be done with it.
+    #[serde(default)]
+    pub overall: Overall,
     /// Joint positions of the observed states.
     pub states: Vec<StateReport>,
     /// Joints, in the order of the URDF.
@@ -176,55 +181,6 @@ pub struct DynamicsReport {
     pub assumption: String,
 }
 
-/// A link.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LinkReport {
-    /// Name.
-    pub name: String,
-    /// Mass, kg.
-    pub mass_kg: f64,
-    /// How mass and inertia were computed.
-    pub assumption: String,
-    /// Lowest and highest mass under that assumption, kg.
-    #[serde(default)]
-    pub mass_range_kg: [f64; 2],
-    /// Convex collision solids.
-    #[serde(default)]
-    pub solids: usize,
-    /// Area of the surface, square meters.
-    pub area_m2: f64,
-    /// Area of it that no view saw, in small holes that were closed, square meters.
-    #[serde(default)]
-    pub assumed_area_m2: f64,
-    /// Area of walls that no view saw and that are drawn as `meshes/assumed`, square meters.
-    #[serde(default)]
-    pub assumed_walls_m2: f64,
-    /// Vertices of the mesh.
-    pub vertices: usize,
-    /// Triangles of the mesh.
-    pub triangles: usize,
-    /// Where a parallel gripper can take it, best first.
-    #[serde(default)]
-    pub grasps: Vec<GraspReport>,
-}
-
-/// A place to grasp a link.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct GraspReport {
-    /// Name of its site or frame.
-    pub name: String,
-    /// Place between the fingertips in the link frame, meters.
-    pub position: [f64; 3],
-    /// Turn of the hand in the link frame, w first: x is the closing direction, z the approach.
-    pub quaternion: [f64; 4],
-    /// Width of the part there, millimeters.
-    pub width_mm: f64,
-    /// Angle between the closing direction and the normals of the faces, the worse of both, degrees.
-    pub off_deg: f64,
-    /// Whether views saw both faces.
-    pub seen: bool,
-}
-
 /// What is known about a run beside its model.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunFacts {
@@ -234,6 +190,10 @@ pub struct RunFacts {
     pub initialization: Vec<InitialMotion>,
     /// How close the twin looks to photos.
     pub renderings: Vec<Rendering>,
+    /// Where the cameras saw something else than the twin shows, by state; none of a state whose object
+    /// pixels are not known.
+    #[serde(default)]
+    pub differences: Vec<StateDifference>,
     /// How the number of parts was found.
     #[serde(default)]
     pub part_count: Option<PartCountReport>,
@@ -331,9 +291,10 @@ pub struct StageTime {
 }
 
 impl Report {
-    /// The report of a model and its run. The model must be without findings ([`crate::model::validate`]).
+    /// The report of a model, its `files` and its run. The model must be without findings
+    /// ([`crate::model::validate`]).
     #[must_use]
-    pub fn new(model: &ArticulatedModel, run: RunFacts) -> Self {
+    pub fn new(model: &ArticulatedModel, files: &[ExportFile], run: RunFacts) -> Self {
         let state = |positions: &Vec<f64>| StateReport {
             joints: model
                 .joints
@@ -348,25 +309,13 @@ impl Report {
                 })
                 .collect(),
         };
-        let link = |l: &crate::model::Link| LinkReport {
-            name: l.name.clone(),
-            mass_kg: round_significant(l.inertial.mass_kg, DIGITS),
-            assumption: l.inertial.assumption.clone(),
-            mass_range_kg: l.inertial.mass_range_kg.map(|m| round_significant(m, DIGITS)),
-            solids: l.collision.len(),
-            area_m2: round_significant(l.visual.area_m2(), DIGITS),
-            assumed_area_m2: round_significant(l.assumed_m2, DIGITS),
-            assumed_walls_m2: round_significant(l.assumed.area_m2(), DIGITS),
-            vertices: l.visual.vertices.len(),
-            triangles: l.visual.triangles.len(),
-            grasps: l.grasps.iter().enumerate().map(|(k, g)| grasp_report(grasp_name(l, k), g)).collect(),
-        };
         Self {
             format: REPORT_FORMAT.to_owned(),
             name: model.name.clone(),
+            overall: Overall::of(model.joints.len(), &run.warnings, &run.differences),
             states: model.states.iter().map(state).collect(),
             joints: model.joints.iter().enumerate().map(|(i, j)| joint_report(model, i, j)).collect(),
-            links: model.links.iter().map(link).collect(),
+            links: model.links.iter().map(|l| LinkReport::of(l, files)).collect(),
             run,
         }
     }
@@ -467,17 +416,6 @@ fn positions(model: &ArticulatedModel, joint: usize) -> Vec<PositionReport> {
     model.states.iter().enumerate().map(of).collect()
 }
 
-fn grasp_report(name: String, grasp: &Grasp) -> GraspReport {
-    GraspReport {
-        name,
-        position: round3(grasp.link_from_grasp.translation.vector.into()),
-        quaternion: quaternion(&grasp.link_from_grasp.rotation).map(|x| round_significant(x, DIGITS)),
-        width_mm: round_significant(1e3 * grasp.width_m, 4),
-        off_deg: round_significant(grasp.off_rad.to_degrees(), 4),
-        seen: grasp.is_seen,
-    }
-}
-
 fn parent_report(score: &ParentScore) -> ParentReport {
     ParentReport {
         excess: round_significant(score.excess, 4),
@@ -521,7 +459,7 @@ mod tests {
 
     #[test]
     fn json_holds_what_an_evaluation_reads() {
-        let report = Report::new(&cabinet(), facts());
+        let report = Report::new(&cabinet(), &[], facts());
         let json: serde_json::Value = serde_json::from_str(&report.to_json()).unwrap();
         assert_eq!(json["states"][1]["joints"]["door_hinge"], 1.25);
         assert_eq!(json["states"][0]["joints"]["drawer_slide"], 0.18);
@@ -542,7 +480,7 @@ mod tests {
         hinge.evidence.covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&block);
         hinge.evidence.covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&block);
         hinge.evidence.covariance[(6, 6)] = 4e-6;
-        let report = Report::new(&model, facts());
+        let report = Report::new(&model, &[], facts());
         let door = &report.joints[0];
         assert!(
             (door.axis_std_deg.unwrap() - (2e-6f64).sqrt().to_degrees()).abs() < 1e-4,
@@ -567,7 +505,7 @@ mod tests {
         let mut model = cabinet();
         model.joints[1].parent = 1;
         model.states[0][0] = 0.5;
-        let report = Report::new(&model, facts());
+        let report = Report::new(&model, &[], facts());
         let world_from_door = model.world_from_link(1, &model.states[0]);
         let expected = world_from_door * model.joints[1].parent_from_joint * nalgebra::Point3::origin();
         assert!((Vector3::from(report.joints[1].origin) - expected.coords).norm() < 1e-9);

@@ -4,8 +4,15 @@ use base64::Engine as _;
 use nalgebra::Point3;
 use serde::Serialize;
 
-use super::{drawn::Drawn, look::Look};
-use crate::model::{ArticulatedModel, escape_xml, script_json};
+use super::{
+    drawn::Drawn,
+    look::Look,
+    picture::{axis_line, part_color},
+};
+use crate::{
+    model::{ArticulatedModel, Link, escape_xml, script_json},
+    surface::TriangleMesh,
+};
 
 const PAGE: &str = include_str!("viewer.html");
 
@@ -13,13 +20,24 @@ const PAGE: &str = include_str!("viewer.html");
 struct Data {
     center: [f64; 3],
     radius: f64,
+    links: Vec<LinkData>,
     meshes: Vec<MeshData>,
     joints: Vec<JointData>,
 }
 
 #[derive(Serialize)]
+struct LinkData {
+    name: String,
+    color: [u8; 3],
+    /// Collision solids: three little-endian `f32` a corner, three corners a triangle, each solid its own.
+    solids: Vec<String>,
+}
+
+#[derive(Serialize)]
 struct MeshData {
     link: usize,
+    /// No view saw it.
+    assumed: bool,
     /// Eight little-endian `f32` a corner, three corners a triangle: position, normal, texture coordinates.
     corners: String,
     texture_png: String,
@@ -36,6 +54,8 @@ struct JointData {
     /// Column by column.
     parent_from_joint: Vec<f64>,
     axis: [f64; 3],
+    /// Where the axis is drawn, in the frame of the child; a slider's arrow towards rising positions.
+    line: Option<[[f64; 3]; 2]>,
     lower: f64,
     upper: f64,
     start: f64,
@@ -44,8 +64,6 @@ struct JointData {
 /// The page with the meshes of a model. It loads nothing else.
 #[must_use]
 pub fn viewer_html(model: &ArticulatedModel, drawn: &[Drawn]) -> String {
-    // Floats in base64 are exact and take less room than numbers in JSON.
-    let base64 = |bytes: &[u8]| base64::engine::general_purpose::STANDARD.encode(bytes);
     let first = model.states.first();
     let joint = |(j, joint): (usize, &crate::model::Joint)| JointData {
         name: joint.name.clone(),
@@ -55,12 +73,19 @@ pub fn viewer_html(model: &ArticulatedModel, drawn: &[Drawn]) -> String {
         child: joint.child,
         parent_from_joint: joint.parent_from_joint.to_homogeneous().as_slice().to_vec(),
         axis: joint.axis.into_inner().into(),
+        line: axis_line(model, joint).map(|line| line.map(Into::into)),
         lower: joint.limit.lower,
         upper: joint.limit.upper,
         start: first.and_then(|s| s.get(j)).copied().unwrap_or(joint.limit.lower),
     };
-    let mesh = |Drawn { link, look, png, .. }: &Drawn| MeshData {
+    let link = |(i, link): (usize, &Link)| LinkData {
+        name: link.name.clone(),
+        color: part_color(i),
+        solids: link.collision.iter().map(|s| base64(&places(&s.mesh()))).collect(),
+    };
+    let mesh = |Drawn { link, visual, look, png }: &Drawn| MeshData {
         link: *link,
+        assumed: visual.is_assumed,
         corners: base64(&corners(look)),
         texture_png: base64(png),
     };
@@ -68,6 +93,7 @@ pub fn viewer_html(model: &ArticulatedModel, drawn: &[Drawn]) -> String {
     let data = Data {
         center: center.into(),
         radius,
+        links: model.links.iter().enumerate().map(link).collect(),
         meshes: drawn.iter().map(mesh).collect(),
         joints: model.joints.iter().enumerate().map(joint).collect(),
     };
@@ -77,6 +103,16 @@ pub fn viewer_html(model: &ArticulatedModel, drawn: &[Drawn]) -> String {
     let [head, tail] = PAGE.split_once("@DATA@").map_or([PAGE, ""], |(head, tail)| [head, tail]);
     let titled = |part: &str| part.replace("@TITLE@", &escape_xml(&model.name));
     format!("{}{json}{}", titled(head), titled(tail))
+}
+
+/// Floats in base64 are exact and take less room than numbers in JSON.
+fn base64(bytes: &[u8]) -> String {
+    base64::engine::general_purpose::STANDARD.encode(bytes)
+}
+
+fn places(mesh: &TriangleMesh) -> Vec<u8> {
+    let place = |&i: &u32| <[f32; 3]>::from(mesh.vertices[i as usize]);
+    mesh.triangles.iter().flatten().flat_map(place).flat_map(f32::to_le_bytes).collect()
 }
 
 fn corners(look: &Look) -> Vec<u8> {
@@ -134,5 +170,12 @@ mod tests {
             .decode(data["meshes"][0]["corners"].as_str().unwrap())
             .unwrap();
         assert_eq!(bytes.len(), 12 * 3 * 8 * 4);
+        // A hinge's axis is drawn along its joint, and a collision box has twelve triangles.
+        let line = |k: usize, c: usize| data["joints"][0]["line"][k][c].as_f64().unwrap();
+        assert!((line(1, 2) - line(0, 2)).abs() > 0.1 && line(0, 0).abs() < 1e-12, "{}", data["joints"][0]);
+        assert_eq!(data["links"][1]["name"], "door");
+        let solid = data["links"][1]["solids"][0].as_str().unwrap();
+        let solid = base64::engine::general_purpose::STANDARD.decode(solid).unwrap();
+        assert_eq!(solid.len(), 12 * 3 * 3 * 4);
     }
 }

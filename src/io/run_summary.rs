@@ -279,7 +279,7 @@ mod tests {
         for file in urdf_package(&model, &ExportConfig::default()) {
             run.put(&file.path, &file.bytes).unwrap();
         }
-        run.put("report.json", Report::new(&model, RunFacts::default()).to_json().as_bytes()).unwrap();
+        run.put("report.json", Report::new(&model, &[], RunFacts::default()).to_json().as_bytes()).unwrap();
         let folder = run.commit().unwrap().folder;
         let summary = read_run_summary(&folder).unwrap();
         assert_eq!(summary.joints.len(), 2);

@@ -10,7 +10,8 @@ use crate::{
     config::{Config, Engine, Init, preset_cost},
     export::{
         CameraPosesReport, CameraTrackingReport, DepthSensorReport, InputFacts, PhotoAndTwin, Rendering,
-        ReportPictures, RunFacts, StageTime, WorldFrameReport, compare_starts, nearest_starts,
+        ReportPictures, RunFacts, StageTime, StateDifference, WorldFrameReport, compare_starts,
+        nearest_starts,
     },
     field::InstructionSet,
     note::{Note, NoteCode},
@@ -51,6 +52,7 @@ pub(super) fn facts(
             frames: capture.states.iter().map(Vec::len).collect(),
         },
         initialization,
+        differences: images.differences.clone(),
         renderings: images.states.iter().filter_map(rendering).collect(),
         part_count: Some(twin.part_count.clone()),
         object_box_m: capture.object_box_m,
@@ -86,6 +88,7 @@ pub(super) fn facts(
             .chain(twin.warnings.iter().cloned())
             // Warnings hold the cautions too: a program that reads one list misses nothing.
             .chain(cautions(&twin.model))
+            .chain(images.differences.iter().filter_map(StateDifference::warning))
             .collect(),
     }
 }

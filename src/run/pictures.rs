@@ -1,21 +1,25 @@
 //! Pictures of a run for the report: photos beside the twin, parts with axes, what was kept.
 
+use super::differences::{compare, differ};
 use crate::{
     capture::{Capture, RgbdFrame},
     export::{
-        Look, PhotoAndTwin, Picture, PictureKind, RecordedCamera, ReportPictures, Window, axis_arrows,
+        Look, PhotoAndTwin, Picture, PictureKind, RecordedCamera, ReportPictures, Tally, Window, axis_arrows,
         cutout_png, part_color,
     },
     model::ArticulatedModel,
-    surface::{Paint, RenderItem, TriangleMesh, render},
+    surface::{Difference, Paint, RenderItem, Rendered, TriangleMesh, render},
 };
 
 /// Views shown of each state.
 const VIEWS: usize = 2;
+/// Color of the object where the twin has nothing, and of the twin where the camera saw through.
+const LACKS: [u8; 3] = [232, 98, 12];
+const SURPLUS: [u8; 3] = [130, 40, 200];
 
 /// All pictures of the report; `looks` in the order of the links.
 pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel, looks: &[Look]) -> ReportPictures {
-    let mut out = ReportPictures::default();
+    let mut out = ReportPictures { differences: compare(capture, model, looks), ..ReportPictures::default() };
     let unwelded: Vec<_> = looks.iter().map(Look::unwelded).collect();
     let seen: Vec<(&TriangleMesh, Paint)> = looks
         .iter()
@@ -29,7 +33,12 @@ pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel, looks: &[Loo
             let caption = |what: &str| format!("state {state}, {what}, view {}", frame.id);
             // Cropped alike, so that photo and twin can be compared pixel by pixel.
             let window = window(frame, &[]);
-            let mut twin = draw(model, state, frame, &seen, caption("twin"));
+            let rendered = draw(model, state, frame, &seen);
+            let difference = frame.mask.is_some().then(|| {
+                let found = differ(capture, state, frame, &rendered);
+                marked(frame, &found, &caption("difference")).cropped(&window)
+            });
+            let mut twin = picture(rendered, PictureKind::Photo, caption("twin"));
             let psnr_db = psnr_db(frame, &twin.rgb);
             if let Some(db) = psnr_db {
                 twin.caption = format!("{}, {db:.1} dB", twin.caption);
@@ -48,10 +57,12 @@ pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel, looks: &[Loo
                 psnr_db,
                 photo: recorded,
                 twin: twin.cropped(&window),
+                difference,
                 cutout,
             });
             if view == 0 {
-                let mut parts = draw(model, state, frame, &tinted, caption("parts and axes"));
+                let drawn = draw(model, state, frame, &tinted);
+                let mut parts = picture(drawn, PictureKind::Drawing, caption("parts and axes"));
                 parts.arrows = axis_arrows(model, state, &frame.intrinsics, &frame.world_from_camera);
                 let ends: Vec<[f64; 2]> = parts.arrows.iter().flat_map(|a| [a.from, a.to]).collect();
                 out.parts.push(parts.cropped(&self::window(frame, &ends)));
@@ -134,8 +145,7 @@ fn draw(
     state: usize,
     frame: &RgbdFrame,
     painted: &[(&TriangleMesh, Paint)],
-    caption: String,
-) -> Picture {
+) -> Rendered {
     let positions = &model.states[state];
     let items: Vec<RenderItem> = painted
         .iter()
@@ -147,15 +157,29 @@ fn draw(
         })
         .collect();
     let is_tinted = items.iter().any(|i| matches!(i.paint, Paint::Tint(_)));
-    let view = render(&items, &frame.intrinsics, &frame.world_from_camera, is_tinted);
-    let rgb = view.rgb.into_iter().flatten().collect();
-    let kind = if is_tinted { PictureKind::Drawing } else { PictureKind::Photo };
-    Picture {
-        width: frame.intrinsics.width,
-        height: frame.intrinsics.height,
-        rgb,
-        kind,
-        caption,
-        ..Picture::default()
+    render(&items, &frame.intrinsics, &frame.world_from_camera, is_tinted)
+}
+
+fn picture(drawn: Rendered, kind: PictureKind, caption: String) -> Picture {
+    let Rendered { intrinsics, rgb, .. } = drawn;
+    let (width, height) = (intrinsics.width, intrinsics.height);
+    Picture { width, height, rgb: rgb.into_iter().flatten().collect(), kind, caption, ..Picture::default() }
+}
+
+/// The photo in pale gray, and in color where the twin differs from what was read.
+fn marked(frame: &RgbdFrame, found: &[Difference], caption: &str) -> Picture {
+    let mut tally = Tally::default();
+    found.iter().for_each(|d| tally.count(*d));
+    let caption = format!("{caption}, {:.1} % of what was read", 100.0 * tally.share());
+    let mut marked = photo(frame, false, caption);
+    for (pixel, difference) in marked.rgb.chunks_exact_mut(3).zip(found) {
+        let gray = (pixel.iter().map(|c| usize::from(*c)).sum::<usize>() / 3) as u8;
+        pixel.copy_from_slice(&match difference {
+            Difference::Unread => [215 + gray / 8; 3],
+            Difference::Same => [120 + gray / 2; 3],
+            Difference::Lacks => LACKS,
+            Difference::Surplus => SURPLUS,
+        });
     }
+    marked
 }

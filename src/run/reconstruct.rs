@@ -12,7 +12,7 @@ use super::{
     write::write,
 };
 use crate::{
-    export::{Report, check_folder, looks, package},
+    export::{Report, StateDifference, check_folder, looks, package},
     io,
 };
 
@@ -63,6 +63,7 @@ fn reconstruct_files(
         let images = pictures(&capture, &twin.model, &looks);
         Ok::<_, RunError>((looks, images))
     })?;
+    images.differences.iter().filter_map(StateDifference::warning).for_each(|w| monitor.warn(&w));
     // The model to files in memory.
     let files =
         stages.kept("export", None, |_| Ok::<_, RunError>(package(&twin.model, &looks, &config.export)))?;
@@ -70,7 +71,8 @@ fn reconstruct_files(
     let found = stages.run(CHECK_STAGE, None, |_| {
         Ok::<_, RunError>(check_folder(&files.iter().map(|f| (f.path.clone(), f.bytes.clone())).collect()))
     })?;
-    let report = Report::new(&twin.model, facts(request, fingerprint, &capture, &twin, &images, &stages));
+    let facts = facts(request, fingerprint, &capture, &twin, &images, &stages);
+    let report = Report::new(&twin.model, &files, facts);
     // All at once, under the final name.
     let folder = write(&twin.model, &files, &found, &report, &images, request, monitor)?;
     let warnings = report.run.warnings;

@@ -1,68 +1,84 @@
-"""Opens viewer.html in headless Chromium, moves a slider and says how much of the picture changed.
+"""Opens viewer.html in headless Chromium, does everything that its panel offers, and says how much of the picture each step changed.
 
     python handoff_viewer.py PAGE JOINT [--pictures DIR]
 
-The last line is JSON: {"meshes": drawn, "shown": share of the picture that is not background, "changed": share that the slider changed,
-"errors": [console errors]}. Needs chromium on the PATH.
+The last line is JSON: {"meshes": drawn, "shown": share of the picture that is not background, "changed": {step: share of the picture}, "cut":
+{size: [what does not fit]}, "errors": [console errors]}. Needs chromium on the PATH.
 """
 
 import argparse
-import base64
-import io
 import json
-import shutil
-import subprocess
-import sys
-import tempfile
 import time
-import urllib.request
 from pathlib import Path
 
 import numpy as np
-import websocket
+from browser import opened
 from PIL import Image
 
-PORT_FILE = "DevToolsActivePort"
+SIZES = {"desktop": (1280, 900), "phone": (390, 844), "landscape": (844, 390), "tablet": (768, 1024)}
 
 
-class Page:
-    def __init__(self, url, profile):
-        program = shutil.which("chromium") or shutil.which("chromium-browser") or sys.exit("no chromium on the PATH")
-        flags = ["--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--remote-debugging-port=0", "--remote-allow-origins=*", "--window-size=960,720", "--hide-scrollbars"]
-        self.process = subprocess.Popen([program, *flags, f"--user-data-dir={profile}", url], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        port = self.wait(lambda: (Path(profile) / PORT_FILE).read_text().split()[0] if (Path(profile) / PORT_FILE).exists() else None)
-        tabs = self.wait(lambda: [t for t in json.load(urllib.request.urlopen(f"http://127.0.0.1:{port}/json")) if t["type"] == "page"] or None)
-        self.socket = websocket.create_connection(tabs[0]["webSocketDebuggerUrl"], timeout=120)
-        self.count, self.errors = 0, []
-        self.call("Runtime.enable")
-        self.call("Log.enable")
+class Viewer:
+    def __init__(self, page, folder):
+        self.page, self.folder, self.changed = page, folder, {}
+        self.last = self.canvas("start")
 
-    @staticmethod
-    def wait(ask, seconds=90):
-        for _ in range(int(seconds / 0.2)):
-            found = ask()
-            if found:
-                return found
-            time.sleep(0.2)
-        raise TimeoutError("chromium did not answer")
+    def canvas(self, name):
+        image = self.page.picture()
+        if self.folder:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            Image.fromarray(image.astype(np.uint8)).save(self.folder / f"viewer_{name}.png")
+        x, y, width, height = (round(v) for v in self.page.value("(() => { const b = canvas.getBoundingClientRect(); return [b.x, b.y, b.width, b.height]; })()"))
+        return image[y : y + height, x : x + width]
 
-    def call(self, method, **parameters):
-        self.count += 1
-        self.socket.send(json.dumps({"id": self.count, "method": method, "params": parameters}))
-        while True:
-            answer = json.loads(self.socket.recv())
-            if answer.get("method") == "Runtime.exceptionThrown":
-                self.errors.append(answer["params"]["exceptionDetails"]["text"])
-            if answer.get("method") == "Log.entryAdded" and answer["params"]["entry"]["level"] == "error":
-                self.errors.append(answer["params"]["entry"]["text"])
-            if answer.get("id") == self.count:
-                return answer["result"]
+    def step(self, name, action):
+        action()
+        now = self.canvas(name)
+        same_size = now.shape == self.last.shape
+        self.changed[name] = float((np.abs(now - self.last).max(axis=2) > 12).mean()) if same_size else None
+        self.last = now
 
-    def value(self, expression):
-        return self.call("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+    def click(self, selector):
+        self.page.value(f"document.querySelector({json.dumps(selector)}).click()")
 
-    def picture(self):
-        return np.asarray(Image.open(io.BytesIO(base64.b64decode(self.call("Page.captureScreenshot")["data"]))).convert("RGB")).astype(int)
+    def key(self, key, modifiers=0):
+        for kind in ("keyDown", "keyUp"):
+            self.page.call("Input.dispatchKeyEvent", type=kind, key=key, modifiers=modifiers)
+
+    def touch(self, paths):
+        for k in range(len(paths[0])):
+            points = [{"x": p[k][0], "y": p[k][1], "id": i} for i, p in enumerate(paths)]
+            self.page.call("Input.dispatchTouchEvent", type="touchMove" if k else "touchStart", touchPoints=points)
+        self.page.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+
+
+def steps(viewer, joint):
+    page = viewer.page
+    slider = f"document.querySelector('[data-joint=\"{joint}\"]')"
+    far = f"(() => {{ const s = {slider}; s.value = Math.abs(s.max - s.value) > Math.abs(s.min - s.value) ? s.max : s.min; s.dispatchEvent(new Event('input')); }})()"
+    viewer.step("slider", lambda: page.value(far))
+    viewer.step("play", lambda: (viewer.click("#play"), time.sleep(1.2)))
+    viewer.step("pause", lambda: viewer.click("#play"))
+    viewer.step("paused", lambda: time.sleep(0.5))
+    for name, at in (("axes", "axes"), ("solids", "collision solids"), ("surface", "surface")):
+        viewer.step(name, lambda at=at: viewer.click(f"[data-shows='{at}']"))
+    # Of what is left each part goes by itself.
+    for k in range(page.value("twin.links.length")):
+        viewer.step(f"part_{k}", lambda k=k: viewer.click(f"#parts label:nth-of-type({k + 1}) input"))
+    page.value("document.querySelectorAll('#parts input, [data-shows=surface]').forEach((e) => { if (!e.checked) e.click(); })")
+    viewer.last = viewer.canvas("all")
+    page.value("canvas.focus()")
+    viewer.step("key_turn", lambda: viewer.key("ArrowLeft"))
+    viewer.step("key_move", lambda: viewer.key("ArrowUp", modifiers=8))
+    viewer.step("key_zoom", lambda: viewer.key("+"))
+    viewer.step("reset", lambda: viewer.click("#reset"))
+    page.resize(*SIZES["phone"], touch=True)
+    viewer.last = viewer.canvas("phone")
+    viewer.step("finger", lambda: viewer.touch([[(150 + 8 * k, 200) for k in range(8)]]))
+    viewer.step("pinch", lambda: viewer.touch([[(180 - 6 * k, 200) for k in range(8)], [(210 + 6 * k, 200) for k in range(8)]]))
+    viewer.step("two_fingers", lambda: viewer.touch([[(150 + 6 * k, 200) for k in range(8)], [(200 + 6 * k, 200) for k in range(8)]]))
+    viewer.step("dark", lambda: page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}]))
+    page.call("Emulation.setEmulatedMedia", features=[])
 
 
 def main():
@@ -71,29 +87,19 @@ def main():
     arguments.add_argument("joint")
     arguments.add_argument("--pictures", type=Path)
     options = arguments.parse_args()
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        page = Page(options.page.resolve().as_uri(), profile)
-        try:
-            count = page.wait(lambda: page.value("twin.meshes.length"))
-            page.wait(lambda: page.value("Number(document.body.dataset.drawn)") == count)
-            before = page.picture()
-            move = f"(() => {{ const s = document.getElementById('{options.joint}'); const far = Math.abs(s.max - s.value) > Math.abs(s.min - s.value) ? s.max : s.min; s.value = far; s.dispatchEvent(new Event('input')); return Number(s.value); }})()"
-            page.value(move)
-            time.sleep(0.5)
-            after = page.picture()
-            errors = page.errors
-        finally:
-            page.process.terminate()
-            page.process.wait()
-    # The panel with the sliders is left out.
-    view = (slice(200, None), slice(None))
-    background = np.abs(before[view] - [243, 244, 246]).max(axis=2) <= 3
-    changed = np.abs(before[view] - after[view]).max(axis=2) > 12
-    if options.pictures:
-        options.pictures.mkdir(parents=True, exist_ok=True)
-        for name, image in (("before", before), ("after", after)):
-            Image.fromarray(image.astype(np.uint8)).save(options.pictures / f"viewer_{name}.png")
-    print(json.dumps({"meshes": count, "shown": float((~background).mean()), "changed": float(changed.mean()), "errors": errors}))
+    with opened(options.page) as page:
+        count = page.wait(lambda: page.value("twin.meshes.length"))
+        page.wait(lambda: page.value("Number(document.body.dataset.drawn)") == count)
+        viewer = Viewer(page, options.pictures)
+        shown = float((np.abs(viewer.last - [243, 244, 246]).max(axis=2) > 3).mean())
+        steps(viewer, options.joint)
+        viewer.click("#reset")
+        cut = {}
+        for name, size in SIZES.items():
+            page.resize(*size)
+            cut[name] = page.cut()
+            viewer.canvas(name)
+    print(json.dumps({"meshes": count, "shown": shown, "changed": viewer.changed, "cut": cut, "errors": page.errors}))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::words::{fixed, places, residual, with_unit, words};
 use crate::{
-    export::page::push_table,
+    export::page::{push_table, row},
     gap::judge::report::{ExportNote, Held, JointReport},
     model::escape_xml,
 };
@@ -15,6 +15,8 @@ const NOT_WRITTEN: &str = "not written";
 /// The table of all formats.
 #[must_use]
 pub fn exports(joints: &[JointReport], notes: &[ExportNote]) -> String {
+    let head =
+        ["Format", "Joint", "Effect", "The file", "In its place", "Held-out residual, twin \u{2192} file"];
     let mut rows = String::new();
     let mut last = (String::new(), String::new());
     let mut absent = "";
@@ -47,18 +49,9 @@ pub fn exports(joints: &[JointReport], notes: &[ExportNote]) -> String {
         last = own;
         let by = note.by.iter().map(held).collect::<Vec<_>>().join("; ");
         let by = if by.is_empty() { "\u{2013}".into() } else { by };
-        writeln!(
-            rows,
-            "<tr><td class=\"number\">{file}</td><td>{}</td><td>{}</td><td>{}</td><td>{by}</td><td \
-             class=\"number\">{gap}</td></tr>",
-            escape_xml(&note.joint),
-            words(&note.effect),
-            escape_xml(&note.status)
-        )
-        .ok();
+        let cells = [file, escape_xml(&note.joint), words(&note.effect), escape_xml(&note.status), by, gap];
+        rows.push_str(&row(&head, &cells));
     }
-    let head =
-        ["Format", "Joint", "Effect", "The file", "In its place", "Held-out residual, twin \u{2192} file"];
     let mut out = String::new();
     push_table(&mut out, "What each file holds", &head, &rows);
     out

@@ -1,0 +1,168 @@
+//! Where the cameras saw something else than the twin shows, in shares of what was compared.
+
+use serde::{Deserialize, Serialize};
+
+use super::number::round_significant;
+use crate::{
+    note::{Note, NoteCode},
+    surface::Difference,
+};
+
+/// Significant digits of a share.
+const DIGITS: usize = 3;
+/// A larger share, of a state or of what is seen of a link in it, is worth a warning.
+///
+/// measured: docs/method.md 11.4, between twins that are right and parts that are off by ten deviations
+const MOST: f64 = 0.05;
+/// Less of a state's readings is worth none, whatever link it is of.
+///
+/// derived: what explains less is no part (docs/method.md 7)
+const LEAST: f64 = 0.004;
+
+/// How many readings were compared, and how many of them the twin does not explain.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Compared.
+    pub compared: usize,
+    /// Of these the object where the twin has nothing.
+    pub lacks: usize,
+    /// Of these the twin where the camera saw through.
+    pub surplus: usize,
+}
+
+impl Tally {
+    /// Counts a reading.
+    pub fn count(&mut self, difference: Difference) {
+        self.compared += usize::from(difference != Difference::Unread);
+        self.lacks += usize::from(difference == Difference::Lacks);
+        self.surplus += usize::from(difference == Difference::Surplus);
+    }
+
+    /// Adds what was counted elsewhere.
+    pub fn add(&mut self, other: &Self) {
+        self.compared += other.compared;
+        self.lacks += other.lacks;
+        self.surplus += other.surplus;
+    }
+
+    /// Share of the readings that the twin does not explain.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        self.of(self.lacks + self.surplus)
+    }
+
+    fn of(&self, count: usize) -> f64 {
+        round_significant(count as f64 / self.compared.max(1) as f64, DIGITS)
+    }
+}
+
+/// A state of the object, all views of it together.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct StateDifference {
+    /// The state.
+    pub state: usize,
+    /// Readings that were compared.
+    pub readings: usize,
+    /// Share of them that the twin does not explain.
+    pub share: f64,
+    /// Share of them that show the object where the twin has nothing.
+    pub lacks: f64,
+    /// Share of them that saw through where the twin is.
+    pub surplus: f64,
+    /// The same by view.
+    pub views: Vec<NamedShare>,
+    /// The same by link, of the readings where the twin shows it.
+    pub links: Vec<NamedShare>,
+}
+
+/// A share of what has a name.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct NamedShare {
+    /// The name.
+    pub name: String,
+    /// Readings that were compared.
+    pub readings: usize,
+    /// Share of them that the twin does not explain.
+    pub share: f64,
+}
+
+impl StateDifference {
+    /// What is said where the twin differs by more than errors explain.
+    #[must_use]
+    pub fn warning(&self) -> Option<Note> {
+        let is_much =
+            |l: &&NamedShare| l.share > MOST && l.share * l.readings as f64 > LEAST * self.readings as f64;
+        let worst = self.links.iter().filter(is_much).max_by(|a, b| a.share.total_cmp(&b.share));
+        if self.share <= MOST && worst.is_none() {
+            return None;
+        }
+        let [share, lacks, surplus] = [self.share, self.lacks, self.surplus].map(|s| 100.0 * s);
+        let worst =
+            worst.map_or_else(String::new, |l| format!("; of {} it is {:.1} %", l.name, 100.0 * l.share));
+        let text = format!(
+            "state {}: {share:.1} % of what the cameras read is not where the twin is ({lacks:.1} % where it \
+             has nothing, {surplus:.1} % behind it){worst}",
+            self.state
+        );
+        Some(Note::new(NoteCode::TwinDiffers, text))
+    }
+
+    /// Of what was counted in each view and on each link.
+    #[must_use]
+    pub fn new(state: usize, views: &[(String, Tally)], links: &[(String, Tally)]) -> Self {
+        let mut all = Tally::default();
+        views.iter().for_each(|(_, tally)| all.add(tally));
+        let named = |of: &[(String, Tally)]| {
+            let one = |(name, tally): &(String, Tally)| NamedShare {
+                name: name.clone(),
+                readings: tally.compared,
+                share: tally.share(),
+            };
+            of.iter().map(one).collect()
+        };
+        Self {
+            state,
+            readings: all.compared,
+            share: all.share(),
+            lacks: all.of(all.lacks),
+            surplus: all.of(all.surplus),
+            views: named(views),
+            links: named(links),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tally(compared: usize, lacks: usize, surplus: usize) -> Tally {
+        Tally { compared, lacks, surplus }
+    }
+
+    fn of(views: &[Tally], links: &[Tally]) -> StateDifference {
+        let named =
+            |of: &[Tally]| of.iter().enumerate().map(|(k, t)| (format!("n{k}"), *t)).collect::<Vec<_>>();
+        StateDifference::new(1, &named(views), &named(links))
+    }
+
+    #[test]
+    fn shares_are_of_all_views_together() {
+        let found = of(&[tally(3000, 30, 0), tally(1000, 0, 10)], &[tally(2000, 20, 0)]);
+        assert_eq!((found.share, found.lacks, found.surplus, found.readings), (0.01, 0.0075, 0.0025, 4000));
+        assert_eq!((found.views[1].share, found.links[0].share), (0.01, 0.01));
+        assert_eq!(found.warning(), None);
+        assert_eq!(of(&[Tally::default()], &[]).warning(), None);
+    }
+
+    #[test]
+    fn a_state_or_a_link_that_differs_much_is_a_warning() {
+        let warned = |views: Tally, link: Tally| of(&[views], &[tally(5000, 0, 0), link]).warning();
+        let text = warned(tally(10_000, 700, 50), tally(0, 0, 0)).unwrap().text;
+        assert!(text.starts_with("state 1: 7.5 % of what") && text.contains("(7.0 %"), "{text}");
+        let text = warned(tally(10_000, 0, 200), tally(1000, 0, 200)).unwrap().text;
+        assert!(text.ends_with("; of n1 it is 20.0 %"), "{text}");
+        // Of a link that is hardly seen much may differ.
+        assert_eq!(warned(tally(10_000, 0, 20), tally(30, 0, 20)), None);
+    }
+}

@@ -1,0 +1,124 @@
+//! What a report says of a link.
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    drawn::visuals,
+    mjcf::quaternion,
+    number::round_significant,
+    package::ExportFile,
+    urdf::{grasp_name, solid_path},
+};
+use crate::model::{Grasp, Link};
+
+/// Significant digits of numbers.
+const DIGITS: usize = 10;
+
+/// A link.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LinkReport {
+    /// Name.
+    pub name: String,
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// How mass and inertia were computed.
+    pub assumption: String,
+    /// Lowest and highest mass under that assumption, kg.
+    #[serde(default)]
+    pub mass_range_kg: [f64; 2],
+    /// Convex collision solids.
+    #[serde(default)]
+    pub solids: usize,
+    /// Area of the surface, square meters.
+    pub area_m2: f64,
+    /// Area of it that no view saw, in small holes that were closed, square meters.
+    #[serde(default)]
+    pub assumed_area_m2: f64,
+    /// Area of walls that no view saw and that are drawn as `meshes/assumed`, square meters.
+    #[serde(default)]
+    pub assumed_walls_m2: f64,
+    /// Vertices of the mesh.
+    pub vertices: usize,
+    /// Triangles of the mesh.
+    pub triangles: usize,
+    /// Triangles of its files.
+    #[serde(default)]
+    pub file_triangles: FileTriangles,
+    /// Where a parallel gripper can take it, best first.
+    #[serde(default)]
+    pub grasps: Vec<GraspReport>,
+}
+
+/// Triangles of the files of a link.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FileTriangles {
+    /// Of `meshes/visual`: the mesh above, decimated.
+    pub visual: usize,
+    /// Of `meshes/assumed`.
+    pub assumed: usize,
+    /// Of all its solids in `meshes/collision`.
+    pub collision: usize,
+}
+
+impl FileTriangles {
+    fn of(link: &Link, files: &[ExportFile]) -> Self {
+        let count = |path: &str| {
+            let bytes = files.iter().find(|f| f.path == path).map_or(&[][..], |f| &f.bytes);
+            bytes.split(|b| *b == b'\n').filter(|line| line.starts_with(b"f ")).count()
+        };
+        let drawn =
+            |assumed: bool| visuals(link).filter(|v| v.is_assumed == assumed).map(|v| count(&v.path)).sum();
+        let collision = (0..link.collision.len()).map(|k| count(&solid_path(link, k))).sum();
+        Self { visual: drawn(false), assumed: drawn(true), collision }
+    }
+}
+
+/// A place to grasp a link.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GraspReport {
+    /// Name of its site or frame.
+    pub name: String,
+    /// Place between the fingertips in the link frame, meters.
+    pub position: [f64; 3],
+    /// Turn of the hand in the link frame, w first: x is the closing direction, z the approach.
+    pub quaternion: [f64; 4],
+    /// Width of the part there, millimeters.
+    pub width_mm: f64,
+    /// Angle between the closing direction and the normals of the faces, the worse of both, degrees.
+    pub off_deg: f64,
+    /// Whether views saw both faces.
+    pub seen: bool,
+}
+
+impl LinkReport {
+    /// Of a link and the files that hold it.
+    #[must_use]
+    pub fn of(l: &Link, files: &[ExportFile]) -> Self {
+        Self {
+            name: l.name.clone(),
+            mass_kg: round_significant(l.inertial.mass_kg, DIGITS),
+            assumption: l.inertial.assumption.clone(),
+            mass_range_kg: l.inertial.mass_range_kg.map(|m| round_significant(m, DIGITS)),
+            solids: l.collision.len(),
+            area_m2: round_significant(l.visual.area_m2(), DIGITS),
+            assumed_area_m2: round_significant(l.assumed_m2, DIGITS),
+            assumed_walls_m2: round_significant(l.assumed.area_m2(), DIGITS),
+            vertices: l.visual.vertices.len(),
+            triangles: l.visual.triangles.len(),
+            file_triangles: FileTriangles::of(l, files),
+            grasps: l.grasps.iter().enumerate().map(|(k, g)| grasp_report(grasp_name(l, k), g)).collect(),
+        }
+    }
+}
+
+fn grasp_report(name: String, grasp: &Grasp) -> GraspReport {
+    GraspReport {
+        name,
+        position: <[f64; 3]>::from(grasp.link_from_grasp.translation.vector)
+            .map(|x| round_significant(x, DIGITS)),
+        quaternion: quaternion(&grasp.link_from_grasp.rotation).map(|x| round_significant(x, DIGITS)),
+        width_mm: round_significant(1e3 * grasp.width_m, 4),
+        off_deg: round_significant(grasp.off_rad.to_degrees(), 4),
+        seen: grasp.is_seen,
+    }
+}

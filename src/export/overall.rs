@@ -1,0 +1,107 @@
+//! One word for a whole result, and why.
+
+use serde::{Deserialize, Serialize};
+
+use super::{difference_report::StateDifference, page::count};
+use crate::note::Note;
+
+/// What can be done with a twin.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OverallWord {
+    /// There is no warning.
+    #[default]
+    Usable,
+    /// No warning puts a part, a joint or a shape in question ([`crate::note::NoteCode::doubts_twin`]).
+    UsableWithWarnings,
+    /// A warning is.
+    LookBeforeUse,
+}
+
+/// A word with its reason.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Overall {
+    /// The word.
+    pub word: OverallWord,
+    /// One or two sentences.
+    pub reason: String,
+}
+
+impl Overall {
+    /// Of a twin with so many joints, by what the run found against it.
+    #[must_use]
+    pub fn of(joints: usize, warnings: &[Note], differences: &[StateDifference]) -> Self {
+        let doubts: Vec<&Note> = warnings.iter().filter(|w| w.code.doubts_twin()).collect();
+        let (word, mut sentences) = if let Some((first, others)) = doubts.split_first() {
+            let more =
+                if others.is_empty() { String::new() } else { format!(" (and {} more)", others.len()) };
+            (OverallWord::LookBeforeUse, vec![format!("{}{more}", first.text)])
+        } else if warnings.is_empty() {
+            let of = match joints {
+                0 => "no part was seen to move, so that the twin is one body",
+                1 => "nothing speaks against the joint",
+                _ => "nothing speaks against the joints",
+            };
+            (OverallWord::Usable, vec![of.to_owned()])
+        } else {
+            let text = "what is warned of below puts no part, joint or shape in question";
+            (OverallWord::UsableWithWarnings, vec![text.to_owned()])
+        };
+        if word != OverallWord::LookBeforeUse {
+            sentences.extend(agreement(differences));
+        }
+        Self { word, reason: sentences.join("; ") }
+    }
+
+    /// The word for people, of a result with so many warnings.
+    #[must_use]
+    pub fn title(&self, warnings: usize) -> String {
+        match self.word {
+            OverallWord::Usable => "Usable".to_owned(),
+            OverallWord::UsableWithWarnings => format!("Usable, with {}", count(warnings, "warning")),
+            OverallWord::LookBeforeUse => "Look before use".to_owned(),
+        }
+    }
+}
+
+/// How far the twin agrees with what the cameras saw.
+fn agreement(differences: &[StateDifference]) -> Option<String> {
+    let views: usize = differences.iter().map(|d| d.views.len()).sum();
+    let readings: usize = differences.iter().map(|d| d.readings).sum();
+    let differing: f64 = differences.iter().map(|d| d.share * d.readings as f64).sum();
+    (readings > 0).then(|| {
+        let share = 100.0 * (1.0 - differing / readings as f64);
+        format!(
+            "the twin explains {share:.1} % of the depth that {} read of the object",
+            count(views, "view")
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::note::NoteCode;
+
+    #[test]
+    fn the_word_follows_the_warnings() {
+        let of = |codes: &[NoteCode]| {
+            let notes: Vec<Note> = codes.iter().map(|c| Note::new(*c, c.word())).collect();
+            let overall = Overall::of(1, &notes, &[]);
+            (overall.title(notes.len()), overall.reason)
+        };
+        let (title, reason) = of(&[]);
+        assert_eq!((title.as_str(), reason.as_str()), ("Usable", "nothing speaks against the joint"));
+        assert_eq!(of(&[NoteCode::PosesMissing, NoteCode::SolidsOff]).0, "Usable, with 2 warnings");
+        let (title, reason) = of(&[NoteCode::PosesMissing, NoteCode::TwinDiffers, NoteCode::AxisCoarse]);
+        assert_eq!((title.as_str(), reason.as_str()), ("Look before use", "twin_differs (and 1 more)"));
+    }
+
+    #[test]
+    fn a_usable_twin_says_how_much_of_the_readings_it_explains() {
+        let state = |readings, share| StateDifference { readings, share, ..StateDifference::default() };
+        let overall = Overall::of(2, &[], &[state(3000, 0.02), state(1000, 0.06)]);
+        assert!(overall.reason.contains("the twin explains 97.0 % of the depth"), "{overall:?}");
+        assert!(Overall::of(0, &[], &[]).reason.contains("one body"));
+    }
+}

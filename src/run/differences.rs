@@ -1,0 +1,51 @@
+//! The twin held against every view that it was made of. See docs/method.md 11.4.
+
+use crate::{
+    capture::{Capture, RgbdFrame},
+    export::{Look, StateDifference, Tally},
+    model::ArticulatedModel,
+    surface::{Difference, Paint, RenderItem, Rendered, differences, render},
+};
+
+/// How the twin differs from what the cameras saw, of every state whose object pixels are known.
+#[must_use]
+pub fn compare(capture: &Capture, model: &ArticulatedModel, looks: &[Look]) -> Vec<StateDifference> {
+    let of_state = |(state, frames): (usize, &Vec<RgbdFrame>)| {
+        let mut links = vec![Tally::default(); model.links.len()];
+        let mut views = Vec::with_capacity(frames.len());
+        for frame in frames.iter().filter(|f| f.mask.is_some()) {
+            let items: Vec<RenderItem> = model
+                .links
+                .iter()
+                .zip(looks)
+                .enumerate()
+                .map(|(i, (_, look))| RenderItem {
+                    mesh: &look.mesh,
+                    world_from_mesh: model.world_from_link(i, &model.states[state]),
+                    paint: Paint::Vertices,
+                })
+                .collect();
+            let twin = render(&items, &frame.intrinsics, &frame.world_from_camera, false);
+            let mut view = Tally::default();
+            for (difference, item) in differ(capture, state, frame, &twin).into_iter().zip(&twin.item) {
+                view.count(difference);
+                if let Some(tally) = item.and_then(|i| links.get_mut(usize::from(i))) {
+                    tally.count(difference);
+                }
+            }
+            views.push((frame.id.clone(), view));
+        }
+        let links: Vec<_> = model.links.iter().map(|l| l.name.clone()).zip(links).collect();
+        (!views.is_empty()).then(|| StateDifference::new(state, &views, &links))
+    };
+    capture.states.iter().enumerate().filter_map(of_state).collect()
+}
+
+/// What a frame of a state says of the twin as its camera would see it.
+pub(super) fn differ(capture: &Capture, state: usize, frame: &RgbdFrame, twin: &Rendered) -> Vec<Difference> {
+    // What two frames see of one surface lies so far apart, whatever the twin is: noise and errors of poses
+    // and depth that are left.
+    let found = capture.poses.states.get(state).and_then(Option::as_ref);
+    let shared_m = found.map_or(0.0, |f| f.residual_m[usize::from(f.used)]);
+    differences(frame, twin, |pixel| frame.sigma_m(pixel, &capture.noise).hypot(shared_m))
+}

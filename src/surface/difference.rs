@@ -1,0 +1,138 @@
+//! Where a camera saw something else than a rendered model shows. See docs/method.md 11.4.
+
+use super::Rendered;
+use crate::{capture::RgbdFrame, geometry::Intrinsics};
+
+/// A reading farther than this from the model's surface is none of it, standard deviations.
+///
+/// derived: one of 16 000 readings of a normal distribution
+const SIGMAS: f64 = 4.0;
+
+/// What the reading of a pixel says about a model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Difference {
+    /// Nothing: there is none, or it may be of the surroundings.
+    Unread,
+    /// It lies on the model's surface.
+    Same,
+    /// The object is where the model has nothing.
+    Lacks,
+    /// The model is where the camera saw through.
+    Surplus,
+}
+
+/// What the readings of a frame say about a model that was rendered with the frame's camera, pixel by pixel;
+/// `sigma_m` is the standard deviation of a pixel's reading against a surface that is right.
+///
+/// A reading is compared with all depths that the model has within one pixel: edges of object and model fall
+/// on the same pixel only by chance, and a slanted surface has many depths in one.
+#[must_use]
+pub fn differences(frame: &RgbdFrame, model: &Rendered, sigma_m: impl Fn(usize) -> f64) -> Vec<Difference> {
+    let difference = |i: usize| {
+        let reading_m = f64::from(frame.depth_m[i]);
+        if reading_m <= 0.0 {
+            return Difference::Unread;
+        }
+        let around = Around::of(model, &frame.intrinsics, i);
+        let error_m = SIGMAS * sigma_m(i);
+        let is_behind = reading_m > around.farthest_m + error_m;
+        match (frame.is_object(i), around.is_bare) {
+            (true, _) if reading_m < around.nearest_m - error_m => Difference::Lacks,
+            (true, false) | (false, false) if is_behind => Difference::Surplus,
+            // Beside the edge of the model a reading behind it may be past the edge.
+            (true, true) if is_behind => Difference::Unread,
+            (true, _) => Difference::Same,
+            (false, _) => Difference::Unread,
+        }
+    };
+    (0..frame.depth_m.len()).map(difference).collect()
+}
+
+/// What a model shows at a pixel and its neighbors.
+struct Around {
+    /// Infinite where it shows nothing.
+    nearest_m: f64,
+    /// 0 where it shows nothing.
+    farthest_m: f64,
+    /// Whether it shows nothing at one of them.
+    is_bare: bool,
+}
+
+impl Around {
+    fn of(model: &Rendered, k: &Intrinsics, pixel: usize) -> Self {
+        let (x, y) = (pixel % k.width, pixel / k.width);
+        let mut found = Self { nearest_m: f64::INFINITY, farthest_m: 0.0, is_bare: false };
+        for v in y.saturating_sub(1)..(y + 2).min(k.height) {
+            for u in x.saturating_sub(1)..(x + 2).min(k.width) {
+                let depth_m = f64::from(model.depth_m[v * k.width + u]);
+                if depth_m > 0.0 {
+                    found.nearest_m = found.nearest_m.min(depth_m);
+                    found.farthest_m = found.farthest_m.max(depth_m);
+                } else {
+                    found.is_bare = true;
+                }
+            }
+        }
+        found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        geometry::Pose,
+        surface::{Paint, RenderItem, TriangleMesh, render, shapes::box_mesh},
+    };
+    use nalgebra::Vector3;
+
+    const K: Intrinsics = Intrinsics { width: 80, height: 60, fx: 100.0, fy: 100.0, cx: 39.5, cy: 29.5 };
+
+    /// A wall 1.5 m ahead, and before it boxes of 0.2 m, which are the object.
+    fn seen(boxes: &[Vector3<f64>]) -> Rendered {
+        let mesh: TriangleMesh = box_mesh(Vector3::new(0.1, 0.1, 0.1));
+        let item = |at: &Vector3<f64>| RenderItem {
+            mesh: &mesh,
+            world_from_mesh: Pose::translation(at.x, at.y, at.z),
+            paint: Paint::Vertices,
+        };
+        render(&boxes.iter().map(item).collect::<Vec<_>>(), &K, &Pose::identity(), false)
+    }
+
+    /// Lacks and surplus of a model where a camera sees one box 1 m ahead, in readings.
+    fn found(model: &[Vector3<f64>]) -> [usize; 2] {
+        let object = seen(&[Vector3::new(0.0, 0.0, 1.1)]);
+        let frame = RgbdFrame {
+            id: "0_0000".into(),
+            stamp_nanos: 0,
+            intrinsics: K,
+            world_from_camera: Pose::identity(),
+            rgb: object.rgb.clone(),
+            depth_m: object.depth_m.iter().map(|d| if *d > 0.0 { *d } else { 1.5 }).collect(),
+            mask: Some(object.depth_m.iter().map(|d| *d > 0.0).collect()),
+            readings: Vec::new(),
+        };
+        let all = differences(&frame, &seen(model), |_| 0.003);
+        [Difference::Lacks, Difference::Surplus].map(|d| all.iter().filter(|a| **a == d).count())
+    }
+
+    #[test]
+    fn readings_before_and_through_a_model_are_told_apart() {
+        let at = |x: f64, z: f64| Vector3::new(x, 0.0, z);
+        let area = 20 * 20;
+        assert_eq!(found(&[at(0.0, 1.1)]), [0, 0]);
+        // Within four deviations, and within a pixel aside.
+        assert_eq!((found(&[at(0.0, 1.111)]), found(&[at(0.01, 1.1)])), ([0, 0], [0, 0]));
+        let [lacks, surplus] = found(&[at(0.0, 1.13)]);
+        assert!(lacks > area * 8 / 10 && surplus == 0, "{lacks} {surplus}");
+        let [lacks, surplus] = found(&[at(0.0, 1.07)]);
+        assert!(surplus > area * 8 / 10 && lacks == 0, "{lacks} {surplus}");
+        assert_eq!(found(&[]), [area, 0]);
+        // Aside by half its width: a half of each.
+        let [lacks, surplus] = found(&[at(0.1, 1.1)]);
+        assert!(
+            [lacks, surplus].iter().all(|n| (area * 3 / 10..area * 6 / 10).contains(n)),
+            "{lacks} {surplus}"
+        );
+    }
+}
