@@ -1,4 +1,4 @@
-//! A twin held against the views that it was made of: it agrees, and where a part is off or missing that is said.
+//! A twin held against the views that it was made of: it agrees, and a part that is off or missing is said.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 

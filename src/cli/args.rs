@@ -382,8 +382,8 @@ pub struct ReconstructArgs {
     /// What trains the fields
     #[arg(long, value_parser = ["cpu", "burn", "gpu"])]
     pub engine: Option<String>,
-    /// Also write views, fused surfaces, parts and joints as a recording of rerun, to a file that is not there
-    /// yet; needs a build with `--features rerun`
+    /// Also write views, fused surfaces, parts and joints as a recording of rerun, to a file that is not
+    /// there yet; needs a build with `--features rerun`
     #[arg(long, value_name = "FILE.rrd", conflicts_with_all = ["jobs", "resume"])]
     pub rerun: Option<PathBuf>,
     /// Continue the run that was stopped, from its last finished stage; a finished run is left as it is

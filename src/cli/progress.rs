@@ -1,4 +1,4 @@
-//! What a run reports, shown while it runs: a bar on a terminal, plain lines elsewhere, JSON lines on request.
+//! What a run reports, shown while it runs: a bar on a terminal, lines elsewhere, JSON lines on request.
 
 use std::{
     io::{self, IsTerminal as _, Write},
@@ -41,8 +41,8 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Starts listening: JSON to stdout, else a bar or lines to stderr. JSON that cannot be written sets `stop`:
-    /// events are what such a run is for, and it ends at its next step.
+    /// Starts listening: JSON to stdout, else a bar or lines to stderr. JSON that cannot be written sets
+    /// `stop`: events are what such a run is for, and it ends at its next step.
     pub fn start(shown: Shown, stop: Arc<AtomicBool>) -> (Self, Sender<Event>) {
         let (sender, receiver) = mpsc::channel();
         let done = Arc::new(AtomicBool::new(false));

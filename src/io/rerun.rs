@@ -53,7 +53,7 @@ pub enum RerunError {
     #[error("cannot make the rerun recording: {0}")]
     Encode(Box<dyn std::error::Error + Send + Sync>),
     /// The file is there, or cannot be written.
-    #[error("cannot write `{}`: {source}; give a name that is not taken, in a folder that is there", path.display())]
+    #[error("cannot write `{}`; give a name that is not taken, in a folder that is there", path.display())]
     Write {
         /// Where it was to go.
         path: std::path::PathBuf,
@@ -227,8 +227,8 @@ fn text(seen: &Seen) -> String {
     let warnings: String = seen.warnings.iter().map(|w| format!("- {}\n", w.text)).collect();
     let warned = if warnings.is_empty() { String::new() } else { format!("\n## Warnings\n\n{warnings}") };
     format!(
-        "# {}\n\n{joints}\nTimeline `{VIEW}`: the views as they were recorded. Timeline `{MOTION}`: all joints \
-         through their limits.\n{warned}",
+        "# {}\n\n{joints}\nTimeline `{VIEW}`: the views as they were recorded. Timeline `{MOTION}`: all \
+         joints through their limits.\n{warned}",
         seen.model.name
     )
 }

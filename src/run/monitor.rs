@@ -8,8 +8,16 @@ use std::sync::{
 
 use serde::Serialize;
 
-use super::Planned;
 use crate::note::{Note, NoteCode};
+
+/// A stage that is to come.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Planned {
+    /// Name, e.g. `field/state0`.
+    pub stage: String,
+    /// Its share of the time, against the other stages'; 0: none.
+    pub weight: f64,
+}
 
 /// One thing that happened. Serialized by `--json` as a line of JSON whose `event` is the variant's name in
 /// snake case; the fields are those below. A number that is not finite is `null`.

@@ -1,21 +1,10 @@
 //! Which stages a run will go through, and about how long each takes beside the others.
 
-use serde::Serialize;
-
-use super::{Event, ReconstructRequest, outcome::CHECK_STAGE, stage::stage_of};
+use super::{Event, Planned, ReconstructRequest, outcome::CHECK_STAGE, stage::stage_of};
 use crate::{
     config::{Config, Init, Method},
     io,
 };
-
-/// A stage that is to come.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Planned {
-    /// Name, e.g. `field/state0`.
-    pub stage: String,
-    /// Its share of the time, against the other stages'; 0: none.
-    pub weight: f64,
-}
 
 /// Weight of a second on the machine of the weights below.
 pub(super) const WEIGHT_OF_SECOND: f64 = 4.0;

@@ -116,7 +116,11 @@ impl RunProgress {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{config::Config, note::NoteCode, run::plan};
+    use crate::{
+        config::Config,
+        note::NoteCode,
+        run::{Planned, plan},
+    };
 
     fn seconds(s: f64) -> Duration {
         Duration::from_secs_f64(s)
@@ -163,7 +167,7 @@ mod tests {
 
     #[test]
     fn steps_count_and_a_stage_that_was_kept_does_not() {
-        let weigh = |stage: &str, weight| plan::Planned { stage: stage.into(), weight };
+        let weigh = |stage: &str, weight| Planned { stage: stage.into(), weight };
         let mut progress = RunProgress::default();
         let stages = vec![weigh("a", 60.0), weigh("b", 40.0)];
         progress.take(&Event::Planned { stages }, seconds(0.0));

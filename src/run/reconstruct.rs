@@ -1,11 +1,11 @@
 //! The pipeline, from recordings to a run folder.
 
 use super::{
-    Checkpoint, Event, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
+    Checkpoint, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
     admission::{checked_name, fingerprint, matcher},
     earlier::{Beginning, begin, ended, finished},
     facts::facts,
-    outcome::{CHECK_STAGE, OUTPUT_STAGE},
+    outcome::CHECK_STAGE,
     pictures::pictures,
     plan::foreseen,
     reconstruct_twin,
@@ -77,12 +77,7 @@ fn reconstruct_files(
     let folder = write(&twin.model, &files, &found, &report, &images, request, monitor)?;
     let warnings = report.run.warnings;
     #[cfg(feature = "rerun")]
-    if let Some(file) = &request.rerun {
-        let seen =
-            io::Seen { capture: &capture, surfaces: &twin.surfaces, model: &twin.model, warnings: &warnings };
-        io::write_rerun(file, &seen).map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
-        monitor.report(Event::Artifact { path: file.display().to_string() });
-    }
+    super::rerun::write(request.rerun.as_deref(), &capture, &twin, &warnings, monitor)?;
     Ok(Outcome {
         folder,
         joints: JointSummary::of(&twin.model),
