@@ -12,7 +12,7 @@ use crate::{
 const DIGITS: usize = 3;
 /// A larger share, of a state or of what is seen of a link in it, is worth a warning.
 ///
-/// measured: docs/method.md 11.4, between twins that are right and parts that are off by ten deviations
+/// measured: docs/method.md 11.4, between twins that are right and those with a joint off or a part left out
 const MOST: f64 = 0.05;
 /// Less of a state's readings is worth none, whatever link it is of.
 ///
