@@ -451,6 +451,7 @@ fn duration(seconds: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::export::overall::Overall;
     use crate::note::{Note, NoteCode};
     use crate::{
         export::{InitialMotion, InputFacts, PictureKind, RunFacts, StageTime, limit_report::SeatReport},
@@ -545,6 +546,7 @@ mod tests {
             report.run.warnings.push(Note::new(NoteCode::PosesMissing, "2 frames had no pose"));
             report.run.warnings.push(caution.about("door_hinge"));
             report.joints[0].cautions.push(caution);
+            report.overall = Overall::of(2, &report.run.warnings, &[]);
         });
         assert!(
             html.contains(">Look before use</span>door_hinge: little support.")
