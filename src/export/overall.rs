@@ -72,7 +72,7 @@ fn agreement(differences: &[StateDifference]) -> Option<String> {
     (readings > 0).then(|| {
         let share = 100.0 * (1.0 - differing / readings as f64);
         format!(
-            "the twin explains {share:.1} % of the depth that {} read of the object",
+            "the twin explains {share:.2} % of the depth that {} read of the object",
             count(views, "view")
         )
     })
@@ -101,7 +101,7 @@ mod tests {
     fn a_usable_twin_says_how_much_of_the_readings_it_explains() {
         let state = |readings, share| StateDifference { readings, share, ..StateDifference::default() };
         let overall = Overall::of(2, &[], &[state(3000, 0.02), state(1000, 0.06)]);
-        assert!(overall.reason.contains("the twin explains 97.0 % of the depth"), "{overall:?}");
+        assert!(overall.reason.contains("the twin explains 97.00 % of the depth"), "{overall:?}");
         assert!(Overall::of(0, &[], &[]).reason.contains("one body"));
     }
 }
