@@ -190,6 +190,10 @@ impl<W: Write> Listener for Lines<W> {
     fn report(&mut self, event: &Event, at: Duration) {
         self.progress.take(event, at);
         let line = match event {
+            Event::StageStarted { stage, steps } => match steps {
+                Some(steps) => format!("{stage}: {steps} steps"),
+                None => format!("{stage}: started"),
+            },
             Event::Step { stage, done, total, .. } | Event::Count { stage, done, total } => {
                 // A stage of a thousand steps would fill the log.
                 if at < self.shown + LINE_INTERVAL {
@@ -338,11 +342,13 @@ mod tests {
     #[test]
     fn lines_are_few_and_say_the_time_left_of_the_whole() {
         // After 10 s 9 of 100 are done, and 10 count as foreseen, at 4 a second.
-        let expected = "field/state0: 10 of 100, loss 2.5000e-1, 1 min 0 s left\n\
+        let expected = "field/state0: 100 steps\n\
+                        field/state0: 10 of 100, loss 2.5000e-1, 1 min 0 s left\n\
                         field/state0: 20 of 100, loss NaN, 1 min 6 s left\n\
                         field/state0: done in 99.0 s, 10 s left\n\
                         stopping\n\
                         wrote runs/box/box.urdf\n\
+                        export: started\n\
                         1 note not shown: -v shows them\n\
                         warning: topic \u{fffd}[2J lost\n";
         assert_eq!(lines(false), expected);
