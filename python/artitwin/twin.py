@@ -64,6 +64,14 @@ class Stage:
     seconds: float
 
 
+@dataclass(frozen=True)
+class Overall:
+    """One word for the result, `usable`, `usable_with_warnings` or `look_before_use`, and its reason."""
+
+    word: str
+    reason: str
+
+
 @dataclass(frozen=True, eq=False)
 class Twin(os.PathLike[str]):
     """A run folder of `reconstruct`. What has no field here is in `data`, all of `report.json`."""
@@ -83,6 +91,8 @@ class Twin(os.PathLike[str]):
     warnings: tuple[Note, ...]
     """What was degraded; exit code 3."""
     data: Mapping[str, Any] = field(repr=False)
+    overall: Overall | None = None
+    """None in the folders of older versions."""
 
     @classmethod
     def read(cls, folder: StrPath) -> "Twin":

@@ -101,7 +101,7 @@ impl StateDifference {
             worst.map_or_else(String::new, |l| format!("; of {} it is {:.1} %", l.name, 100.0 * l.share));
         let text = format!(
             "state {}: {share:.1} % of what the cameras read is not where the twin is ({lacks:.1} % where it \
-             has nothing, {surplus:.1} % behind it){worst}",
+             has nothing, {surplus:.1} % behind it){worst}; report.html shows where",
             self.state
         );
         Some(Note::new(NoteCode::TwinDiffers, text))
@@ -161,7 +161,7 @@ mod tests {
         let text = warned(tally(10_000, 700, 50), tally(0, 0, 0)).unwrap().text;
         assert!(text.starts_with("state 1: 7.5 % of what") && text.contains("(7.0 %"), "{text}");
         let text = warned(tally(10_000, 0, 200), tally(1000, 0, 200)).unwrap().text;
-        assert!(text.ends_with("; of n1 it is 20.0 %"), "{text}");
+        assert!(text.ends_with("; of n1 it is 20.0 %; report.html shows where"), "{text}");
         // Of a link that is hardly seen much may differ.
         assert_eq!(warned(tally(10_000, 0, 20), tally(30, 0, 20)), None);
     }
