@@ -55,6 +55,20 @@ const DOUBTS: &[NoteCode] = &[
     NoteCode::TwinDiffers,
 ];
 
+/// What a user has to know though nobody asked: what became of files, and how the run went on.
+const OF_RUN: &[NoteCode] = &[
+    NoteCode::EngineReplaced,
+    NoteCode::StageKept,
+    NoteCode::StageNotKept,
+    NoteCode::StageComputedAgain,
+    NoteCode::StartsAnew,
+    NoteCode::ResultStands,
+    NoteCode::KeptForResume,
+    NoteCode::CheckpointLeft,
+    NoteCode::MovedAside,
+    NoteCode::Stopping,
+];
+
 macro_rules! codes {
     ($($name:ident = $word:literal, $meaning:literal;)*) => {
         /// What a note or a warning is about.
@@ -71,6 +85,12 @@ macro_rules! codes {
             #[must_use]
             pub fn doubts_twin(self) -> bool {
                 DOUBTS.contains(&self)
+            }
+
+            /// Whether it is about the user's files or the way of the run, not about what was chosen in it.
+            #[must_use]
+            pub fn is_of_run(self) -> bool {
+                OF_RUN.contains(&self)
             }
 
             /// The word that stands for it in files and events.

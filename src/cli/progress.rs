@@ -16,7 +16,6 @@ use indicatif::{ProgressBar, ProgressStyle};
 use crate::{
     export::count,
     io::printable,
-    note::NoteCode,
     run::{Event, RunProgress},
 };
 
@@ -147,8 +146,7 @@ impl Kept {
                 }
                 None
             }
-            // Who asked for a stop waits for this one.
-            Event::Note { code: NoteCode::Stopping, message } => Some(message.clone()),
+            Event::Note { code, message } if code.is_of_run() => Some(message.clone()),
             Event::Note { message, .. } => {
                 self.notes += 1;
                 self.verbose.then(|| message.clone())
@@ -300,7 +298,7 @@ fn left(progress: &RunProgress, at: Duration) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::Planned;
+    use crate::{note::NoteCode, run::Planned};
 
     fn events() -> Vec<(u64, Event)> {
         let stage = || "field/state0".to_owned();

@@ -77,6 +77,8 @@ def interrupted_and_resumed():
         if isinstance(event, artitwin.StageFinished) and event.stage == "surface/state0":
             os.kill(os.getpid(), signal.SIGINT)
 
+    # A shell starts what runs in the background with this signal ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     raised(KeyboardInterrupt, lambda: artitwin.reconstruct(BAG, OUT, preset="preview", name="box", on_event=interrupt))
     assert not any(isinstance(event, artitwin.Artifact) for event in seen), seen
     assert [path.name for path in OUT.iterdir()] == [".artitwin-box.checkpoint"], list(OUT.iterdir())
