@@ -3,7 +3,6 @@
 
 use std::path::Path;
 
-use image::{DynamicImage, ImageBuffer, ImageFormat, codecs::jpeg::JpegEncoder};
 use nalgebra::Vector3;
 use re_sdk::{
     AsComponents, RecordingStream, RecordingStreamBuilder, RecordingStreamError,
@@ -20,7 +19,10 @@ use re_sdk_types::{
     datatypes::Quaternion,
 };
 
-use super::write_new;
+use super::{
+    image_files::{depth_png, jpeg},
+    write_new,
+};
 use crate::{
     capture::{Capture, RgbdFrame},
     geometry::Pose,
@@ -147,22 +149,12 @@ fn view(stream: &RecordingStream, frame: &RgbdFrame) -> Result<(), RerunError> {
     // Column by column. Here integers stand at pixel centers, there at their corners.
     let image_from_camera = [[fx, 0.0, 0.0], [0.0, fy, 0.0], [cx + 0.5, cy + 0.5, 1.0]];
     stream.log("world/camera", &Pinhole::new(image_from_camera).with_resolution([width, height]))?;
-    let (width, height) = (k.width as u32, k.height as u32);
-    let mut color = Vec::new();
-    let pixels = frame.rgb.as_flattened();
-    JpegEncoder::new_with_quality(&mut color, JPEG_QUALITY)
-        .encode(pixels, width, height, image::ExtendedColorType::Rgb8)
-        .map_err(|e| RerunError::Encode(e.into()))?;
+    let encoded = |file: image::ImageResult<Vec<u8>>| file.map_err(|e| RerunError::Encode(e.into()));
+    let color = encoded(jpeg(k, &frame.rgb, JPEG_QUALITY))?;
     stream.log("world/camera/color", &EncodedImage::from_file_contents(color))?;
-    let units = frame.depth_m.iter().map(|d| (d * DEPTH_UNITS).round() as u16).collect();
-    let mut depth = std::io::Cursor::new(Vec::new());
-    if let Some(image) = ImageBuffer::from_raw(width, height, units) {
-        DynamicImage::ImageLuma16(image)
-            .write_to(&mut depth, ImageFormat::Png)
-            .map_err(|e| RerunError::Encode(e.into()))?;
-    }
-    let depth = EncodedDepthImage::from_file_contents(depth.into_inner()).with_meter(DEPTH_UNITS);
-    Ok(stream.log("world/camera/depth", &depth)?)
+    let units: Vec<u16> = frame.depth_m.iter().map(|d| (d * DEPTH_UNITS).round() as u16).collect();
+    let depth = EncodedDepthImage::from_file_contents(encoded(depth_png(k, &units))?);
+    Ok(stream.log("world/camera/depth", &depth.with_meter(DEPTH_UNITS))?)
 }
 
 /// Meshes of the links, and the motion through their joints' limits.

@@ -2,18 +2,17 @@
 
 use std::path::Path;
 
-use image::{ExtendedColorType, ImageEncoder as _, codecs::jpeg::JpegEncoder};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 
 use super::{
     bag_writer::BagWriter,
+    image_files::{depth_png, jpeg},
     offered_qos::OfferedQos,
     ros2msg::{
         CameraInfo, CompressedImage, Header, Image, TfMessage, Time, Transform, TransformStamped,
         definitions::RosMessage, encode, imu::Imu,
     },
     synth_error::SynthError,
-    synth_png::depth_png,
 };
 use crate::{
     geometry::{Intrinsics, Pose},
@@ -110,18 +109,11 @@ fn put<M: RosMessage>(
 
 fn put_images(bag: &mut BagWriter, stamp: i64, k: &Intrinsics, frame: &SynthFrame) -> Result<(), SynthError> {
     let (width, height) = (k.width as u32, k.height as u32);
-    let mut jpeg = Vec::new();
-    JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).write_image(
-        frame.rgb.as_flattened(),
-        width,
-        height,
-        ExtendedColorType::Rgb8,
-    )?;
     let color = CompressedImage {
         header: header(stamp, OPTICAL),
         // As compressed_image_transport writes it: encoding of the source, codec, encoding in the JPEG.
         format: "rgb8; jpeg compressed bgr8".into(),
-        data: jpeg,
+        data: jpeg(k, &frame.rgb, JPEG_QUALITY)?,
     };
     put(bag, COLOR, stamp, &color)?;
     // compressedDepth: 12 bytes of quantization, unused for 16UC1, then the PNG.

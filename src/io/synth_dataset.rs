@@ -10,10 +10,10 @@ use serde::Serialize;
 use super::{
     Committed, Place, ResultKind, RunDir,
     dataset::{Ends, JointTransform, JointTransforms, STATES, TransformAxis},
+    image_files::{depth_png, png},
     synth_error::SynthError,
     synth_folder::{least_bytes, ply},
     synth_matrix::rows,
-    synth_png::{depth_png, png},
 };
 use crate::{
     geometry::{Intrinsics, Pose},
@@ -193,5 +193,5 @@ fn mask_of(frame: &SynthFrame) -> Result<&[bool], SynthError> {
 
 fn color_png(k: &Intrinsics, rgb: &[[u8; 3]]) -> Result<Vec<u8>, SynthError> {
     let image = ImageBuffer::from_raw(k.width as u32, k.height as u32, rgb.as_flattened().to_vec());
-    png(image.map(DynamicImage::ImageRgb8))
+    Ok(png(image.map(DynamicImage::ImageRgb8))?)
 }
