@@ -182,6 +182,11 @@ impl<W> Lines<W> {
     fn new(out: W, kept: Kept) -> Self {
         Self { out, kept, progress: RunProgress::default(), shown: Duration::ZERO }
     }
+
+    /// The time left of all that is foreseen; nothing where that is nothing.
+    fn left(&self, at: Duration) -> String {
+        self.progress.at(at).map(|(_, time)| left(time)).unwrap_or_default()
+    }
 }
 
 impl<W: Write> Listener for Lines<W> {
@@ -199,10 +204,10 @@ impl<W: Write> Listener for Lines<W> {
                 }
                 self.shown = at;
                 let loss = self.progress.loss().map(|loss| format!(", loss {loss:.4e}")).unwrap_or_default();
-                format!("{stage}: {done} of {total}{loss}{}", left(&self.progress, at))
+                format!("{stage}: {done} of {total}{loss}{}", self.left(at))
             }
             Event::StageFinished { stage, seconds } => {
-                format!("{stage}: done in {seconds:.1} s{}", left(&self.progress, at))
+                format!("{stage}: done in {seconds:.1} s{}", self.left(at))
             }
             other => match self.kept.now(other) {
                 Some(line) => line,
@@ -247,10 +252,9 @@ impl Bar {
         let more = if others == 0 { String::new() } else { format!(" and {others} more") };
         let doing = format!("{}{more}", printable(stage));
         match self.progress.at(at) {
-            Some((share, _)) => {
-                self.bar.set_style(style(BAR));
+            Some((share, time)) => {
                 self.bar.set_position((share * SHARES as f64) as u64);
-                self.bar.set_message(format!("{doing}{}", left(&self.progress, at)));
+                self.bar.set_message(format!("{doing}{}", left(time)));
             }
             None => self.bar.set_message(format!("{doing}, {} s", at.as_secs())),
         }
@@ -261,6 +265,9 @@ impl Bar {
 impl Listener for Bar {
     fn report(&mut self, event: &Event, at: Duration) {
         self.progress.take(event, at);
+        if matches!(event, Event::Planned { .. }) {
+            self.bar.set_style(style(BAR));
+        }
         self.kept.now(event).iter().for_each(|line| self.line(line));
         self.draw(at);
     }
@@ -284,10 +291,9 @@ fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
-/// `, 1 min 20 s left`, of all that is foreseen; nothing where that is nothing.
-fn left(progress: &RunProgress, at: Duration) -> String {
-    let Some((_, left)) = progress.at(at) else { return String::new() };
-    let seconds = left.as_secs_f64().round() as u64;
+/// `, 1 min 20 s left`.
+fn left(time: Duration) -> String {
+    let seconds = time.as_secs_f64().round() as u64;
     match seconds {
         0..60 => format!(", {seconds} s left"),
         60..3600 => format!(", {} min {} s left", seconds / 60, seconds % 60),

@@ -30,6 +30,10 @@ pub(super) fn checked_name(request: &ReconstructRequest) -> Result<String, RunEr
         let message = "the method does not find the number of parts; give it with --parts N";
         return Err(RunError::stage("radiance/free", message));
     }
+    if let Some(path) = request.rerun.as_ref().filter(|path| path.symlink_metadata().is_ok()) {
+        let message = format!("`{}` is there; give --rerun a name that is not taken", path.display());
+        return Err(RunError::stage(OUTPUT_STAGE, message));
+    }
     let name = request.name.clone().unwrap_or(found);
     check_places(request, &name, states).map_err(|e| RunError::stage(OUTPUT_STAGE, e))?;
     Ok(name)
@@ -64,4 +68,22 @@ pub(super) fn fingerprint(request: &ReconstructRequest) -> Result<Fingerprint, R
         all = all.with_source(&format!("source{i}"), source).map_err(failed)?;
     }
     Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_recording_of_rerun_takes_no_place_of_another_file() {
+        let folder = crate::temp::Temp::new("rerun");
+        let taken = folder.0.join("mine.rrd");
+        std::fs::write(&taken, "mine").unwrap();
+        let mut request = ReconstructRequest::new(["bags/drawer"], folder.0.join("runs"));
+        request.rerun = Some(folder.0.join("new.rrd"));
+        assert_eq!(checked_name(&request).unwrap(), "drawer");
+        request.rerun = Some(taken);
+        let refused = checked_name(&request).unwrap_err().to_string();
+        assert!(refused.contains("mine.rrd` is there"), "{refused}");
+    }
 }

@@ -4,28 +4,18 @@ use crate::{
     capture::{Capture, RgbdFrame},
     export::{Look, StateDifference, Tally},
     model::ArticulatedModel,
-    surface::{Difference, Paint, RenderItem, Rendered, differences, render},
+    surface::{Difference, Paint, RenderItem, Rendered, TriangleMesh, differences, render},
 };
 
 /// How the twin differs from what the cameras saw, of every state whose object pixels are known.
 #[must_use]
 pub fn compare(capture: &Capture, model: &ArticulatedModel, looks: &[Look]) -> Vec<StateDifference> {
+    let shapes: Vec<(&TriangleMesh, Paint)> = looks.iter().map(|l| (&l.mesh, Paint::Vertices)).collect();
     let of_state = |(state, frames): (usize, &Vec<RgbdFrame>)| {
         let mut links = vec![Tally::default(); model.links.len()];
         let mut views = Vec::with_capacity(frames.len());
         for frame in frames.iter().filter(|f| f.mask.is_some()) {
-            let items: Vec<RenderItem> = model
-                .links
-                .iter()
-                .zip(looks)
-                .enumerate()
-                .map(|(i, (_, look))| RenderItem {
-                    mesh: &look.mesh,
-                    world_from_mesh: model.world_from_link(i, &model.states[state]),
-                    paint: Paint::Vertices,
-                })
-                .collect();
-            let twin = render(&items, &frame.intrinsics, &frame.world_from_camera, false);
+            let twin = draw(model, state, frame, &shapes);
             let mut view = Tally::default();
             for (difference, item) in differ(capture, state, frame, &twin).into_iter().zip(&twin.item) {
                 view.count(difference);
@@ -39,6 +29,27 @@ pub fn compare(capture: &Capture, model: &ArticulatedModel, looks: &[Look]) -> V
         (!views.is_empty()).then(|| StateDifference::new(state, &views, &links))
     };
     capture.states.iter().enumerate().filter_map(of_state).collect()
+}
+
+/// The links in a state as a view saw them; tinted ones are shaded.
+pub(super) fn draw(
+    model: &ArticulatedModel,
+    state: usize,
+    frame: &RgbdFrame,
+    painted: &[(&TriangleMesh, Paint)],
+) -> Rendered {
+    let positions = &model.states[state];
+    let items: Vec<RenderItem> = painted
+        .iter()
+        .enumerate()
+        .map(|(i, &(mesh, paint))| RenderItem {
+            mesh,
+            world_from_mesh: model.world_from_link(i, positions),
+            paint,
+        })
+        .collect();
+    let is_tinted = items.iter().any(|i| matches!(i.paint, Paint::Tint(_)));
+    render(&items, &frame.intrinsics, &frame.world_from_camera, is_tinted)
 }
 
 /// What a frame of a state says of the twin as its camera would see it.

@@ -1,6 +1,6 @@
 //! Pictures of a run for the report: photos beside the twin, parts with axes, what was kept.
 
-use super::differences::{compare, differ};
+use super::differences::{compare, differ, draw};
 use crate::{
     capture::{Capture, RgbdFrame},
     export::{
@@ -8,7 +8,7 @@ use crate::{
         cutout_png, part_color,
     },
     model::ArticulatedModel,
-    surface::{Difference, Paint, RenderItem, Rendered, TriangleMesh, render},
+    surface::{Difference, Paint, Rendered, TriangleMesh},
 };
 
 /// Views shown of each state.
@@ -137,27 +137,6 @@ fn photo(frame: &RgbdFrame, only_object: bool, caption: String) -> Picture {
         caption,
         ..Picture::default()
     }
-}
-
-/// The links in a state as a view saw them; tinted ones are shaded.
-fn draw(
-    model: &ArticulatedModel,
-    state: usize,
-    frame: &RgbdFrame,
-    painted: &[(&TriangleMesh, Paint)],
-) -> Rendered {
-    let positions = &model.states[state];
-    let items: Vec<RenderItem> = painted
-        .iter()
-        .enumerate()
-        .map(|(i, &(mesh, paint))| RenderItem {
-            mesh,
-            world_from_mesh: model.world_from_link(i, positions),
-            paint,
-        })
-        .collect();
-    let is_tinted = items.iter().any(|i| matches!(i.paint, Paint::Tint(_)));
-    render(&items, &frame.intrinsics, &frame.world_from_camera, is_tinted)
 }
 
 fn picture(drawn: Rendered, kind: PictureKind, caption: String) -> Picture {

@@ -38,6 +38,10 @@ impl RunProgress {
             Event::Planned { stages } => {
                 for planned in stages {
                     self.weights.insert(planned.stage.clone(), planned.weight);
+                    // Nothing of it is to come: its run failed.
+                    if planned.weight == 0.0 {
+                        self.running.retain(|r| r.name != planned.stage);
+                    }
                 }
                 return false;
             }
@@ -182,6 +186,21 @@ mod tests {
         // 10 of 40 in 25 s, and what was foreseen counts as much.
         assert!((share - 0.25).abs() < 1e-12);
         assert!((left.as_secs_f64() - 30.0 * (25.0 + 2.5) / 20.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_run_that_failed_is_done_with() {
+        let weigh = |stage: &str, weight| Planned { stage: stage.into(), weight };
+        let mut progress = RunProgress::default();
+        let stages = vec![weigh("one/a", 10.0), weigh("two/a", 10.0)];
+        progress.take(&Event::Planned { stages }, seconds(0.0));
+        progress.take(&started("one/a"), seconds(0.0));
+        progress.take(&started("two/a"), seconds(0.0));
+        assert_eq!(progress.stage(), Some(("two/a", 1)));
+        progress.take(&Event::Planned { stages: vec![weigh("two/a", 0.0)] }, seconds(1.0));
+        assert_eq!(progress.stage(), Some(("one/a", 0)));
+        progress.take(&finished("one/a"), seconds(2.0));
+        assert_eq!(progress.at(seconds(2.0)), Some((1.0, Duration::ZERO)));
     }
 
     #[test]
