@@ -72,7 +72,7 @@ pub(super) fn fingerprint(request: &ReconstructRequest) -> Result<Fingerprint, R
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{super::chain, *};
 
     #[test]
     fn a_recording_of_rerun_takes_no_place_of_another_file() {
@@ -83,7 +83,7 @@ mod tests {
         request.rerun = Some(folder.0.join("new.rrd"));
         assert_eq!(checked_name(&request).unwrap(), "drawer");
         request.rerun = Some(taken);
-        let refused = checked_name(&request).unwrap_err().to_string();
+        let refused = chain(&checked_name(&request).unwrap_err());
         assert!(refused.contains("mine.rrd` is there"), "{refused}");
     }
 }
