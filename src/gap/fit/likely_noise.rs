@@ -7,8 +7,8 @@ use crate::gap::{
         noise::EffortNoise,
         problem::{Problem, Weighing},
         rollout::{Rollout, Start},
-        whiten::{Filter, Gain, Local},
-        whitening::{Whitening, predict, residual_column, start_ridge},
+        whiten::{Filter, Gains, Local},
+        whitening::{SIDE_BY_SIDE, Whitening, pass_windows, predict, residual_column, start_ridge},
     },
     model::joint_model::JointModel,
 };
@@ -33,7 +33,7 @@ pub fn most_likely_noise(
     problem: &Problem,
     model: &JointModel,
     starts: &[Start],
-    whitening: &mut Whitening,
+    whitening: &Whitening,
     around: EffortNoise,
 ) -> EffortNoise {
     let drives = problem.drives(model);
@@ -53,7 +53,7 @@ pub fn most_likely_noise(
             ..EffortNoise::white(problem.min_sigma_u)
         };
     }
-    let mut residuals = Residuals { problem, whitening, rollouts };
+    let residuals = Residuals { problem, whitening, rollouts };
     let white = residuals.white(EffortNoise { wander: 0.0, ..around });
     residuals.with_wander(white, around)
 }
@@ -77,30 +77,33 @@ fn deflection(problem: &Problem, rollouts: &[Vec<[f64; 3]>]) -> f64 {
 /// Residuals of all windows under a model, ready to be weighed under any noise.
 struct Residuals<'a, 'p, 'c> {
     problem: &'p Problem<'c>,
-    whitening: &'a mut Whitening,
+    whitening: &'a Whitening,
     /// Start position, start velocity, residual of every sample, by window.
     rollouts: Vec<Vec<[f64; 3]>>,
 }
 
 impl Residuals<'_, '_, '_> {
     /// Restricted log likelihood of a noise, up to a constant.
-    fn log_likelihood(&mut self, noise: &EffortNoise) -> f64 {
-        self.whitening.set_noise(self.problem, noise);
-        let mut twice = self.whitening.log_variance;
+    fn log_likelihood(&self, noise: &EffortNoise) -> f64 {
+        let (mut log_variance, mut rest) = (0.0, Vec::with_capacity(self.rollouts.len()));
         let ridge = start_ridge(self.problem);
-        for (w, rows) in self.rollouts.iter().enumerate() {
-            let span = self.problem.windows[w];
-            let (cost, start, gradient) =
-                whiten_three(rows, &self.whitening.locals[span.log][span.start..], &self.whitening.gains[w]);
-            let start = start + ridge;
-            let inverse = start.try_inverse().unwrap_or_else(Matrix2::zeros);
-            twice += cost - gradient.dot(&(inverse * gradient)) + start.determinant().max(1e-300).ln();
+        let groups = self.problem.windows.chunks(SIDE_BY_SIDE).zip(self.rollouts.chunks(SIDE_BY_SIDE));
+        for (windows, rollouts) in groups {
+            let mut ways: Vec<Way> = rollouts.iter().map(|rows| Way::of(noise, rows)).collect();
+            pass_windows(self.problem, &self.whitening.locals, windows, &mut ways, Way::pass);
+            for Way { gains, sums, .. } in &ways {
+                log_variance += gains.log_variance();
+                let (start, gradient) = (sums.start() + ridge, sums.gradient());
+                let inverse = start.try_inverse().unwrap_or_else(Matrix2::zeros);
+                let determinant = start.determinant().max(1e-300);
+                rest.push(sums.cost() - gradient.dot(&(inverse * gradient)) + determinant.ln());
+            }
         }
-        -0.5 * twice
+        -0.5 * rest.iter().fold(log_variance * self.problem.weighing.share(), |sum, x| sum + x)
     }
 
     /// The likeliest white noise beside a wander, and its log likelihood.
-    fn white(&mut self, from: EffortNoise) -> (f64, EffortNoise) {
+    fn white(&self, from: EffortNoise) -> (f64, EffortNoise) {
         let least = self.problem.min_sigma_u;
         let (reached, white) =
             top(from.white, least, |white| self.log_likelihood(&EffortNoise { white, ..from }));
@@ -108,7 +111,7 @@ impl Residuals<'_, '_, '_> {
     }
 
     /// With an effort that lasts, where that is likelier, of the memory that serves best.
-    fn with_wander(&mut self, without: (f64, EffortNoise), around: EffortNoise) -> EffortNoise {
+    fn with_wander(&self, without: (f64, EffortNoise), around: EffortNoise) -> EffortNoise {
         let (interval_s, least) = (self.problem.coverage.interval_s, self.problem.min_sigma_u);
         let mut best = without;
         let mut wander = if around.wander > 0.0 { around.wander } else { without.1.white };
@@ -161,16 +164,26 @@ fn top(around: f64, least: f64, mut score: impl FnMut(f64) -> f64) -> (f64, f64)
     }
 }
 
-/// Whitens (start position, start velocity, residual) and gives their products.
-fn whiten_three(rows: &[[f64; 3]], locals: &[Local], gains: &[Gain]) -> (f64, Matrix2<f64>, Vector2<f64>) {
-    let mut filter = Filter::<3>::default();
-    let mut sums = Products::default();
-    for ((row, local), gain) in rows.iter().zip(locals).zip(gains) {
-        let mut white = *row;
-        filter.pass(&mut white, local, gain);
-        sums.add(&white);
+/// A window on its way through the filter of a noise.
+struct Way<'a> {
+    /// Start position, start velocity, residual of every sample.
+    rows: &'a [[f64; 3]],
+    gains: Gains<'a>,
+    filter: Filter<3>,
+    sums: Products,
+}
+
+impl<'a> Way<'a> {
+    fn of(noise: &'a EffortNoise, rows: &'a [[f64; 3]]) -> Self {
+        Self { rows, gains: Gains::of(noise), filter: Filter::default(), sums: Products::default() }
     }
-    (sums.cost(), sums.start(), sums.gradient())
+
+    #[inline]
+    fn pass(&mut self, local: &Local, reading: f64, at: usize) {
+        let mut white = self.rows[at];
+        self.filter.pass(&mut white, local, &self.gains.next(local, reading));
+        self.sums.add(&white);
+    }
 }
 
 /// Sums of products of (start position, start velocity, residual).

@@ -352,7 +352,7 @@ fn fit_settled(
         // A model that is not fitted yet leaves its misfit in the residuals, and the estimate would take
         // that for noise.
         if round > 0 || !anneal.is_empty() || pace.hears {
-            noise = most_likely_noise(problem, &model, &starts, &mut whitening, noise);
+            noise = most_likely_noise(problem, &model, &starts, &whitening, noise);
             whitening = Whitening::new(problem, &model, &noise);
         }
         // Gauss-Newton cannot move a start across the play, so that with play every round searches all

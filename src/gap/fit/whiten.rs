@@ -13,7 +13,7 @@ use crate::gap::{
         effect::{At, Place, run_time_s},
         joint_model::{Catalogue, JointModel, Settling},
     },
-    record::log::{JointLog, Span},
+    record::log::JointLog,
 };
 
 /// Linearized joint between two samples: state transition (row-major) and effect of an effort.
@@ -165,40 +165,59 @@ impl Belief {
     }
 }
 
-/// Gains of a window whose start state is known (it is a column of its own), and the sum of the log
-/// variances; `readings` holds the variance of every reading of the log.
-pub fn gains(
-    locals: &[Local],
-    span: Span,
-    readings: &[f64],
-    noise: &EffortNoise,
-    out: &mut Vec<Gain>,
-) -> f64 {
-    out.clear();
-    let mut belief = Belief { dd: noise.wander * noise.wander, ..Belief::default() };
-    let deflection = noise.deflection * noise.deflection;
-    // Logarithms of products: variances of positions are far from the bounds of a double.
-    let (mut log_variance, mut product) = (0.0, 1.0f64);
-    let (mut interval_s, mut kept) = (0.0, noise.kept(0.0));
-    let samples = span.start..span.start + span.len;
-    for (local, reading) in locals[samples.clone()].iter().zip(&readings[samples]) {
-        // Most intervals are alike, and exponentials are dear.
-        if local.interval_s != interval_s {
-            (interval_s, kept) = (local.interval_s, noise.kept(local.interval_s));
+/// The gains of a window on their way: its start state is known, being a column of its own (14.10).
+pub struct Gains<'a> {
+    noise: &'a EffortNoise,
+    /// Variance of where the joint is beside where its model has it.
+    deflection: f64,
+    belief: Belief,
+    /// Sum of the log variances but those in the product.
+    log_variance: f64,
+    /// Product of the variances since; they are far from the bounds of a double, and logarithms are dear.
+    product: f64,
+    interval_s: f64,
+    kept: f64,
+}
+
+impl<'a> Gains<'a> {
+    /// At the start of a window.
+    #[must_use]
+    pub fn of(noise: &'a EffortNoise) -> Self {
+        Self {
+            noise,
+            deflection: noise.deflection * noise.deflection,
+            belief: Belief { dd: noise.wander * noise.wander, ..Belief::default() },
+            log_variance: 0.0,
+            product: 1.0,
+            interval_s: 0.0,
+            kept: noise.kept(0.0),
         }
-        // (14.10)
-        let s = belief.qq + reading + deflection;
-        product *= s;
-        if !(1e-200..1e200).contains(&product) {
-            log_variance += product.ln();
-            product = 1.0;
-        }
-        let (kq, kv, kd) = (belief.qq / s, belief.qv / s, belief.qd / s);
-        let gain = Gain { scale: 1.0 / s.sqrt(), kq, kv, kd, kept };
-        belief = belief.updated(&gain).next(local, noise, kept);
-        out.push(gain);
     }
-    log_variance + product.ln()
+
+    /// Gain of the next sample, whose reading has the given variance.
+    #[inline]
+    pub fn next(&mut self, local: &Local, reading: f64) -> Gain {
+        // Most intervals are alike, and exponentials are dear, too.
+        if local.interval_s != self.interval_s {
+            (self.interval_s, self.kept) = (local.interval_s, self.noise.kept(local.interval_s));
+        }
+        let s = self.belief.qq + reading + self.deflection;
+        self.product *= s;
+        if !(1e-200..1e200).contains(&self.product) {
+            self.log_variance += self.product.ln();
+            self.product = 1.0;
+        }
+        let [kq, kv, kd] = [self.belief.qq, self.belief.qv, self.belief.qd].map(|x| x / s);
+        let gain = Gain { scale: 1.0 / s.sqrt(), kq, kv, kd, kept: self.kept };
+        self.belief = self.belief.updated(&gain).next(local, self.noise, self.kept);
+        gain
+    }
+
+    /// Sum of the log variances of the innovations so far.
+    #[must_use]
+    pub fn log_variance(&self) -> f64 {
+        self.log_variance + self.product.ln()
+    }
 }
 
 /// The filter on its way through a window, for `W` columns.
@@ -273,14 +292,12 @@ mod tests {
         let locals = vec![Local { a, g, interval_s: h }; count];
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(7);
         let (mut q, mut v, mut d) = (0.0, 0.0, normal(&mut rng));
-        let readings = vec![1e-8; count];
-        let mut gain = Vec::new();
-        gains(&locals, Span { log: 0, start: 0, len: count }, &readings, noise, &mut gain);
+        let mut gains = Gains::of(noise);
         let mut filter = Filter::<1>::default();
         let kept = truth.kept(h);
         let one = |k: usize| {
             let mut row = [q + 1e-4 * normal(&mut rng)];
-            filter.pass(&mut row, &locals[k], &gain[k]);
+            filter.pass(&mut row, &locals[k], &gains.next(&locals[k], 1e-8));
             let effort = truth.wander * d + truth.white * normal(&mut rng);
             (q, v) = (q + h * v + g[0] * effort, v + g[1] * effort);
             d = kept * d + (1.0 - kept * kept).sqrt() * normal(&mut rng);

@@ -7,10 +7,10 @@ use crate::gap::{
         noise::EffortNoise,
         problem::Problem,
         rollout::{Rollout, Start, roll},
-        whiten::{Gain, Local, gains, linearize},
+        whiten::{Gain, Gains, Local, linearize},
     },
     model::joint_model::JointModel,
-    record::drive::Drive,
+    record::{drive::Drive, log::Span},
 };
 
 /// Column of the residual in the rows that are whitened: the one behind the sensitivities.
@@ -34,22 +34,48 @@ impl Whitening {
     #[must_use]
     pub fn new(problem: &Problem, model: &JointModel, noise: &EffortNoise) -> Self {
         let each = problem.logs.iter().enumerate();
-        let locals =
+        let locals: Vec<Vec<Local>> =
             each.map(|(i, l)| linearize(model, problem.catalogue, l, i, &problem.traces[i])).collect();
-        let mut whitening =
-            Self { locals, gains: vec![Vec::new(); problem.windows.len()], log_variance: 0.0 };
-        whitening.set_noise(problem, noise);
-        whitening
-    }
-
-    /// Another noise level.
-    pub fn set_noise(&mut self, problem: &Problem, noise: &EffortNoise) {
-        // The linearizations do not depend on the noise: another level needs new gains only.
-        self.log_variance = 0.0;
-        for (w, out) in problem.windows.iter().zip(&mut self.gains) {
-            self.log_variance += gains(&self.locals[w.log], *w, &problem.readings[w.log], noise, out);
+        let mut log_variance = 0.0;
+        let mut gains = Vec::with_capacity(problem.windows.len());
+        for windows in problem.windows.chunks(SIDE_BY_SIDE) {
+            let each = windows.iter().map(|w| (Gains::of(noise), Vec::with_capacity(w.len)));
+            let mut ways: Vec<(Gains, Vec<Gain>)> = each.collect();
+            pass_windows(problem, &locals, windows, &mut ways, |(gains, out), local, reading, _| {
+                out.push(gains.next(local, reading));
+            });
+            for (way, out) in ways {
+                log_variance += way.log_variance();
+                gains.push(out);
+            }
         }
-        self.log_variance *= problem.weighing.share();
+        Self { locals, gains, log_variance: log_variance * problem.weighing.share() }
+    }
+}
+
+/// Windows that are passed at a time.
+/// measured: the gains of one take 3 times as long as those of four, 2026-11-28.
+pub const SIDE_BY_SIDE: usize = 4;
+
+/// Goes through windows side by side: every sample of a filter waits for the divisions of the one before, and the
+/// samples of other windows fill that time. `each` is given the state of a window, the linearization, the variance of
+/// the reading and the sample's place in the window.
+#[inline]
+pub fn pass_windows<T>(
+    problem: &Problem,
+    locals: &[Vec<Local>],
+    windows: &[Span],
+    states: &mut [T],
+    mut each: impl FnMut(&mut T, &Local, f64, usize),
+) {
+    let longest = windows.iter().map(|w| w.len).max().unwrap_or(0);
+    for k in 0..longest {
+        for (span, state) in windows.iter().zip(&mut *states) {
+            if k < span.len {
+                let at = span.start + k;
+                each(state, &locals[span.log][at], problem.readings[span.log][at], k);
+            }
+        }
     }
 }
 

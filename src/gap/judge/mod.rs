@@ -8,6 +8,7 @@ pub mod doubt_json;
 #[cfg(test)]
 mod doubt_tests;
 pub mod doubt_words;
+pub mod exchange;
 pub mod finding;
 pub mod format_model;
 #[cfg(test)]

@@ -11,6 +11,7 @@ use crate::gap::{
         smooth::Trace,
     },
     judge::{
+        exchange::with_exchanges,
         regression::regressed_sets,
         screen::{Hit, Screen},
     },
@@ -34,9 +35,7 @@ impl Candidate {
     /// Indices of its effects, sorted.
     #[must_use]
     pub fn effects(&self) -> Vec<usize> {
-        let mut effects: Vec<usize> = self.fit.model.terms.iter().map(|t| t.effect).collect();
-        effects.sort_unstable();
-        effects
+        self.fit.model.effects()
     }
 }
 
@@ -243,7 +242,10 @@ pub fn search(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Search {
         if found.is_empty() && size >= largest_seed {
             break;
         }
-        let sets = best_of_each_set(found);
+        let mut sets = best_of_each_set(found);
+        if size > 1 && problem.weighing != Weighing::Innovations {
+            sets = with_exchanges(problem, &by_size[0][0], sets, &by_size[1]);
+        }
         let best = sets.first().map_or(f64::NEG_INFINITY, |c| c.score);
         // Growing one by one misses sets whose members show only beside each other.
         let smaller: Vec<Candidate> = if size > 1 {
@@ -325,7 +327,7 @@ fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -
 /// tuned: tests/python/gap/generate.py.
 const MIN_SHARE: f64 = 0.04;
 /// Candidates that are fitted to the end after a first pass over all.
-const FINALISTS: usize = 5;
+pub(super) const FINALISTS: usize = 5;
 
 /// Fits in a row that a candidate with play may take.
 const PLAY_FITS: usize = 3;

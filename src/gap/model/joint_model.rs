@@ -86,6 +86,14 @@ impl JointModel {
         self.plant.friction > 0.0 || self.terms.iter().any(|t| catalogue[t.effect].place() == Place::Friction)
     }
 
+    /// Indices of its effects, sorted.
+    #[must_use]
+    pub fn effects(&self) -> Vec<usize> {
+        let mut effects: Vec<usize> = self.terms.iter().map(|t| t.effect).collect();
+        effects.sort_unstable();
+        effects
+    }
+
     /// Number of free parameters, the lag included.
     #[must_use]
     pub fn free(&self) -> usize {
