@@ -13,10 +13,13 @@ use crate::gap::{
     model::joint_model::JointModel,
 };
 
-/// Largest ratio of the last grid, through which a parabola is laid.
-/// derived: the sequence of grids then ends at a ratio of sqrt(2), over which the likelihood of a standard
-/// deviation differs from a parabola so little that its top is 4 % off at most.
-const FINEST: f64 = 1.5;
+/// Ratio of the first and the last grid, through which a parabola is laid.
+/// derived: over it the likelihood of a standard deviation differs from a parabola so little that its top is
+/// 4 % off at most.
+const FINE: f64 = std::f64::consts::SQRT_2;
+/// Largest ratio of a grid.
+/// derived: two doublings of [`FINE`] on a logarithmic scale; a top that is passed over is found on the way back.
+const COARSE: f64 = 4.0;
 
 /// Memories that an effort which lasts is looked for with, in sample intervals.
 /// derived: from where it is white noise to a window of usual rates; the likelihood is broad in the memory.
@@ -137,8 +140,8 @@ impl Residuals<'_, '_, '_> {
 /// The largest value of a function of a standard deviation, and where it is; on a logarithmic scale.
 fn top(around: f64, least: f64, mut score: impl FnMut(f64) -> f64) -> (f64, f64) {
     let mut best = (score(around), around);
-    // The grid moves while a side is better; then its ratio shrinks to the root.
-    let mut factor = 4.0f64;
+    // Most searches begin near the top. Where they do not, steps grow while a side is better.
+    let mut factor = FINE;
     loop {
         let (middle, center) = best;
         let sides = [center / factor, center * factor].map(|trial| {
@@ -151,16 +154,16 @@ fn top(around: f64, least: f64, mut score: impl FnMut(f64) -> f64) -> (f64, f64)
             }
         }
         if best.1 != center {
-            continue;
-        }
-        if factor < FINEST {
+            factor = (factor * factor).min(COARSE);
+        } else if factor > FINE {
+            factor = factor.sqrt().max(FINE);
+        } else {
             // The top of the parabola through the three, on a logarithmic scale.
             let (down, up) = (sides[0].0 - middle, sides[1].0 - middle);
             let shift =
                 if down + up < 0.0 { (0.5 * (down - up) / (down + up)).clamp(-0.5, 0.5) } else { 0.0 };
             return (middle, (center * factor.powf(shift)).max(least));
         }
-        factor = factor.sqrt();
     }
 }
 

@@ -1,45 +1,84 @@
-//! Sets that differ from a found one by a single effect: growing one by one misses those whose first member was
-//! not the best.
-
-use rayon::prelude::*;
+//! Sets that differ from a found one by a single effect: growing one by one misses those whose first member
+//! was not the best.
 
 use crate::gap::{
-    fit::{problem::Problem, shooting::MAX_FIT_FREE},
-    judge::search::{Candidate, FINALISTS, begun, best_of_each_set},
-    model::joint_model::JointModel,
+    fit::shooting::MAX_FIT_FREE,
+    model::joint_model::{Catalogue, JointModel},
 };
 
-/// Sets with, beside them, the best of them with each of its effects in exchange for each of those that lead
-/// alone, `singles`. Fits begin at the parameters of both, and at the start states of `base`.
+/// A set with each of its effects in exchange for each of `others`, which act alone; parameters are those of
+/// both. Not what overlaps what is left, what is too large to be fitted, or what `known` knows by its effects.
 #[must_use]
-pub fn with_exchanges(
-    problem: &Problem,
-    base: &Candidate,
-    sets: Vec<Candidate>,
-    singles: &[Candidate],
-) -> Vec<Candidate> {
-    let Some(best) = sets.first() else { return sets };
-    let spec = |effect: usize| problem.catalogue[effect].spec();
-    let mut seeds: Vec<JointModel> = Vec::new();
-    for i in 0..best.fit.model.terms.len() {
-        for single in singles.iter().take(FINALISTS) {
-            let Some(new) = single.fit.model.terms.first() else { continue };
-            let mut model = best.fit.model.clone();
+pub fn exchanged(
+    catalogue: &Catalogue,
+    set: &JointModel,
+    others: &[&JointModel],
+    known: impl Fn(&[usize]) -> bool,
+) -> Vec<JointModel> {
+    let spec = |effect: usize| catalogue[effect].spec();
+    let mut found: Vec<JointModel> = Vec::new();
+    for i in 0..set.terms.len() {
+        for new in others.iter().filter_map(|other| other.terms.first()) {
+            let mut model = set.clone();
             model.terms.remove(i);
             if model.terms.iter().any(|t| spec(t.effect).overlaps(spec(new.effect))) {
                 continue;
             }
             model.terms.push(new.clone());
             let effects = model.effects();
-            let is_fitted = model.free() <= MAX_FIT_FREE;
-            if is_fitted
-                && !sets.iter().any(|s| s.effects() == effects)
-                && !seeds.iter().any(|s| s.effects() == effects)
-            {
-                seeds.push(model);
+            let is_new = !known(&effects) && !found.iter().any(|f| f.effects() == effects);
+            if is_new && model.free() <= MAX_FIT_FREE {
+                found.push(model);
             }
         }
     }
-    let fitted: Vec<Candidate> = seeds.par_iter().map(|s| begun(problem, base, s)).collect();
-    best_of_each_set(sets.into_iter().chain(fitted).collect())
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::model::{
+        actuator::Actuator,
+        effects::catalogue,
+        plant::{Load, Plant},
+    };
+
+    #[test]
+    fn each_effect_makes_room_for_each_other_once() {
+        let effects = catalogue(0);
+        let of = |name: &str| effects.iter().position(|e| e.name() == name).unwrap();
+        let plant = Plant {
+            inertia: 0.1,
+            damping: 0.0,
+            friction: 0.0,
+            load: Load::default(),
+            most_load: 0.0,
+            actuator: Actuator::default(),
+        };
+        let nothing = JointModel::of(&plant);
+        let alone = |name: &str, p: &[f64]| nothing.clone().with(of(name), p);
+        let set = alone("encoder_scale", &[1.1]).with(of("viscous_friction"), &[0.2]);
+        let (friction, bias) = (alone("coulomb_friction", &[0.3]), alone("constant_bias", &[0.1]));
+        let (own, gain) = (alone("viscous_friction", &[0.4]), alone("torque_gain", &[1.2]));
+        let others = [&friction, &bias, &own, &gain];
+        let sorted = |names: [&str; 2]| {
+            let mut effects = names.map(of);
+            effects.sort_unstable();
+            effects
+        };
+        let known = sorted(["encoder_scale", "constant_bias"]);
+        let found: Vec<Vec<usize>> =
+            exchanged(&effects, &set, &others, |e| e == known).iter().map(JointModel::effects).collect();
+        assert!(found.contains(&sorted(["coulomb_friction", "viscous_friction"])), "{found:?}");
+        assert!(found.contains(&sorted(["encoder_scale", "coulomb_friction"])), "{found:?}");
+        assert!(found.contains(&sorted(["constant_bias", "viscous_friction"])), "{found:?}");
+        assert!(!found.iter().any(|f| f == &known || f.len() != 2), "{found:?}");
+        // The set itself is no exchange, and nothing stands beside itself.
+        assert!(!found.contains(&set.effects()) && found.iter().all(|f| f[0] != f[1]), "{found:?}");
+        let mut once = found.clone();
+        once.sort();
+        once.dedup();
+        assert_eq!(once.len(), found.len());
+    }
 }

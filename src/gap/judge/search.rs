@@ -11,7 +11,7 @@ use crate::gap::{
         smooth::Trace,
     },
     judge::{
-        exchange::with_exchanges,
+        exchange::exchanged,
         regression::regressed_sets,
         screen::{Hit, Screen},
     },
@@ -279,6 +279,22 @@ pub fn begun(problem: &Problem, base: &Candidate, seed: &JointModel) -> Candidat
     candidate(problem, fit(problem, &begun.model, starts, noise, Free::All, Pace::thorough(3)))
 }
 
+/// Sets with, beside them, the best of them with each of its effects in exchange for each of those that lead
+/// alone. Fits begin at the start states of `base`.
+fn with_exchanges(
+    problem: &Problem,
+    base: &Candidate,
+    sets: Vec<Candidate>,
+    singles: &[Candidate],
+) -> Vec<Candidate> {
+    let Some(best) = sets.first() else { return sets };
+    let others: Vec<&JointModel> = singles.iter().take(FINALISTS).map(|c| &c.fit.model).collect();
+    let known = |effects: &[usize]| sets.iter().any(|s| s.effects() == effects);
+    let seeds = exchanged(problem.catalogue, &best.fit.model, &others, known);
+    let fitted: Vec<Candidate> = seeds.par_iter().map(|s| begun(problem, base, s)).collect();
+    best_of_each_set(sets.into_iter().chain(fitted).collect())
+}
+
 /// The best candidates, of those that differ by an effect and one that contains it the better one.
 fn distinct<'c>(problem: &Problem, candidates: &'c [Candidate], count: usize) -> Vec<&'c Candidate> {
     let mut chosen: Vec<&Candidate> = Vec::new();
@@ -327,7 +343,7 @@ fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -
 /// tuned: tests/python/gap/generate.py.
 const MIN_SHARE: f64 = 0.04;
 /// Candidates that are fitted to the end after a first pass over all.
-pub(super) const FINALISTS: usize = 5;
+const FINALISTS: usize = 5;
 
 /// Fits in a row that a candidate with play may take.
 const PLAY_FITS: usize = 3;
