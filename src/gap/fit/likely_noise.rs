@@ -18,7 +18,7 @@ use crate::gap::{
 /// 4 % off at most.
 const FINE: f64 = std::f64::consts::SQRT_2;
 /// Largest ratio of a grid.
-/// derived: two doublings of [`FINE`] on a logarithmic scale; a top that is passed over is found on the way back.
+/// derived: two doublings of [`FINE`] on a logarithmic scale; one that is passed over is found later.
 const COARSE: f64 = 4.0;
 
 /// Memories that an effort which lasts is looked for with, in sample intervals.

@@ -7,7 +7,7 @@ use crate::gap::{
 };
 
 /// A set with each of its effects in exchange for each of `others`, which act alone; parameters are those of
-/// both. Not what overlaps what is left, what is too large to be fitted, or what `known` knows by its effects.
+/// both. Left out: what overlaps what is left, what is too large to be fitted, sets that are `known`.
 #[must_use]
 pub fn exchanged(
     catalogue: &Catalogue,
