@@ -122,6 +122,8 @@ def _of_table(objects: str, suffix: str, command: str, common: Sequence[str]) ->
         raise TableError(f"cannot read `{objects}`: {error}") from error
     if len(values) > MOST_ROWS:
         raise TableError(f"`{objects}` has more than {MOST_ROWS} rows")
+    if not values:
+        return []
     needed, more = {
         "reconstruct": ({"inputs"}, {"name", "options"}),
         "diagnose": ({"twin", "runs"}, {"machine", "time", "name", "options"}),
