@@ -92,6 +92,9 @@ def _fleet(options: argparse.Namespace, common: Sequence[str]) -> int:
     rows = read_objects(options.objects, options.command, common)
     out = as_uri(options.out)
     named = os.environ.get("ARTITWIN_PROGRAM")
+    if named is None and options.address is None:
+        # The program that was called as `artitwin fleet`; nodes of a cluster have their own.
+        named = os.environ.get("ARTITWIN")
     scratch = os.path.abspath(options.scratch) if options.scratch else None
     jobs = [
         Job(options.command, row, out, os.path.abspath(named) if named else None, os.getcwd(), scratch, options.limit)

@@ -1,6 +1,7 @@
 """What the tests of the fleet share: a small Ray cluster, calls of the command, kills, and what a log of the fake program
 shows."""
 
+import hashlib
 import json
 import os
 import random
@@ -127,3 +128,51 @@ def until(condition, seconds=60.0):
     while not condition():
         assert time.monotonic() < end, "it did not come to pass"
         time.sleep(0.05)
+
+
+def files_below(store, path=""):
+    """All files of a store, by path."""
+    for name, is_folder in store.children(1_000_000, path):
+        at = f"{path}/{name}" if path else name
+        if is_folder:
+            yield from files_below(store, at)
+        else:
+            yield at
+
+
+def whole(out):
+    """Manifests of a store by key. Every file that one lists is there with its bytes, and there is no other file but the
+    tables: nothing is half-written."""
+    from artitwin.fleet.store import Store
+
+    store = Store(out)
+    paths = set(files_below(store))
+    manifests, listed = {}, set()
+    for path in sorted(path for path in paths if "/" not in path and path.endswith(".json")):
+        manifest = json.loads(store.read(path, 1 << 30))
+        manifests[manifest["key"]] = manifest
+        listed.add(path)
+        for file in manifest["files"]:
+            at = f"{manifest['folder']}/{file['path']}"
+            data = store.read(at, 1 << 30)
+            assert data is not None and hashlib.sha256(data).hexdigest() == file["sha256"], at
+            listed.add(at)
+    left = paths - listed - {"fleet.parquet", "fleet.html"}
+    unfinished = sorted(path for path in left if path.split("/")[0] in manifests or "/" not in path)
+    assert not unfinished, unfinished
+    return manifests
+
+
+HOLD_TIMES = ("report.json", "report.html", "manifest.json")
+"""Files of a result that hold the seconds of its stages, which no two runs share."""
+
+
+def as_plain(manifest, folder):
+    """Whether the files of a job are those of the plain command in a folder, but for `HOLD_TIMES`."""
+    of_job = {file["path"]: file["sha256"] for file in manifest["files"] if file["path"] not in HOLD_TIMES}
+    found = {}
+    for path in Path(folder).rglob("*"):
+        name = str(path.relative_to(folder))
+        if path.is_file() and name not in HOLD_TIMES:
+            found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    assert of_job == found, sorted(set(of_job.items()) ^ set(found.items()))[:6]
