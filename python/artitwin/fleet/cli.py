@@ -117,6 +117,7 @@ def _with_cluster(options: argparse.Namespace, jobs: Any, outputs: Any, progress
     from .metrics import Metrics
     from .retries import MOST_RETRIES
     from .schedule import Schedule
+    from .store import StoreError
 
     cluster = Cluster(options.address, options.cpus, options.dashboard)
     # Ray puts a handler of its own in its place.
@@ -131,7 +132,11 @@ def _with_cluster(options: argparse.Namespace, jobs: Any, outputs: Any, progress
             metrics.change(schedule)
             due["metrics"] = now + _METRICS_S
         if now >= due["table"] and schedule.has_begun and not options.estimate:
-            outputs.write_table(schedule.items)
+            try:
+                outputs.write_table(schedule.items)
+            except StoreError as error:
+                # The next one may succeed; jobs go on.
+                progress.say(f"warning: {error}")
             due["table"] = time.monotonic() + _TABLE_S
 
     retries = MOST_RETRIES if options.retries is None else options.retries

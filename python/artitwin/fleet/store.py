@@ -6,14 +6,20 @@ Credentials and endpoints come from the environment, under the names that the pr
 import os
 import posixpath
 import re
+import time
 import uuid
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import quote, unquote, urlsplit
 
 from pyarrow import fs  # type: ignore[import-untyped]
 
 from ..errors import ArtitwinError
+
+T = TypeVar("T")
+_WAITS_S = (0.2, 0.4, 0.8, 1.6, 3.2)
+"""derived: with one request in twenty failing, six leave one of 64 million; pyarrow's own come before."""
 
 
 class StoreError(ArtitwinError):
@@ -58,11 +64,15 @@ class Store:
 
     def read(self, path: str, most: int) -> bytes | None:
         """A file of at most so many bytes; None where there is none."""
-        try:
+
+        def once() -> bytes:
             with self._files.open_input_file(self._at(path)) as file:
                 if file.size() > most:
                     raise StoreError(f"`{self.uri}/{path}` has more than {most} bytes")
                 return bytes(file.read())
+
+        try:
+            return self._again(once)
         except FileNotFoundError:
             return None
         except OSError as error:
@@ -70,30 +80,22 @@ class Store:
 
     def write(self, path: str, data: bytes) -> None:
         """A whole file or none, in place of one of that name."""
-        at = self._at(path)
+
+        def once() -> None:
+            # An object appears when its upload is complete.
+            with self._files.open_output_stream(self._at(path)) as file:
+                file.write(data)
+
         try:
-            if not self.is_local:
-                # An object appears when its upload is complete.
-                with self._files.open_output_stream(at) as file:
-                    file.write(data)
-                return
-            Path(at).parent.mkdir(parents=True, exist_ok=True)
-            aside = Path(at).with_name(f".{Path(at).name}.{uuid.uuid4().hex}")
-            try:
-                with open(aside, "xb") as local:
-                    local.write(data)
-                    local.flush()
-                    os.fsync(local.fileno())
-                os.replace(aside, at)
-            finally:
-                aside.unlink(missing_ok=True)
+            self._again((lambda: _write_whole(Path(self._at(path)), data)) if self.is_local else once)
         except OSError as error:
             raise StoreError(f"cannot write `{self.uri}/{path}`: {error}") from error
 
     def children(self, most: int, path: str = "") -> list[tuple[str, bool]]:
         """Names below a folder, sorted, each with whether it is a folder itself."""
+        selected = fs.FileSelector(self._at(path), recursive=False)
         try:
-            found = self._files.get_file_info(fs.FileSelector(self._at(path), recursive=False))
+            found = self._again(lambda: self._files.get_file_info(selected))
         except FileNotFoundError:
             return []
         except OSError as error:
@@ -101,6 +103,30 @@ class Store:
         if len(found) > most:
             raise StoreError(f"`{self.uri}/{path}` holds more than {most} entries")
         return sorted((info.base_name, info.type == fs.FileType.Directory) for info in found)
+
+    def _again(self, once: Callable[[], T]) -> T:
+        """Does what may be done twice, again where a store did not answer as it should."""
+        for wait_s in () if self.is_local else _WAITS_S:
+            try:
+                return once()
+            except FileNotFoundError:
+                raise
+            except OSError:
+                time.sleep(wait_s)
+        return once()
+
+
+def _write_whole(at: Path, data: bytes) -> None:
+    at.parent.mkdir(parents=True, exist_ok=True)
+    aside = at.with_name(f".{at.name}.{uuid.uuid4().hex}")
+    try:
+        with open(aside, "xb") as local:
+            local.write(data)
+            local.flush()
+            os.fsync(local.fileno())
+        os.replace(aside, at)
+    finally:
+        aside.unlink(missing_ok=True)
 
 
 def _open(scheme: str, rest: str) -> tuple[Any, str]:

@@ -176,3 +176,23 @@ def as_plain(manifest, folder):
         if path.is_file() and name not in HOLD_TIMES:
             found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
     assert of_job == found, sorted(set(of_job.items()) ^ set(found.items()))[:6]
+
+
+def whole_keys(out):
+    """Keys of the manifests that stand, by the listing alone."""
+    from artitwin.fleet.store import Store, StoreError
+
+    try:
+        names = [name for name, is_folder in Store(out).children(1_000_000) if not is_folder]
+    except StoreError:
+        return []
+    return [name[:-5] for name in names if name.endswith(".json")]
+
+
+def rows_of(out):
+    """The table in a store, by name of the rows."""
+    from artitwin.fleet.store import Store
+    from pyarrow import BufferReader, parquet
+
+    data = Store(out).read("fleet.parquet", 1 << 30)
+    return {row["name"]: row for row in parquet.read_table(BufferReader(data)).to_pylist()}
