@@ -12,6 +12,8 @@ _LINE_S = 30.0
 """How often a log gets a line of counts: a thousand lines in eight hours."""
 _BAR = 20
 """Characters of the bar."""
+_WHY = 300
+"""Most characters of a reason; the table has all."""
 
 
 def counted(schedule: Schedule) -> str:
@@ -85,7 +87,8 @@ class Progress:
         took = f" in {item.outcome.seconds:.1f} s" if item.outcome is not None and item.outcome.seconds else ""
         again = f" after {len(item.lost)} lost attempts" if item.lost else ""
         why = item.outcome.message if item.outcome is not None and item.status in ("refused", "failed") else ""
-        self.say(f"{item.label}: {item.status}{took}{again}{': ' + why if why else ''}")
+        line = next(iter(why.splitlines()), "")[:_WHY]
+        self.say(f"{item.label}: {item.status}{took}{again}{': ' + line if line else ''}")
 
     def close(self) -> None:
         """Leaves the terminal's line empty."""
