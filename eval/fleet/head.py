@@ -50,6 +50,26 @@ def rows_memory(count):
     return (held - before) * 1024 / count, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024 / count, len(data) / count, wrote
 
 
+def turn_ms(count):
+    """Milliseconds of a turn of the command's loop over so many rows, of which half have ended."""
+    from artitwin.fleet.engine import Size
+    from artitwin.fleet.job import Estimate, Job, Look
+    from artitwin.fleet.progress import counted
+    from artitwin.fleet.schedule import Schedule
+    from artitwin.fleet.table import Row
+
+    jobs = [Job("reconstruct", Row(k, None, ("s3://bucket/x",), ()), "s3://bucket/out", None, "/", None, None) for k in range(count)]
+    schedule = Schedule(None, jobs)
+    schedule.size = Size(500.0, 63, 8.0, 16 << 30)
+    schedule.ratios = [0.9 + k / count for k in range(count // 2)]
+    for k, item in enumerate(schedule.items):
+        item.look, item.status = Look(Estimate(f"{k:032x}", None, 2.0, 1 << 30, 40.0), ""), "done" if k % 2 else "waiting"
+    start = time.monotonic()
+    for _ in range(5):
+        counted(schedule)
+    return (time.monotonic() - start) / 5 * 1e3
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--out", type=Path, required=True)
@@ -59,6 +79,8 @@ def main():
     args.out.mkdir(parents=True, exist_ok=True)
     held, peak, in_table, wrote = rows_memory(args.rows)
     print(f"{args.rows} rows: {held / 1e3:.1f} KB each held, {peak / 1e3:.1f} KB at the peak of writing the table ({in_table:.0f} bytes each there, {wrote:.1f} s)")
+    turns = {rows: turn_ms(rows) for rows in (1000, 10_000, 100_000)}
+    print("a turn of the loop: " + ", ".join(f"{turn:.1f} ms at {rows} rows" for rows, turn in turns.items()))
     import ray
 
     ray.init(address="local", include_dashboard=False, object_store_memory=100 << 20, log_to_driver=False, logging_level="ERROR")
@@ -72,7 +94,7 @@ def main():
     print(f"{args.tasks} empty tasks: {rate:.0f} a second on {os.cpu_count()} cores")
     print(f"gcs_server {before[0]:.0f} -> {after[0]:.0f} MB, raylet {before[1]:.0f} -> {after[1]:.0f} MB")
     ray.shutdown()
-    keep(args.out / "measured.json", {"tasks_per_s": rate, "head_bytes_per_object": peak, "gcs_mb": after[0], "raylet_mb": after[1]})
+    keep(args.out / "measured.json", {"tasks_per_s": rate, "head_bytes_per_object": peak, "turn_ms_per_10000_rows": turns[10_000], "gcs_mb": after[0], "raylet_mb": after[1]})
 
 
 if __name__ == "__main__":

@@ -123,11 +123,15 @@ def main():
     print(f"- {slots} slots end {rate:.1f} objects a second.")
     if task_s:
         cores = args.cores_each * mean / task_s
-        print(f"- The head hands out {1 / task_s:.0f} tasks a second: enough for {cores:,.0f} cores with objects of {mean:.0f} s.")
+        print(f"- Empty tasks: {1 / task_s:.0f} a second on the measuring machine alone, as many as {cores:,.0f} cores end with objects of {mean:.0f} s. A cluster's")
+        print("  leases go over the network and its nodes report to the head, so this is a bound from above.")
     if "requests_per_object" in measured:
         requests = measured["requests_per_object"]
         print(f"- The store sees {requests * rate:.0f} requests a second ({requests:.0f} an object); S3 takes 3,500 writes and 5,500 reads a second below a")
         print(f"  prefix (its makers' number): reached at {3500 / requests * mean * args.cores_each:,.0f} cores, if all were writes of one prefix. Keys are spread by their digest.")
+    if "turn_ms_per_10000_rows" in measured:
+        turn = measured["turn_ms_per_10000_rows"] / 1e3
+        print(f"- A turn of the command's loop takes {1e3 * turn:.0f} ms at 10,000 rows; it looks every 250 ms, so above {0.25 / turn * 10_000:,.0f} rows in a table it falls behind.")
     if "head_bytes_per_object" in measured:
         print(f"- The command holds {measured['head_bytes_per_object'] / 1e3:.1f} KB an object: {measured['head_bytes_per_object'] * 1e6 / 1e9:.1f} GB for a million rows, its limit.")
 

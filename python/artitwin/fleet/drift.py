@@ -23,6 +23,8 @@ _TWO_SIDED_95 = 1.96
 """derived: half a 95 % interval of a normal over its deviation."""
 _MOST = 0.5
 """derived: an effect that more machines have than have not is the twin's."""
+_LEAST_MACHINES = 3
+"""derived: of fewer no majority differs from all."""
 
 
 @dataclass(frozen=True)
@@ -67,11 +69,8 @@ class Drift:
     has_grown: bool | None = None
     """The intervals of the first and last value do not overlap; None: one log."""
     doubts: tuple[str, ...] = field(default=())
-
-    @property
-    def is_of_twin(self) -> bool:
-        """Most machines have it: the twin lacks it, rather than this machine drifted."""
-        return self.share > _MOST
+    is_of_twin: bool = False
+    """Most machines have it: the twin lacks it, rather than this machine drifted."""
 
 
 def drifts(rows: Iterable[Mapping[str, Any]]) -> list[Drift]:
@@ -172,12 +171,16 @@ def _doubts(drift: Drift, timed: bool) -> tuple[str, ...]:
     if drift.after is None:
         said.append("it may be older than the first log")
     if drift.silent or drift.open:
-        said.append(f"{drift.silent + drift.open} logs since the last without it say nothing of it")
+        said.append(f"of {_logs(drift.silent + drift.open)} among these nothing is known")
     if drift.earlier:
-        said.append(f"{drift.earlier} earlier logs named it, and later ones did not")
+        said.append(f"named before by {_logs(drift.earlier)}, then absent")
     if not timed:
         said.append("logs without a time: their order is that of the table")
     return tuple(said)
+
+
+def _logs(count: int) -> str:
+    return "1 log" if count == 1 else f"{count} logs"
 
 
 def _compared(found: Sequence[Drift], machines: int) -> list[Drift]:
@@ -192,7 +195,8 @@ def _compared(found: Sequence[Drift], machines: int) -> list[Drift]:
         limit = student(1.0 - _LEVEL / (2.0 * machines), len(group) - 1) if len(group) > 2 else math.inf
         share = len(group) / machines if machines else 0.0
         is_apart = apart is not None and abs(apart) > limit
-        compared.append(replace(drift, share=share, apart=apart, is_apart=is_apart))
+        of_twin = machines >= _LEAST_MACHINES and share > _MOST
+        compared.append(replace(drift, share=share, apart=apart, is_apart=is_apart, is_of_twin=of_twin))
     return compared
 
 

@@ -56,7 +56,7 @@ def drift_schema() -> Any:
 def drift_rows(found: Iterable[Drift]) -> list[dict[str, Any]]:
     """The same as rows."""
     return [
-        {**vars(d), "points": [vars(p) for p in d.points], "is_of_twin": d.is_of_twin, "doubts": list(d.doubts)}
+        {**vars(d), "points": [vars(p) for p in d.points], "doubts": list(d.doubts)}
         for d in found
     ]
 
@@ -171,7 +171,8 @@ def _plot(drift: Drift, timed: bool) -> str:
         drawn += frame.dot(p.time, p.value, _COLORS[0])
     name = html.escape(f"{drift.machine}, {drift.joint}: {drift.effect.replace('_', ' ')}")
     what = html.escape(f"{own[0].parameter} ({own[0].unit})")
-    ends = (_when(own[0].time, timed), _when(own[-1].time, timed), f"{high:.3g}", f"{low:.3g}")
+    # The day: an hour has no room.
+    ends = (*(_when(p.time, timed)[:10] for p in (own[0], own[-1])), f"{high:.3g}", f"{low:.3g}")
     return f'<section class="card"><h3>{name}</h3><div class="soft">{what}</div>{frame.svg(drawn, *ends)}</section>\n'
 
 
