@@ -133,7 +133,7 @@ def main():
         turn = measured["turn_ms_per_10000_rows"] / 1e3
         print(f"- A turn of the command's loop takes {1e3 * turn:.0f} ms at 10,000 rows; it looks every 250 ms, so above {0.25 / turn * 10_000:,.0f} rows in a table it falls behind.")
     if "head_bytes_per_object" in measured:
-        print(f"- The command holds {measured['head_bytes_per_object'] / 1e3:.1f} KB an object: {measured['head_bytes_per_object'] * 1e6 / 1e9:.1f} GB for a million rows, its limit.")
+        print(f"- The command holds {measured['head_bytes_per_object'] / 1e3:.1f} KB an object: {measured['head_bytes_per_object'] * 3e5 / 1e9:.1f} GB for 300,000 rows, its limit.")
 
 
 if __name__ == "__main__":

@@ -45,6 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {NEEDS}", file=sys.stderr)
         return FAILED
     except KeyboardInterrupt:
+        print("stopped; the same call goes on from what stands", file=sys.stderr)
         return STOPPED
 
 

@@ -17,8 +17,8 @@ MARK = b"artitwin.fleet"
 """Key of the metadata by which a later run knows that it may replace a table; its value names the command."""
 PAGE_MARK = "<!-- artitwin fleet -->"
 """Stands in every page of a fleet, for the same."""
-_MOST_TABLE = 4 << 30
-"""derived: 4 KB a row, at most rows."""
+_MOST_TABLE = 2 << 30
+"""derived: 7 KB a row, at most rows; the command itself writes a tenth of that."""
 _PARAMETER = pa.struct(
     [
         ("name", pa.string()),
