@@ -17,11 +17,14 @@ from pyarrow import parquet
 
 from artitwin import ArtitwinError
 from artitwin.fleet import child
+from artitwin.fleet.engine import Size
+from artitwin.fleet.job import Estimate, Job, Look, Manifest, Outcome
 from artitwin.fleet.outputs import Outputs
 from artitwin.fleet.retries import MEMORY_STEP, demand, retry
+from artitwin.fleet.schedule import Schedule
 from artitwin.fleet.store import as_input, as_uri
 from artitwin.fleet.stragglers import bound, is_straggler, student
-from artitwin.fleet.table import read_objects
+from artitwin.fleet.table import Row, read_objects
 
 OUT = Path(sys.argv[1]).resolve()
 
@@ -126,6 +129,55 @@ def stragglers_are_what_the_sample_allows():
     assert is_straggler(1000.0 * math.exp(0.3 + 6 * 0.4), 1000.0, limit)
 
 
+class Bench:
+    """An engine without a cluster: every job of 1 GB ends as a list of outcomes says."""
+
+    def __init__(self, ends):
+        self.ends, self.asked = ends, []
+
+    def look(self, job):
+        return ("look", job.row.number)
+
+    def submit(self, job, attempt, cores, memory):
+        self.asked.append((job.row.number, attempt, cores, memory >> 20))
+        return ("work", job.row.number, attempt)
+
+    def wait(self, handles, timeout_s):
+        time.sleep(0.01)
+        return [(handle, self.end(handle)) for handle in handles]
+
+    def end(self, handle):
+        if handle[0] == "look":
+            return Look(Estimate(f"key{handle[1]}", None, 2.0, 1 << 30, 10.0 + handle[1]), "")
+        return self.ends[handle[1]][handle[2] - 1]
+
+    def starts(self):
+        return []
+
+    def cancel(self, handle):
+        pass
+
+    def size(self):
+        return Size(4.0, 1, 4.0, 2 << 30)
+
+
+def lost_jobs_ask_for_more_memory():
+    done = Outcome(0, "", 1.0, Manifest("key", "done", 0, None, None, seconds=1.0))
+    starved, lost = Outcome(137, "killed", 1.0, lost=True, out_of_memory=True), Outcome(75, "store", 1.0, lost=True)
+    refused = Outcome(2, "no such option", 0.0)
+    bench = Bench([[done], [starved, starved, lost, done], [refused], [lost, lost]])
+    jobs = [Job("reconstruct", Row(n, f"o{n}", ("file:///x",), ()), "file:///out", None, "/", None, None) for n in range(4)]
+    schedule = Schedule(bench, jobs, most_retries=3)
+    schedule.items[3].lost = ["before", "before"]
+    schedule.look()
+    schedule.run()
+    assert [item.status for item in schedule.items] == ["done", "done", "refused", "failed"]
+    # The longest first; memory in steps, half as much more for each that may have starved, and no more than a node has.
+    assert [number for number, attempt, *_ in bench.asked if attempt == 1] == [3, 2, 1, 0], bench.asked
+    assert [ask[3] for ask in bench.asked if ask[0] == 1] == [1024, 1536, 2048, 2048], bench.asked
+    assert all(ask[2] == 2.0 for ask in bench.asked) and schedule.retried == 4
+
+
 def a_child_dies_with_its_parent():
     code = "from artitwin.fleet import child; child.run(['/bin/sleep', '60.25'], {}, None, None)"
     parent = subprocess.Popen([sys.executable, "-c", code])
@@ -171,6 +223,7 @@ def main():
     nothing_foreign_is_replaced()
     retries_end_and_wait()
     stragglers_are_what_the_sample_allows()
+    lost_jobs_ask_for_more_memory()
     a_child_dies_with_its_parent()
     what_a_child_did_is_known()
 
