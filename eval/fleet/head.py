@@ -37,8 +37,13 @@ def rows_memory(count):
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     items = []
     for k in range(count):
-        item = Item(Job("reconstruct", Row(k, f"object_{k}", (f"s3://bucket/object_{k}",), ()), "s3://bucket/out", None, "/", None, None))
-        joints = tuple(Joint(f"joint_{j}", "revolute", (0.0, 0.0, 1.0 + k), (k + 0.1, 0.2, 0.3), k + 1.5, "rad", k + 0.3, 0.2, 0.01) for j in range(2))
+        item = Item(
+            Job("reconstruct", Row(k, f"object_{k}", (f"s3://bucket/object_{k}",), ()), "s3://bucket/out", None, "/", None, None)
+        )
+        joints = tuple(
+            Joint(f"joint_{j}", "revolute", (0.0, 0.0, 1.0 + k), (k + 0.1, 0.2, 0.3), k + 1.5, "rad", k + 0.3, 0.2, 0.01)
+            for j in range(2)
+        )
         manifest = Manifest(f"{k:032x}", "done", 0, None, f"{k:032x}/object_{k}", f"object_{k}")
         item.look = Look(Estimate(f"{k:032x}", None, 2.0, k, 40.0 + k), "")
         item.outcome, item.status = Outcome(0, "", 40.0 + k, manifest, Summary(3, joints, "usable")), "done"
@@ -47,7 +52,12 @@ def rows_memory(count):
     start = time.monotonic()
     data = table_bytes([row(item, item.job.out) for item in items], schema("reconstruct"))
     wrote = time.monotonic() - start
-    return (held - before) * 1024 / count, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024 / count, len(data) / count, wrote
+    return (
+        (held - before) * 1024 / count,
+        (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024 / count,
+        len(data) / count,
+        wrote,
+    )
 
 
 def turn_ms(count):
@@ -58,7 +68,9 @@ def turn_ms(count):
     from artitwin.fleet.schedule import Schedule
     from artitwin.fleet.table import Row
 
-    jobs = [Job("reconstruct", Row(k, None, ("s3://bucket/x",), ()), "s3://bucket/out", None, "/", None, None) for k in range(count)]
+    jobs = [
+        Job("reconstruct", Row(k, None, ("s3://bucket/x",), ()), "s3://bucket/out", None, "/", None, None) for k in range(count)
+    ]
     schedule = Schedule(None, jobs)
     schedule.size = Size(500.0, 63, 8.0, 16 << 30)
     schedule.ratios = [0.9 + k / count for k in range(count // 2)]
@@ -78,7 +90,9 @@ def main():
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     held, peak, in_table, wrote = rows_memory(args.rows)
-    print(f"{args.rows} rows: {held / 1e3:.1f} KB each held, {peak / 1e3:.1f} KB at the peak of writing the table ({in_table:.0f} bytes each there, {wrote:.1f} s)")
+    print(
+        f"{args.rows} rows: {held / 1e3:.1f} KB each held, {peak / 1e3:.1f} KB at the peak of writing the table ({in_table:.0f} bytes each there, {wrote:.1f} s)"
+    )
     turns = {rows: turn_ms(rows) for rows in (1000, 10_000, 100_000)}
     print("a turn of the loop: " + ", ".join(f"{turn:.1f} ms at {rows} rows" for rows, turn in turns.items()))
     import ray
@@ -94,7 +108,16 @@ def main():
     print(f"{args.tasks} empty tasks: {rate:.0f} a second on {os.cpu_count()} cores")
     print(f"gcs_server {before[0]:.0f} -> {after[0]:.0f} MB, raylet {before[1]:.0f} -> {after[1]:.0f} MB")
     ray.shutdown()
-    keep(args.out / "measured.json", {"tasks_per_s": rate, "head_bytes_per_object": peak, "turn_ms_per_10000_rows": turns[10_000], "gcs_mb": after[0], "raylet_mb": after[1]})
+    keep(
+        args.out / "measured.json",
+        {
+            "tasks_per_s": rate,
+            "head_bytes_per_object": peak,
+            "turn_ms_per_10000_rows": turns[10_000],
+            "gcs_mb": after[0],
+            "raylet_mb": after[1],
+        },
+    )
 
 
 if __name__ == "__main__":

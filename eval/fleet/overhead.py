@@ -11,7 +11,6 @@ import shlex
 import shutil
 import statistics
 import subprocess
-from pathlib import Path
 
 from common import add_program, fleet, keep, objects, timed, use_program
 
@@ -25,7 +24,9 @@ def lines(args, inputs, out, name):
     program = use_program(args)
     file = args.out / f"{name}.txt"
     # Exit code 3 (degraded) is a result.
-    file.write_text("".join(f"{shlex.quote(str(program))}{line[len('artitwin'):]} || [ $? = 3 ]\n" for line in printed.splitlines()))
+    file.write_text(
+        "".join(f"{shlex.quote(str(program))}{line[len('artitwin') :]} || [ $? = 3 ]\n" for line in printed.splitlines())
+    )
     return table, file
 
 
@@ -36,9 +37,11 @@ def once(args, inputs, way, k):
     shutil.rmtree(out, ignore_errors=True)
     table, file = lines(args, inputs, out, name)
     command = {
-        "shell loop": ["bash", "-c", f"set -e; while read -r line; do eval \"$line\" >/dev/null; done < {shlex.quote(str(file))}"],
+        "shell loop": ["bash", "-c", f'set -e; while read -r line; do eval "$line" >/dev/null; done < {shlex.quote(str(file))}'],
         "GNU parallel": ["bash", "-c", f"parallel -j1 < {shlex.quote(str(file))} >/dev/null"],
-        "fleet": fleet("--objects", table, "--out", out, "--cpus", args.cores, "--cores", args.cores, "--", *shlex.split(args.options)),
+        "fleet": fleet(
+            "--objects", table, "--out", out, "--cpus", args.cores, "--cores", args.cores, "--", *shlex.split(args.options)
+        ),
     }[way]
     seconds, _ = timed(command)
     shutil.rmtree(out, ignore_errors=True)

@@ -21,7 +21,7 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parents[1] / "python"))
-from artitwin.fleet.retries import retry  # noqa: E402
+from artitwin.fleet.retries import retry
 
 
 def simulate(seconds, slots, task_s, overhead_s, lost_share=0.0, lost_at=0.0):
@@ -89,10 +89,16 @@ def main():
     overhead_s = measured.get("overhead_s", 0.0)
     slots = args.cores // args.cores_each
     mean = statistics.mean(pool)
-    print(f"Times: {len(pool)} measured, mean {mean:.1f} s, median {statistics.median(pool):.1f}, longest {max(pool):.1f} ({source}).\n")
+    print(
+        f"Times: {len(pool)} measured, mean {mean:.1f} s, median {statistics.median(pool):.1f}, longest {max(pool):.1f} ({source}).\n"
+    )
     left_out = [name for name in ("tasks_per_s", "overhead_s") if name not in measured]
-    print(f"Head: {1e3 * task_s:.2f} ms a task; overhead of a job {overhead_s:.2f} s. Not measured, so 0: {', '.join(left_out) or 'nothing'}.\n")
-    print(f"{args.objects} objects on {args.cores} cores, {args.cores_each} a job, {args.seeds} draws; efficiency is work over cores x makespan.\n")
+    print(
+        f"Head: {1e3 * task_s:.2f} ms a task; overhead of a job {overhead_s:.2f} s. Not measured, so 0: {', '.join(left_out) or 'nothing'}.\n"
+    )
+    print(
+        f"{args.objects} objects on {args.cores} cores, {args.cores_each} a job, {args.seeds} draws; efficiency is work over cores x makespan.\n"
+    )
     print("| | makespan, min | efficiency | range | done twice | starts a second, peak |\n|---|---|---|---|---|---|")
     for name, longest_first, share in (
         ("in the table's order", False, 0.0),
@@ -123,17 +129,27 @@ def main():
     print(f"- {slots} slots end {rate:.1f} objects a second.")
     if task_s:
         cores = args.cores_each * mean / task_s
-        print(f"- Empty tasks: {1 / task_s:.0f} a second on the measuring machine alone, as many as {cores:,.0f} cores end with objects of {mean:.0f} s. A cluster's")
+        print(
+            f"- Empty tasks: {1 / task_s:.0f} a second on the measuring machine alone, as many as {cores:,.0f} cores end with objects of {mean:.0f} s. A cluster's"
+        )
         print("  leases go over the network and its nodes report to the head, so this is a bound from above.")
     if "requests_per_object" in measured:
         requests = measured["requests_per_object"]
-        print(f"- The store sees {requests * rate:.0f} requests a second ({requests:.0f} an object); S3 takes 3,500 writes and 5,500 reads a second below a")
-        print(f"  prefix (its makers' number): reached at {3500 / requests * mean * args.cores_each:,.0f} cores, if all were writes of one prefix. Keys are spread by their digest.")
+        print(
+            f"- The store sees {requests * rate:.0f} requests a second ({requests:.0f} an object); S3 takes 3,500 writes and 5,500 reads a second below a"
+        )
+        print(
+            f"  prefix (its makers' number): reached at {3500 / requests * mean * args.cores_each:,.0f} cores, if all were writes of one prefix. Keys are spread by their digest."
+        )
     if "turn_ms_per_10000_rows" in measured:
         turn = measured["turn_ms_per_10000_rows"] / 1e3
-        print(f"- A turn of the command's loop takes {1e3 * turn:.0f} ms at 10,000 rows; it looks every 250 ms, so above {0.25 / turn * 10_000:,.0f} rows in a table it falls behind.")
+        print(
+            f"- A turn of the command's loop takes {1e3 * turn:.0f} ms at 10,000 rows; it looks every 250 ms, so above {0.25 / turn * 10_000:,.0f} rows in a table it falls behind."
+        )
     if "head_bytes_per_object" in measured:
-        print(f"- The command holds {measured['head_bytes_per_object'] / 1e3:.1f} KB an object: {measured['head_bytes_per_object'] * 3e5 / 1e9:.1f} GB for 300,000 rows, its limit.")
+        print(
+            f"- The command holds {measured['head_bytes_per_object'] / 1e3:.1f} KB an object: {measured['head_bytes_per_object'] * 3e5 / 1e9:.1f} GB for 300,000 rows, its limit."
+        )
 
 
 if __name__ == "__main__":

@@ -30,7 +30,9 @@ def main():
         call = fleet("--objects", table, "--out", out, "--cores", 1, *more, "--", *shlex.split(args.options))
         return timed(call)[0], list(rows(out).values())
 
-    print("| | seconds | objects an hour | of the jobs' own seconds | peak memory a job, MB | read / stored, MB |\n|---|---|---|---|---|---|")
+    print(
+        "| | seconds | objects an hour | of the jobs' own seconds | peak memory a job, MB | read / stored, MB |\n|---|---|---|---|---|---|"
+    )
     kept = {}
     for name, count, workers in (("1 worker", 0, 1), ("2 workers", 0, 2), ("2 raylets", 2, 2), ("3 raylets", 3, 3)):
         if count:
@@ -42,8 +44,18 @@ def main():
         memory = max(row["peak_memory_bytes"] or 0 for row in found) / 1e6
         read, stored = (sum(row[key] or 0 for row in found) / 1e6 for key in ("bytes_read", "bytes_stored"))
         share = own / workers / seconds
-        print(f"| {name} | {seconds:.1f} | {3600 * len(found) / seconds:.0f} | {100 * share:.1f} % | {memory:.0f} | {read:.1f} / {stored:.1f} |", flush=True)
-        kept[name] = {"seconds": seconds, "objects": len(found), "job_seconds": own, "peak_memory_mb": memory, "read_mb": read, "stored_mb": stored}
+        print(
+            f"| {name} | {seconds:.1f} | {3600 * len(found) / seconds:.0f} | {100 * share:.1f} % | {memory:.0f} | {read:.1f} / {stored:.1f} |",
+            flush=True,
+        )
+        kept[name] = {
+            "seconds": seconds,
+            "objects": len(found),
+            "job_seconds": own,
+            "peak_memory_mb": memory,
+            "read_mb": read,
+            "stored_mb": stored,
+        }
     keep(args.out / "throughput.json", kept)
 
 

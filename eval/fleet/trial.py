@@ -5,7 +5,7 @@
 
 Makes objects with `synth`, adds one that must be refused, runs the fleet, checks every file, calls it again, changes one row, compares with the plain
 command, and prints a verdict table; exit code 1 where a verdict is no. With --store s3 inputs and results are in moto's server (`s3_server.py`), of
-whose requests a share fails. What is made or plain-run is kept in DIR; the fleet's own part goes on where it was stopped with --resume, and begins
+whose requests a share fails. What is made or plain-run is kept in DIR; the fleet's own part goes on where it was stopped with --resume (in a folder: moto forgets), and begins
 anew without. Wall time is held against the ideal: the jobs' own seconds over the slots that lived. For a quiet machine.
 """
 
@@ -60,8 +60,8 @@ def server(args):
         "AWS_EC2_METADATA_DISABLED": "true",
     }
     own = [sys.executable, Path(__file__).with_name("s3_server.py"), str(port), f"--fail={args.fail}", f"--slow-s={args.slow_s}"]
-    log = open(args.out / "server.log", "w")  # noqa: SIM115: the server writes to it
-    process = subprocess.Popen(own, stdout=subprocess.PIPE, stderr=log, text=True)
+    with open(args.out / "server.log", "w") as log:
+        process = subprocess.Popen(own, stdout=subprocess.PIPE, stderr=log, text=True)
     for _ in range(200):
         with socket.socket() as try_:
             if try_.connect_ex(("127.0.0.1", port)) == 0:
@@ -142,8 +142,16 @@ def run(args):
     seconds, slots, code, killed, node_at = disturbed(args, call, out)
     found = rows_of(out)
     good = {name: row for name, row in found.items() if name != "no_depth"}
-    verdicts.add("every object ended with a twin", all(row["status"] in ("done", "degraded") for row in good.values()), f"{len(good)} objects")
-    verdicts.add("the refused one says why, exit code 3", code == 3 and found["no_depth"]["status"] == "refused", found["no_depth"]["message"])
+    verdicts.add(
+        "every object ended with a twin",
+        all(row["status"] in ("done", "degraded") for row in good.values()),
+        f"{len(good)} objects",
+    )
+    verdicts.add(
+        "the refused one says why, exit code 3",
+        code == 3 and found["no_depth"]["status"] == "refused",
+        found["no_depth"]["message"],
+    )
     verdicts.add("a raylet was killed in the middle", args.raylets < 2 or node_at, f"at {node_at or 0:.0f} of {seconds:.0f} s")
     retries = sum(row["retries"] for row in found.values())
     verdicts.add("workers were killed at random moments", killed >= args.kills, f"{killed}; {retries} jobs tried again")
@@ -152,7 +160,11 @@ def run(args):
     verdicts.add("every object exactly once, every file whole", once, f"{len(manifests)} manifests")
     own = sum(row["seconds"] or 0.0 for row in found.values())
     within = own / slots
-    verdicts.add(f"wall time within {100 * WITHIN:.0f} % of the ideal", within >= 1.0 / (1.0 + WITHIN), f"{seconds:.0f} s; the jobs' own {own:.0f} s are {100 * within:.1f} % of {slots:.0f} slot seconds")
+    verdicts.add(
+        f"wall time within {100 * WITHIN:.0f} % of the ideal",
+        within >= 1.0 / (1.0 + WITHIN),
+        f"{seconds:.0f} s; the jobs' own {own:.0f} s are {100 * within:.1f} % of {slots:.0f} slot seconds",
+    )
     # The fake program counts none.
     if s3 and not args.fake:
         asked, again = (sum(row[key] or 0 for row in found.values()) for key in ("requests", "request_retries"))
@@ -186,7 +198,11 @@ def compare(args, program, paths, found, manifests, verdicts, as_plain):
             as_plain(manifests[found[path.stem]["key"]], args.out / "plain" / path.stem)
         except AssertionError as error:
             wrong.append(f"{path.stem}: {error}")
-    verdicts.add("bytes are those of the plain command", not wrong, f"{len(by_loss)} compared, but for report and times; {'; '.join(wrong)}")
+    verdicts.add(
+        "bytes are those of the plain command",
+        not wrong,
+        f"{len(by_loss)} compared, but for report and times; {'; '.join(wrong)}",
+    )
 
 
 def main():

@@ -57,16 +57,31 @@ def _parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     add = parser.add_argument
-    add("--objects", required=True, metavar="TABLE|GLOB", help=".csv, .jsonl or .parquet, or a quoted pattern of paths")
+    add(
+        "--objects",
+        required=True,
+        metavar="TABLE|GLOB",
+        help=".csv, .jsonl or .parquet, or a quoted pattern of paths",
+    )
     add("--out", required=True, metavar="URI", help="store of all results: a folder, s3://, gs://, az://")
-    add("--command", choices=("reconstruct", "diagnose"), default="reconstruct", help="what a job is [reconstruct]")
+    add(
+        "--command",
+        choices=("reconstruct", "diagnose"),
+        default="reconstruct",
+        help="what a job is [reconstruct]",
+    )
     add("--address", metavar="ADDRESS", help="a Ray cluster, or auto [this machine]")
     add("--estimate", action="store_true", help="says what it would take, and runs nothing")
     add("--print-jobs", action="store_true", help="prints a command line a row, for another scheduler")
     add("--cpus", type=_positive, metavar="N", help="cores of this machine to use [all]; not with --address")
     add("--cores", type=_positive, metavar="N", help="cores of a job [its estimate]")
     add("--retries", type=int, metavar="N", help="how often a lost job is tried again [5]")
-    add("--limit", type=float, metavar="SECONDS", help="a job that takes longer is stopped and tried again [none]")
+    add(
+        "--limit",
+        type=float,
+        metavar="SECONDS",
+        help="a job that takes longer is stopped and tried again [none]",
+    )
     add("--scratch", metavar="DIR", help="folder on the nodes for what jobs fetch [the job's own default]")
     add("--dashboard", action="store_true", help="starts Ray's dashboard on this machine")
     return parser
@@ -98,7 +113,15 @@ def _fleet(options: argparse.Namespace, common: Sequence[str]) -> int:
         named = os.environ.get("ARTITWIN")
     scratch = os.path.abspath(options.scratch) if options.scratch else None
     jobs = [
-        Job(options.command, row, out, os.path.abspath(named) if named else None, os.getcwd(), scratch, options.limit)
+        Job(
+            options.command,
+            row,
+            out,
+            os.path.abspath(named) if named else None,
+            os.getcwd(),
+            scratch,
+            options.limit,
+        )
         for row in rows
     ]
     if options.print_jobs:
@@ -187,7 +210,9 @@ def _end(schedule: "Schedule", outputs: Any, progress: Any) -> int:
     counts = schedule.counts()
     said = ", ".join(f"{name} {count}" for name, count in counts.items() if count)
     progress.say(f"{len(schedule.items)} objects: {said}; retried {schedule.retried}")
-    versions = sorted({i.outcome.manifest.version for i in schedule.items if i.outcome and i.outcome.manifest} - {""})
+    versions = sorted(
+        {i.outcome.manifest.version for i in schedule.items if i.outcome and i.outcome.manifest} - {""}
+    )
     if len(versions) > 1:
         progress.say(f"warning: nodes have different programs: {', '.join(versions)}")
     for place in outputs.written:
@@ -195,4 +220,3 @@ def _end(schedule: "Schedule", outputs: Any, progress: Any) -> int:
     if counts["failed"]:
         return FAILED
     return PARTLY if counts["degraded"] or counts["refused"] else DONE
-

@@ -139,7 +139,9 @@ def _drift(machine: str, logs: Sequence[Mapping[str, Any]], joint: str, effect: 
 
 def _points(row: Mapping[str, Any], joint: str, effect: str) -> list[Point]:
     return [
-        Point(_time(row), row["row"], p["name"], p["value"], p.get("lower"), p.get("upper"), p.get("unit") or "")
+        Point(
+            _time(row), row["row"], p["name"], p["value"], p.get("lower"), p.get("upper"), p.get("unit") or ""
+        )
         for finding in _findings(row)
         if finding["joint"] == joint and finding["effect"] == effect
         for p in finding.get("parameters") or ()

@@ -55,10 +55,7 @@ def drift_schema() -> Any:
 
 def drift_rows(found: Iterable[Drift]) -> list[dict[str, Any]]:
     """The same as rows."""
-    return [
-        {**vars(d), "points": [vars(p) for p in d.points], "doubts": list(d.doubts)}
-        for d in found
-    ]
+    return [{**vars(d), "points": [vars(p) for p in d.points], "doubts": list(d.doubts)} for d in found]
 
 
 def drift_page(found: Sequence[Drift], rows: Sequence[Mapping[str, Any]], out: str) -> str:
@@ -71,8 +68,12 @@ def drift_page(found: Sequence[Drift], rows: Sequence[Mapping[str, Any]], out: s
     said = ", ".join(f"{word} {count}" for word, count in sorted(counts.items()))
     drifting = {d.machine for d in found}
     timed = all(row.get("time") is not None for row in rows)
-    facts = f"{len(machines)} machines, {len(rows)} logs ({said}); {len(drifting)} machines differ from the twin"
-    ordered = sorted(found, key=lambda d: (d.is_of_twin and not d.is_apart, not d.is_apart, d.since, d.machine))
+    facts = (
+        f"{len(machines)} machines, {len(rows)} logs ({said}); {len(drifting)} machines differ from the twin"
+    )
+    ordered = sorted(
+        found, key=lambda d: (d.is_of_twin and not d.is_apart, not d.is_apart, d.since, d.machine)
+    )
     reports = {row["row"]: str(row["result"])[len(out) :].strip("/") for row in rows if row.get("result")}
     return (
         f'{head("Machines")}<p class="soft">{html.escape(facts)}</p>\n{_effects(found)}{_over_time(found, rows, timed)}'
@@ -86,9 +87,17 @@ def _effects(found: Sequence[Drift]) -> str:
         groups.setdefault((drift.joint, drift.effect), []).append(drift)
     lines = ""
     for (joint, effect), group in sorted(groups.items(), key=lambda item: (-len(item[1]), item[0])):
-        whose = "most machines have it: the twin lacks it" if group[0].is_of_twin else "these machines drifted"
+        whose = (
+            "most machines have it: the twin lacks it" if group[0].is_of_twin else "these machines drifted"
+        )
         apart = ", ".join(sorted(d.machine for d in group if d.is_apart)) or "none"
-        cells = (joint, effect.replace("_", " "), f"{len(group)} ({100 * group[0].share:.0f} %)", whose, apart)
+        cells = (
+            joint,
+            effect.replace("_", " "),
+            f"{len(group)} ({100 * group[0].share:.0f} %)",
+            whose,
+            apart,
+        )
         lines += "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells) + "</tr>\n"
     heads = ("joint", "effect", "machines", "whose", "apart from the others by value")
     return _section("Effects", heads, lines)
@@ -114,7 +123,9 @@ def _line(drift: Drift, timed: bool, reports: Mapping[int, str]) -> str:
 
 
 def _value(point: Point) -> str:
-    interval = "" if point.lower is None or point.upper is None else f" [{point.lower:.3g}, {point.upper:.3g}]"
+    interval = (
+        "" if point.lower is None or point.upper is None else f" [{point.lower:.3g}, {point.upper:.3g}]"
+    )
     return f"{point.parameter} {point.value:.3g}{interval} {point.unit}".replace("-", "\u2212")
 
 
@@ -133,7 +144,9 @@ def _over_time(found: Sequence[Drift], rows: Sequence[Mapping[str, Any]], timed:
     """How many machines have each effect, over time."""
     if not found:
         return ""
-    times = [d.since for d in found] + [float(row["time"]) for row in rows if row.get("time") is not None and timed]
+    times = [d.since for d in found] + [
+        float(row["time"]) for row in rows if row.get("time") is not None and timed
+    ]
     begin, end = min(times), max(times)
     names = sorted({d.effect for d in found})
     most = max(sum(d.effect == name for d in found) for name in names)
@@ -146,7 +159,9 @@ def _over_time(found: Sequence[Drift], rows: Sequence[Mapping[str, Any]], timed:
             count += 1
         steps.append((end, float(count)))
         color = _COLORS[k % len(_COLORS)]
-        drawn += frame.line(steps, color) + frame.text(8 + 130 * (k % 5), 14 + 14 * (k // 5), name.replace("_", " "), color)
+        drawn += frame.line(steps, color) + frame.text(
+            8 + 130 * (k % 5), 14 + 14 * (k // 5), name.replace("_", " "), color
+        )
     title = "<h2>Machines with an effect, over time</h2>\n"
     return title + frame.svg(drawn, _when(begin, timed), _when(end, timed), f"{most}", "0")
 
@@ -156,7 +171,11 @@ def _plots(found: Sequence[Drift], timed: bool) -> str:
     shown = [d for d in found if len(main_points(d) if d.points else []) > 1][:_MOST_PLOTS]
     if not shown:
         return ""
-    return '<h2>Parameters over time</h2>\n<div class="cards">\n' + "".join(_plot(d, timed) for d in shown) + "</div>\n"
+    return (
+        '<h2>Parameters over time</h2>\n<div class="cards">\n'
+        + "".join(_plot(d, timed) for d in shown)
+        + "</div>\n"
+    )
 
 
 def _plot(drift: Drift, timed: bool) -> str:
@@ -218,6 +237,8 @@ class _Frame:
         (x0, y0), (x1, y1) = self.at(self.x[0], self.y[0]), self.at(self.x[1], self.y[1])
         axes = f'<path d="M{x0:.1f},{y1:.1f}V{y0:.1f}H{x1:.1f}" fill="none" stroke="currentColor"/>\n'
         labels = self.text(x0, y0 + 14, left) + self.text(x1, y0 + 14, right, anchor="end")
-        labels += self.text(x0 - 4, y1 + 4, top, anchor="end") + self.text(x0 - 4, y0 + 4, bottom, anchor="end")
+        labels += self.text(x0 - 4, y1 + 4, top, anchor="end") + self.text(
+            x0 - 4, y0 + 4, bottom, anchor="end"
+        )
         size = f'viewBox="0 0 {self.width} {self.height}" style="max-width:{self.width}px;width:100%"'
         return f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img">\n{axes}{labels}{drawn}</svg>\n'

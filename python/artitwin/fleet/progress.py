@@ -84,9 +84,13 @@ class Progress:
         """Says how a row ended; one that stood says nothing, for its run was quick."""
         if item.standing or self._is_terminal and item.status == "done":
             return
-        took = f" in {item.outcome.seconds:.1f} s" if item.outcome is not None and item.outcome.seconds else ""
+        took = (
+            f" in {item.outcome.seconds:.1f} s" if item.outcome is not None and item.outcome.seconds else ""
+        )
         again = f" after {len(item.lost)} lost attempts" if item.lost else ""
-        why = item.outcome.message if item.outcome is not None and item.status in ("refused", "failed") else ""
+        why = (
+            item.outcome.message if item.outcome is not None and item.status in ("refused", "failed") else ""
+        )
         line = next(iter(why.splitlines()), "")[:_WHY]
         self.say(f"{item.label}: {item.status}{took}{again}{': ' + line if line else ''}")
 

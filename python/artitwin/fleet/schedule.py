@@ -3,7 +3,7 @@
 import heapq
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -233,14 +233,16 @@ class Schedule:
 
     def _stop(self) -> None:
         """Cancels all and waits until the jobs left a usable state; a second Ctrl-C waits no more."""
-        for handle in self._running:
-            self.engine.cancel(handle)
         end = time.monotonic() + _STOP_S
-        while self._running and time.monotonic() < end:
-            for handle, result in self.engine.wait(list(self._running), _POLL_S):
-                item = self._running.pop(handle)
-                if isinstance(result, Outcome) and result.manifest is not None:
-                    self._end(item, result)
-        for item in self.items:
-            if item.status in ("new", "waiting", "running"):
-                item.status = "stopped"
+        try:
+            for handle in self._running:
+                self.engine.cancel(handle)
+            while self._running and time.monotonic() < end:
+                for handle, result in self.engine.wait(list(self._running), _POLL_S):
+                    item = self._running.pop(handle)
+                    if isinstance(result, Outcome) and result.manifest is not None:
+                        self._end(item, result)
+        finally:
+            for item in self.items:
+                if item.status in ("new", "waiting", "running"):
+                    item.status = "stopped"

@@ -86,7 +86,7 @@ def as_uri_of_pattern(pattern: str) -> str:
         return pattern
     fixed = posixpath.dirname(_PATTERN.split(pattern)[0])
     base = as_uri(fixed or ".")
-    return f"{base}/{quote(pattern[len(fixed):].lstrip('/'), safe='/*?[]!')}"
+    return f"{base}/{quote(pattern[len(fixed) :].lstrip('/'), safe='/*?[]!')}"
 
 
 def matches(pattern: str) -> list[str]:

@@ -106,7 +106,7 @@ def killed_workers_leave_no_second_writer(cluster):
     killer = Killer(cluster, kills=5, mean_s=1.0)
     process = started("--objects", f"{folder}/*.json", "--out", folder / "out", "--address", cluster.address)
     killer.start()
-    printed, said = process.communicate(timeout=300)
+    _, said = process.communicate(timeout=300)
     killer.over.set()
     assert process.returncode == 0, (process.returncode, said)
     found = rows(folder / "out")
@@ -148,7 +148,9 @@ def machines_that_drift(address):
                 "joint": "door",
                 "effect": "viscous_friction",
                 "weight": 0.99,
-                "parameters": [{"name": "damping", "value": value, "unit": "N m s/rad", "interval": [value - 0.02, value + 0.02]}],
+                "parameters": [
+                    {"name": "damping", "value": value, "unit": "N m s/rad", "interval": [value - 0.02, value + 0.02]}
+                ],
                 "alternatives": [],
             }
             verdict = "insufficient" if machine == 5 and week == 2 else "named" if drifts else "none"
@@ -164,7 +166,7 @@ def machines_that_drift(address):
 
     found = {row["machine"]: row for row in parquet.read_table(folder / "out/machines.parquet").to_pylist()}
     assert sorted(found) == ["m2", "m4", "m5"], sorted(found)
-    month = lambda seconds: time.gmtime(seconds).tm_mon  # noqa: E731
+    month = lambda seconds: time.gmtime(seconds).tm_mon
     assert month(found["m2"]["since"]) == 3 and month(found["m2"]["after"]) == 2 and found["m2"]["has_grown"]
     assert found["m2"]["doubts"] == [] and found["m4"]["doubts"] == ["one log alone names it"]
     assert month(found["m5"]["since"]) == 2 and found["m5"]["silent"] == 1

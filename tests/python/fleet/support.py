@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 
 os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
@@ -76,7 +77,7 @@ def once_each(lines):
         own = [line for line in lines if line[1] == key]
         assert sum(what == "manifest" for what, *_ in own) <= 1, own
         begun = [(at, pid) for what, _, pid, at in own if what == "start"]
-        for (_, pid), (at, _) in zip(begun, begun[1:], strict=False):
+        for (_, pid), (at, _) in pairwise(begun):
             late = [line for line in own if line[2] == pid and line[3] > at]
             assert not late, f"two writers of {key}: {late}"
     return keys

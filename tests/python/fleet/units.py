@@ -41,7 +41,7 @@ def refused(call, *words):
 
 def tables_are_read():
     (OUT / "a b").mkdir()
-    (OUT / "t.csv").write_text('name,inputs,options\nbox,"x/state0 \'a b/y\'",--parts 3\n,s3://bucket/lamp,\n')
+    (OUT / "t.csv").write_text("name,inputs,options\nbox,\"x/state0 'a b/y'\",--parts 3\n,s3://bucket/lamp,\n")
     rows = read_objects(str(OUT / "t.csv"), "reconstruct", ["--preset", "preview"])
     assert rows[0].inputs == (f"file://{OUT}/x/state0", f"file://{OUT}/a%20b/y"), rows
     assert rows[0].options == ("--preset", "preview", "--parts", "3") and rows[0].name == "box"
@@ -66,7 +66,7 @@ def tables_are_refused():
     refused(table("name\nbox\n"), "no column inputs")
     refused(table("inputs,nmae\nbox,x\n"), "unknown column `nmae`")
     refused(table("inputs,options\nx,--out=y\n"), "row 1", "`--out=y` is set by the fleet")
-    refused(table("inputs\n\"'x\"\n"), "row 1", "No closing quotation")
+    refused(table('inputs\n"\'x"\n'), "row 1", "No closing quotation")
     refused(table("inputs\nx,y\n"), "more cells than the head")
     refused(table("inputs\n"), "names no object")
     refused(table('{"inputs": "x"', suffix="jsonl"), "cannot read")
