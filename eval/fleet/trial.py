@@ -10,6 +10,7 @@ anew without. Wall time is held against the ideal: the jobs' own seconds over th
 """
 
 import argparse
+import atexit
 import json
 import os
 import shlex
@@ -62,6 +63,8 @@ def server(args):
     own = [sys.executable, Path(__file__).with_name("s3_server.py"), str(port), f"--fail={args.fail}", f"--slow-s={args.slow_s}"]
     with open(args.out / "server.log", "w") as log:
         process = subprocess.Popen(own, stdout=subprocess.PIPE, stderr=log, text=True)
+    # Where the trial fails, too.
+    atexit.register(process.kill)
     for _ in range(200):
         with socket.socket() as try_:
             if try_.connect_ex(("127.0.0.1", port)) == 0:
