@@ -105,6 +105,15 @@ fn functions_do_what_the_commands_do() {
 }
 
 #[test]
+fn the_fleet_is_a_script_and_ray_is_left_out_elsewhere() {
+    let Some(python) = installed() else { return };
+    let text = output(Command::new(python.with_file_name("artitwin-fleet")).arg("--help"));
+    assert!(text.contains("--objects TABLE|GLOB"), "{text}");
+    let ask = "import sys, artitwin\nprint(any(name in sys.modules for name in ('ray', 'pyarrow')))";
+    assert_eq!(output(Command::new(&python).args(["-c", ask])), "False\n");
+}
+
+#[test]
 fn types_are_whole() {
     let Some(python) = installed() else { return };
     let mut mypy = Command::new(&python);

@@ -55,7 +55,7 @@ fn interpreter(
 fn whole(python: PathBuf, requirements: &Path) -> Result<PathBuf, String> {
     let compare = "import sys\nfrom importlib.metadata import version\n\
                    for line in (l for path in sys.argv[1:] for l in open(path)):\n    name, _, wanted = \
-                   line.split('#')[0].strip().partition('==')\n    \
+                   line.split('#')[0].strip().partition('==')\n    name = name.partition('[')[0]\n    \
                    assert not name or version(name) == wanted, f'{name} is {version(name)}, not {wanted}'";
     let files = std::iter::once(requirements.to_owned()).chain(without_dependencies(requirements));
     succeed(Command::new(&python).args(["-c", compare]).args(files))?;

@@ -1,0 +1,7 @@
+"""`python -m artitwin.fleet` is `artitwin fleet`."""
+
+import sys
+
+from .cli import main
+
+sys.exit(main())

@@ -1,0 +1,59 @@
+//! The fleet (`python/artitwin/fleet`): its parts, every way in which a job or worker can end with a program
+//! that does as it is asked to, and six small recordings on two raylets of Ray, of which one is killed.
+//!
+//! Needs Python (see `common/venv.rs`); says so and passes where there is none.
+
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test may panic, and says how long it took")]
+
+#[path = "common/venv.rs"]
+mod venv;
+
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+    sync::Mutex,
+};
+
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+/// A cluster at a time: they would share the cores, and a test of kills rests on when things happen.
+static CLUSTER: Mutex<()> = Mutex::new(());
+
+/// An empty folder of these tests.
+fn folder(name: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("fleet").join(name);
+    std::fs::remove_dir_all(&path).ok();
+    std::fs::create_dir_all(&path).unwrap();
+    path
+}
+
+/// Runs a script of `tests/python/fleet` with the package as it stands in the source.
+fn run(script: &str, arguments: &[&Path]) {
+    let Some(python) = venv::python() else { return };
+    let mut command = Command::new(python);
+    command.arg(Path::new(ROOT).join("tests/python/fleet").join(script)).args(arguments);
+    command.env("PYTHONPATH", Path::new(ROOT).join("python")).env("RAY_USAGE_STATS_ENABLED", "0");
+    for name in ["ARTITWIN_PROGRAM", "FAKE_LOG", "RAY_ADDRESS"] {
+        command.env_remove(name);
+    }
+    let output = command.output().unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    assert!(output.status.success(), "{script}: {}{}", text(&output.stdout), text(&output.stderr));
+    eprint!("{}", text(&output.stdout));
+}
+
+#[test]
+fn parts_without_a_cluster() {
+    run("units.py", &[&folder("units")]);
+}
+
+#[test]
+fn every_way_to_end() {
+    let _guard = CLUSTER.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    run("faults.py", &[&folder("faults")]);
+}
+
+#[test]
+fn recordings_on_raylets_that_are_killed() {
+    let _guard = CLUSTER.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    run("cluster.py", &[Path::new(env!("CARGO_BIN_EXE_artitwin")), &folder("cluster")]);
+}
