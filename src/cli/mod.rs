@@ -11,8 +11,11 @@ mod diagnose;
 mod doctor;
 mod evaluate;
 mod exit;
+mod external;
 mod gallery;
 mod inspect;
+mod job;
+mod job_args;
 mod machine;
 #[cfg(feature = "node")]
 mod node;
@@ -46,6 +49,12 @@ pub fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {
+            let arguments: Vec<std::ffi::OsString> = std::env::args_os().collect();
+            if error.kind() == clap::error::ErrorKind::InvalidSubcommand
+                && let Some((program, rest)) = external::find(&arguments)
+            {
+                return ended(external::run(&program, rest));
+            }
             if error.use_stderr() {
                 error.print().ok();
                 return Exit::Usage.into();

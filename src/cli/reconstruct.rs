@@ -8,6 +8,7 @@ use std::{
 use super::{
     args::ReconstructArgs,
     exit::{CliError, Exit},
+    job,
     progress::{Progress, Shown},
     render,
     stop::stop_on_request,
@@ -21,6 +22,9 @@ use crate::run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError};
 /// If the configuration is wrong, or a run fails or is stopped, or its events cannot be written, which stops
 /// it too. Of several objects those that succeeded are there.
 pub fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
+    if job::is_reconstruct_job(args) {
+        return job::reconstruct(args);
+    }
     let stop = Arc::new(AtomicBool::new(false));
     let (progress, events) =
         Progress::start(Shown { json: args.json, verbose: args.output.verbose }, Arc::clone(&stop));
@@ -70,6 +74,7 @@ fn reconstruct(
         rerun: args.rerun.clone(),
         // Of other objects too.
         beside: args.bags.iter().chain(&args.settings.config).cloned().collect(),
+        shown: Vec::new(),
     };
     if args.rerun.is_some() && !cfg!(feature = "rerun") {
         return Err(CliError::Usage(

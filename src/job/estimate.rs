@@ -1,0 +1,133 @@
+//! What a job will need, before it is done.
+
+use std::{path::Path, sync::Arc};
+
+use serde::Serialize;
+
+use super::{
+    JobError, JobRequest, Reads, Status,
+    located::{Place, Places},
+    manifest::Standing,
+    output::Output,
+};
+use crate::{
+    io::{Glimpse, glimpse_bag, glimpse_paths},
+    store::{StoreError, Traffic, look},
+};
+
+/// What a job will need.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Estimate {
+    /// Name of the format.
+    pub format: &'static str,
+    /// Key; `None` where the place is no store.
+    pub key: Option<String>,
+    /// How the job ended, if it did.
+    pub done: Option<Status>,
+    /// Processor cores that it keeps busy.
+    pub cores: u32,
+    /// Most memory, bytes: an upper bound.
+    pub memory_bytes: u64,
+    /// Most disk space for what is fetched and kept on the way, bytes.
+    pub scratch_bytes: u64,
+    /// Wall time on so many cores, seconds.
+    pub seconds: f64,
+    /// Bytes of the inputs.
+    pub bytes_stored: u64,
+    /// Bytes of them that will be read.
+    pub bytes_read: u64,
+}
+
+/// What a job will need; of its inputs summaries and a few messages are read.
+///
+/// # Errors
+/// Inputs that are not there or cannot be read; stores that refuse.
+pub fn estimate(request: &JobRequest) -> Result<Estimate, JobError> {
+    let traffic = Arc::new(Traffic::default());
+    let output = Output::of(&request.out, &traffic)?;
+    let mut places = Places::of(request, &traffic)?;
+    let (mut seen, mut stored, mut read) = (Vec::new(), 0, 0);
+    for located in &mut places.all {
+        let missing = || StoreError::Missing(located.given.clone());
+        let glimpses = match &mut located.place {
+            Place::Absent(error) => return Err(error.take().unwrap_or_else(missing).into()),
+            Place::Here(path) if !path.exists() => return Err(missing().into()),
+            Place::Here(path) => seen_here(request, path, located.reads),
+            Place::Elsewhere(listing, at) => {
+                look(places.buckets[*at].1.as_ref(), listing, request.wanted(located.reads))?
+            }
+        };
+        stored += located.bytes_stored;
+        read += match located.place {
+            Place::Elsewhere(..) => glimpses.iter().map(|g| g.needed_bytes).sum::<u64>(),
+            _ => located.bytes_stored,
+        };
+        seen.push(glimpses);
+    }
+    let key = output.is_store().then(|| places.key(request));
+    let standing = key.as_ref().map(|key| output.manifest(key)).transpose()?.flatten();
+    let done = standing.and_then(|text| serde_json::from_slice::<Standing>(&text).ok()).map(|s| s.status);
+    Ok(Estimate { key, done, bytes_stored: stored, bytes_read: read, ..cost(request, &seen) })
+}
+
+/// What an input of this machine holds.
+pub fn seen_here(request: &JobRequest, path: &Path, reads: Reads) -> Vec<Glimpse> {
+    let wanted = request.wanted(reads);
+    // What cannot be read is refused by the command itself.
+    match reads {
+        Reads::Views => glimpse_paths(&[path.to_owned()], wanted).unwrap_or_default(),
+        Reads::Joints | Reads::Frames => glimpse_bag(path, wanted).map(|g| vec![g]).unwrap_or_default(),
+        Reads::Twin | Reads::TwinWithMeshes | Reads::File => Vec::new(),
+    }
+}
+
+/// What a job costs whose inputs hold this; key and state are left open.
+#[must_use]
+pub fn cost(request: &JobRequest, seen: &[Vec<Glimpse>]) -> Estimate {
+    let all = || seen.iter().flatten();
+    let fetched: u64 = all().map(|g| g.needed_bytes).sum();
+    let (memory, seconds, scratch) = if request.command == "reconstruct" {
+        reconstruction(request, &all().copied().collect::<Vec<_>>())
+    } else {
+        diagnosis(&all().copied().collect::<Vec<_>>())
+    };
+    Estimate {
+        format: "artitwin-estimate/1",
+        key: None,
+        done: None,
+        cores: CORES,
+        memory_bytes: memory as u64,
+        scratch_bytes: fetched + scratch as u64,
+        seconds,
+        bytes_stored: 0,
+        bytes_read: 0,
+    }
+}
+
+/// Cores that a run keeps busy: stages of one thread and of all alternate, and at two cores half of the time is of
+/// either.
+const CORES: u32 = 2;
+/// Columns and rows of frames whose size is not known.
+const SIZE: (u32, u32) = (640, 480);
+
+/// Bytes, seconds and scratch bytes of a reconstruction.
+fn reconstruction(request: &JobRequest, bags: &[Glimpse]) -> (f64, f64, f64) {
+    let most = request.capture.frames_per_state as f64;
+    let of = |g: &Glimpse| {
+        let (width, height) = g.size.unwrap_or(SIZE);
+        let pixels = f64::from(width) * f64::from(height);
+        let frames = g.frames.map_or(most, |n| (n as f64).min(most));
+        (frames * pixels, g.frames.map_or(most, |n| n as f64) * pixels)
+    };
+    let kept: f64 = bags.iter().map(|g| of(g).0).sum();
+    let cells = (request.nodes as f64).powi(3);
+    let memory = 1.5 * (200e6 + 40.0 * kept + 150.0 * cells);
+    let seconds = 10.0 + 1e-6 * kept + 1e-6 * cells;
+    (memory, seconds, 20.0 * kept)
+}
+
+/// Bytes, seconds and scratch bytes of a diagnosis.
+fn diagnosis(bags: &[Glimpse]) -> (f64, f64, f64) {
+    let samples: f64 = bags.iter().map(|g| g.samples as f64).sum();
+    (200e6 + 5e3 * samples, 5.0 + 1e-4 * samples, 0.0)
+}
