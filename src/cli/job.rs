@@ -23,7 +23,7 @@ use crate::{
     gap::record::tracks::Streams,
     io::read_warnings,
     job::{Ended, JobInput, JobRequest, Local, Made, Reads, estimate, perform},
-    run::{self, DiagnoseOutcome, Event, Monitor, Outcome, ReconstructRequest, RunError},
+    run::{self, CheckpointError, DiagnoseOutcome, Event, Monitor, Outcome, ReconstructRequest, RunError},
 };
 
 /// Whether a reconstruction has to do with stores.
@@ -130,7 +130,16 @@ pub fn reconstruct(args: &ReconstructArgs) -> Result<Exit, CliError> {
     let ended = watched(shown, |monitor, _| {
         perform(&request, monitor, &mut |local| {
             let resolved = resolved_again(args)?;
-            let outcome = run::reconstruct(&local_reconstruction(args, local, resolved), monitor)?;
+            let own = local_reconstruction(args, local, resolved);
+            let outcome = match run::reconstruct(&own, monitor) {
+                // Left under the key by the same matcher at another place: it is of no use.
+                Err(
+                    RunError::Checkpoint(CheckpointError::OtherRun { .. }) | RunError::OtherResult { .. },
+                ) if local.is_store => {
+                    run::reconstruct(&ReconstructRequest { resume: false, ..own }, monitor)?
+                }
+                outcome => outcome?,
+            };
             let warnings =
                 if outcome.stood { read_warnings(&outcome.folder) } else { outcome.warnings.clone() };
             let folder = outcome.folder.clone();
@@ -165,7 +174,7 @@ fn local_reconstruction(
         config,
         origins,
         // What a process that was killed left under the key is of the same run.
-        resume: local.is_store || args.resume,
+        resume: if local.is_store { local.out.is_dir() } else { args.resume },
         keep: true,
         force: false,
         rerun: None,

@@ -331,3 +331,7 @@ fn end(start: u64, names: &[u8]) -> Vec<u8> {
     let footer = [&[op::FOOTER][..], &20u64.to_le_bytes(), &start.to_le_bytes(), &[0; 12]].concat();
     [names, &footer, mcap::MAGIC].concat()
 }
+
+#[cfg(test)]
+#[path = "excerpt_tests.rs"]
+mod tests;

@@ -104,30 +104,51 @@ pub fn cost(request: &JobRequest, seen: &[Vec<Glimpse>]) -> Estimate {
     }
 }
 
-/// Cores that a run keeps busy: stages of one thread and of all alternate, and at two cores half of the time is of
-/// either.
+/// Cores that a run keeps busy: stages of one thread and of all alternate.
 const CORES: u32 = 2;
 /// Columns and rows of frames whose size is not known.
 const SIZE: (u32, u32) = (640, 480);
 
+// The most that a run held, by pixels of kept frames and nodes of the grid, and its processor time. Fitted to the
+// eight bags of the README (640 x 480, 30 views a state) and `synth` objects of 320 x 240 with 8 views and
+// 640 x 480 with 40, presets `default` and `preview`, two threads: `eval/fleet/estimate.md`.
+const BASE_BYTES: f64 = 50e6;
+const BYTES_PER_PIXEL: f64 = 18.2;
+const BYTES_PER_NODE: f64 = 66.2;
+/// The estimate is a bound: objects of many parts held up to 1.15 times the fit.
+const MEMORY_MARGIN: f64 = 1.35;
+const BASE_SECONDS: f64 = 8.0;
+const SECONDS_PER_PIXEL: f64 = 0.5e-6;
+const SECONDS_PER_NODE: f64 = 2.5e-6;
+/// Wall time of a second of processor time on two cores.
+const WALL: f64 = 0.75;
+/// Bytes of the checkpoint and the result: of a node of one state, and of a pixel.
+const KEPT_PER_NODE: f64 = 14.0;
+const KEPT_PER_PIXEL: f64 = 13.0;
+const RESULT_BYTES: f64 = 40e6;
+
 /// Bytes, seconds and scratch bytes of a reconstruction.
 fn reconstruction(request: &JobRequest, bags: &[Glimpse]) -> (f64, f64, f64) {
-    let most = request.capture.frames_per_state as f64;
-    let of = |g: &Glimpse| {
+    // What is beside the bags has no frames.
+    let bags: Vec<&Glimpse> = bags.iter().filter(|g| g.frames != Some(0)).collect();
+    // One recording holds two states.
+    let states = bags.len().max(2) as f64;
+    let most = request.capture.frames_per_state as f64 * states / bags.len().max(1) as f64;
+    let pixels = |g: &&Glimpse| {
         let (width, height) = g.size.unwrap_or(SIZE);
-        let pixels = f64::from(width) * f64::from(height);
         let frames = g.frames.map_or(most, |n| (n as f64).min(most));
-        (frames * pixels, g.frames.map_or(most, |n| n as f64) * pixels)
+        frames * f64::from(width) * f64::from(height)
     };
-    let kept: f64 = bags.iter().map(|g| of(g).0).sum();
-    let cells = (request.nodes as f64).powi(3);
-    let memory = 1.5 * (200e6 + 40.0 * kept + 150.0 * cells);
-    let seconds = 10.0 + 1e-6 * kept + 1e-6 * cells;
-    (memory, seconds, 20.0 * kept)
+    let unknown = most * f64::from(SIZE.0) * f64::from(SIZE.1);
+    let kept: f64 = if bags.is_empty() { unknown } else { bags.iter().map(pixels).sum() };
+    let nodes = (request.nodes as f64).powi(3);
+    let memory = MEMORY_MARGIN * (BASE_BYTES + BYTES_PER_PIXEL * kept + BYTES_PER_NODE * nodes);
+    let seconds = WALL * (BASE_SECONDS + SECONDS_PER_PIXEL * kept + SECONDS_PER_NODE * nodes);
+    (memory, seconds, KEPT_PER_NODE * nodes * states + KEPT_PER_PIXEL * kept + RESULT_BYTES)
 }
 
 /// Bytes, seconds and scratch bytes of a diagnosis.
 fn diagnosis(bags: &[Glimpse]) -> (f64, f64, f64) {
     let samples: f64 = bags.iter().map(|g| g.samples as f64).sum();
-    (200e6 + 5e3 * samples, 5.0 + 1e-4 * samples, 0.0)
+    (200e6 + 5e3 * samples, 5.0 + 1e-4 * samples, RESULT_BYTES)
 }

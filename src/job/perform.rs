@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::{
     JobError, JobRequest, Manifest, Status,
-    estimate::{cost, seen_here},
+    estimate::{Estimate, cost, seen_here},
     hold::Hold,
     job_error::may_pass,
     located::{Located, Place, Places},
@@ -114,7 +114,7 @@ pub fn perform(
         }
         Err(error) if error.may_pass() => Err(error.into()),
         Err(error) if !output.is_store() => Err(error.into()),
-        Err(error) => Ok((Refusal::of(&error).into(), Value::Null)),
+        Err(error) => Ok((Refusal::of(&error).into(), None)),
     };
     let (outcome, estimate) = outcome.inspect_err(|_| keep(&mut scratch))?;
     if !output.is_store() {
@@ -133,6 +133,13 @@ pub fn perform(
         Outcome::Refused(_) => Default::default(),
     };
     let (cpu_seconds, peak_memory_bytes) = usage();
+    let transfer = places.transfer(&traffic);
+    let estimate = estimate.map_or(Value::Null, |e| {
+        let read = places.all.iter().map(|l| l.bytes_read).sum();
+        let stored = places.all.iter().map(|l| l.bytes_stored).sum();
+        let whole = Estimate { key: Some(key.clone()), bytes_stored: stored, bytes_read: read, ..e };
+        serde_json::to_value(whole).unwrap_or_default()
+    });
     let manifest = Manifest {
         format: FORMAT,
         key: key.clone(),
@@ -145,7 +152,7 @@ pub fn perform(
         files,
         warnings,
         version: env!("CARGO_PKG_VERSION"),
-        transfer: places.transfer(&traffic),
+        transfer,
         inputs: places.all.iter().map(Located::found).collect(),
         seconds: begun.elapsed().as_secs_f64(),
         cpu_seconds,
@@ -208,8 +215,8 @@ fn ended(
     output: &Output,
     seen: &[Vec<Glimpse>],
     request: &JobRequest,
-) -> Result<(Outcome, Value), JobError> {
-    let estimate = serde_json::to_value(cost(request, seen)).unwrap_or_default();
+) -> Result<(Outcome, Option<Estimate>), JobError> {
+    let estimate = Some(cost(request, seen));
     match result {
         Ok(made) => Ok((Outcome::Made(made), estimate)),
         Err(error) if !output.is_store() => Err(JobError::Run(error)),

@@ -79,7 +79,9 @@ pub fn fetch(
 pub fn look(bucket: &dyn Bucket, listing: &Listing, wanted: Wanted) -> Result<Vec<Glimpse>, StoreError> {
     let (bags, others) = listing.bags();
     let bytes = others.iter().map(|o| o.bytes).sum();
-    let mut found = vec![Glimpse { bytes, needed_bytes: bytes, ..Glimpse::default() }];
+    // Without bags it is a dataset, of whose frames nothing is known.
+    let frames = (!bags.is_empty()).then_some(0);
+    let mut found = vec![Glimpse { bytes, needed_bytes: bytes, frames, ..Glimpse::default() }];
     for bag in bags {
         let sources: Vec<Stored> = bag.iter().map(|object| Stored { bucket, object }).collect();
         let files: Vec<Remembered> = sources.iter().map(|s| Remembered::of(s)).collect();

@@ -20,3 +20,6 @@ pub use listing::{Listing, Role, list};
 pub use traffic::Traffic;
 pub use upload::{UploadedFile, upload};
 pub use uri::{Scheme, Uri, UriError};
+
+#[cfg(all(test, feature = "store"))]
+mod tests;

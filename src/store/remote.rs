@@ -28,8 +28,8 @@ use super::{Bucket, Created, ObjectFacts, Scheme, StoreError, Traffic, Uri, buck
 const AT_ONCE: usize = 4;
 /// Times that a request is sent again.
 const RETRIES: usize = 10;
-/// Time after which it is not sent again.
-const PATIENCE: Duration = Duration::from_secs(180);
+/// Time after which it is not sent again, seconds; `ARTITWIN_STORE_PATIENCE_S` says another.
+const PATIENCE_S: u64 = 180;
 /// Time that one request may take: pieces have 8 MiB.
 const REQUEST: Duration = Duration::from_secs(60);
 const CONNECT: Duration = Duration::from_secs(10);
@@ -214,6 +214,8 @@ impl Bucket for Remote {
 
 /// The store of a URI.
 fn store(uri: &Uri, traffic: &Arc<Traffic>) -> Result<Arc<dyn ObjectStore>, Error> {
+    let patience = std::env::var("ARTITWIN_STORE_PATIENCE_S").ok().and_then(|s| s.parse().ok());
+    let patience = patience.unwrap_or(PATIENCE_S);
     let retry = RetryConfig {
         backoff: BackoffConfig {
             init_backoff: Duration::from_millis(100),
@@ -221,7 +223,7 @@ fn store(uri: &Uri, traffic: &Arc<Traffic>) -> Result<Arc<dyn ObjectStore>, Erro
             base: 2.0,
         },
         max_retries: RETRIES,
-        retry_timeout: PATIENCE,
+        retry_timeout: Duration::from_secs(patience),
     };
     let client =
         ClientOptions::new().with_timeout(REQUEST).with_connect_timeout(CONNECT).with_pool_idle_timeout(IDLE);
