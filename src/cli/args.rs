@@ -345,8 +345,8 @@ pub struct SynthArgs {
 #[derive(Args, Clone, Debug)]
 pub struct ReconstructArgs {
     /// Recording: a rosbag2 folder, an .mcap file, a folder of state0, state1, ..., or a dataset folder;
-    /// several of them are the states of one object, 16 at most. Also as URI: s3://, gs://, az://, http(s)://,
-    /// file://
+    /// several of them are the states of one object, 16 at most. Also as URI: s3://, gs://, az://,
+    /// http(s)://, file://
     #[arg(value_name = "BAG", required = true)]
     pub bags: Vec<PathBuf>,
     /// Every BAG is an object of its own; reconstruct N of them at a time

@@ -8,7 +8,6 @@ use std::{
 use super::{
     args::DiagnoseArgs,
     exit::{CliError, Exit},
-    job,
     progress::{Progress, Shown},
     terminal,
 };
@@ -72,9 +71,6 @@ pub fn text(outcome: &DiagnoseOutcome) -> String {
 /// # Errors
 /// If the twin or a run cannot be read, or the result cannot be written.
 pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
-    if job::is_diagnose_job(args) {
-        return job::diagnose(args);
-    }
     let stop = Arc::<AtomicBool>::default();
     let shown = Shown { json: args.json, verbose: args.output.verbose };
     let (progress, events) = Progress::start(shown, Arc::clone(&stop));

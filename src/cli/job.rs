@@ -36,7 +36,8 @@ pub fn is_diagnose_job(args: &DiagnoseArgs) -> bool {
     args.job.estimate || diagnose_request(args).names_a_store()
 }
 
-/// What a reconstruction asks of a job. Settings that cannot be used determine a refusal, as others do a result.
+/// What a reconstruction asks of a job. Settings that cannot be used determine a refusal, as others do a
+/// result.
 fn reconstruct_request(
     args: &ReconstructArgs,
     resolved: &Result<Resolved<Config>, ConfigError>,
@@ -85,7 +86,7 @@ fn diagnose_request(args: &DiagnoseArgs) -> JobRequest {
         "seed": request.seed,
         "effects": request.effects,
         "streams": format!("{:?}", request.streams),
-        "told": format!("{:?}", request.told),
+        "actuators": format!("{:?}", request.told),
         "accuracy": args.accuracy,
     });
     JobRequest {

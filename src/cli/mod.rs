@@ -77,6 +77,7 @@ fn ended(outcome: Result<Exit, CliError>) -> ExitCode {
 
 fn run(command: Command) -> Result<Exit, CliError> {
     match command {
+        Command::Reconstruct(args) if job::is_reconstruct_job(&args) => job::reconstruct(&args),
         Command::Reconstruct(args) => reconstruct::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Track(args) => track::run(&args),
@@ -84,6 +85,7 @@ fn run(command: Command) -> Result<Exit, CliError> {
         Command::Check(args) => check::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Trials(args) => trials::run(&args),
+        Command::Diagnose(args) if job::is_diagnose_job(&args) => job::diagnose(&args),
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Synth(args) => synth::run(&args),

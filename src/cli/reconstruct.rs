@@ -8,7 +8,6 @@ use std::{
 use super::{
     args::ReconstructArgs,
     exit::{CliError, Exit},
-    job,
     progress::{Progress, Shown},
     render,
     stop::stop_on_request,
@@ -22,9 +21,6 @@ use crate::run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError};
 /// If the configuration is wrong, or a run fails or is stopped, or its events cannot be written, which stops
 /// it too. Of several objects those that succeeded are there.
 pub fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
-    if job::is_reconstruct_job(args) {
-        return job::reconstruct(args);
-    }
     let stop = Arc::new(AtomicBool::new(false));
     let (progress, events) =
         Progress::start(Shown { json: args.json, verbose: args.output.verbose }, Arc::clone(&stop));

@@ -15,16 +15,21 @@ use std::{
 use mcap::records::op;
 
 use super::{
+    bag_index::BETWEEN_NANOS,
     expansion::Expansion,
     imu::IMU_TYPE,
     joint_log::is_joint_topic,
     mcap_file::{Channels, RawMessage, read_messages},
+    mcap_record::ChunkIndexRecord,
     mcap_summary::McapSummary,
     ranges::Ranges,
     ros2msg::{CameraInfo, CompressedFront, DecodeError, ImageFront, decode},
     topics::{IMAGE_TYPES, INFO_TYPE, POSE_TYPES, TopicSummary, choose, rivals},
 };
-use crate::{capture::CaptureConfig, gap::record::tracks::Streams};
+use crate::{
+    capture::{CaptureConfig, Split},
+    gap::record::tracks::Streams,
+};
 
 /// Most image topics whose first messages are looked at.
 const MAX_IMAGE_TOPICS: usize = 64;
@@ -115,7 +120,11 @@ pub fn excerpts(files: &[Remembered], wanted: Wanted) -> io::Result<Vec<Vec<Piec
     let whole = || files.iter().map(|f| vec![Piece::Stored(0..f.size())]).collect();
     let Some(bag) = summaries(files)? else { return Ok(whole()) };
     let Some(needed) = needed(files, &bag, wanted)? else { return Ok(whole()) };
-    Ok(files.iter().zip(&bag).map(|(file, summary)| excerpt(file.size(), summary, &needed, wanted)).collect())
+    let between = between(&bag, wanted);
+    let cut = |(file, summary): (&Remembered, &McapSummary)| {
+        excerpt(file.size(), summary, &needed, (between.as_ref(), splits(wanted)))
+    };
+    Ok(files.iter().zip(&bag).map(cut).collect())
 }
 
 /// The summaries of all files; `None` where one has none.
@@ -185,7 +194,8 @@ fn for_views(
     Ok(Some(names))
 }
 
-/// The topics of a bag as the choice between them needs them, images with the encoding of their first message.
+/// The topics of a bag as the choice between them needs them, images with the encoding of their first
+/// message.
 ///
 /// # Errors
 /// Where a file cannot be read.
@@ -283,12 +293,42 @@ fn front(message: &RawMessage) -> Result<FirstImage, DecodeError> {
     Ok(FirstImage { encoding: front.format, size: None })
 }
 
-/// The excerpt of a file of this size.
-fn excerpt(size: u64, summary: &McapSummary, needed: &BTreeSet<String>, wanted: Wanted) -> Vec<Piece> {
-    let is_needed = |c: &u16| summary.channels.get(c).is_some_and(|c| needed.contains(&c.topic));
-    let splits = match wanted {
-        Wanted::Views(config) => !config.split_secs.is_empty(),
-        _ => false,
+/// Whether the recording is divided by time.
+fn splits(wanted: Wanted) -> bool {
+    matches!(wanted, Wanted::Views(config) if !config.split_secs.is_empty())
+}
+
+/// The split of a bag, where images between two states are left out.
+fn between(bag: &[McapSummary], wanted: Wanted) -> Option<Split> {
+    let Wanted::Views(config) = wanted else { return None };
+    let [_, _] = config.split_secs[..] else { return None };
+    let chunks = || bag.iter().flat_map(|s| &s.chunks);
+    let nanos = |n: u64| i64::try_from(n).unwrap_or(i64::MAX);
+    let first = chunks().map(|c| nanos(c.times[0])).min()?;
+    // A split outside the recording is refused by its reader.
+    Split::at(&config.split_secs, first, chunks().map(|c| nanos(c.times[1])).max()?).ok()
+}
+
+/// The excerpt of a file of this size: with the ends of the recording where it is divided by time, and
+/// without the images between two states.
+fn excerpt(
+    size: u64,
+    summary: &McapSummary,
+    needed: &BTreeSet<String>,
+    (between, splits): (Option<&Split>, bool),
+) -> Vec<Piece> {
+    let is_between = |nanos: u64| {
+        between.is_some_and(|s| i64::try_from(nanos).is_ok_and(|n| s.is_between(n, BETWEEN_NANOS)))
+    };
+    let is_image =
+        |c: &u16| summary.channels.get(c).is_some_and(|c| IMAGE_TYPES.contains(&c.type_name.as_str()));
+    let is_needed = |chunk: &ChunkIndexRecord| {
+        let mut read = chunk
+            .channels
+            .iter()
+            .filter(|c| summary.channels.get(c).is_some_and(|c| needed.contains(&c.topic)));
+        // Poses and transforms of all times are taken together.
+        if chunk.times.iter().all(|t| is_between(*t)) { !read.all(is_image) } else { read.next().is_some() }
     };
     // A split is counted from the first message of all, whatever its topic.
     let first = summary.chunks.iter().min_by_key(|c| c.times[0]).map(|c| c.start);
@@ -309,7 +349,7 @@ fn excerpt(size: u64, summary: &McapSummary, needed: &BTreeSet<String>, wanted: 
         // What lies between chunks: the header, and records that no index names.
         keep(at..chunk.start);
         let at_an_end = splits && (Some(chunk.start) == first || Some(chunk.start) == last);
-        if at_an_end || chunk.channels.is_empty() || chunk.channels.iter().any(is_needed) {
+        if at_an_end || chunk.channels.is_empty() || is_needed(chunk) {
             keep(chunk.start..chunk.start + chunk.bytes);
         }
         at = chunk.start + chunk.bytes + chunk.index_bytes;

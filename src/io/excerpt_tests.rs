@@ -18,6 +18,8 @@ const TOPICS: [(&str, &str, &str); 7] = [
     ("/points", "sensor_msgs/msg/PointCloud2", ""),
     ("/joint_states", "sensor_msgs/msg/JointState", ""),
 ];
+/// Nanoseconds; messages come one a second.
+const SECOND: u64 = 1_000_000_000;
 const NEEDED: [&str; 4] = [TOPICS[0].0, TOPICS[1].0, TOPICS[2].0, TOPICS[3].0];
 
 struct Bytes(Vec<u8>);
@@ -90,7 +92,7 @@ fn file(messages: &[(usize, usize)], writing: Writing) -> Vec<u8> {
         let header = mcap::records::MessageHeader {
             channel_id: channels[topic],
             sequence: i as u32,
-            log_time: 1000 + i as u64,
+            log_time: SECOND * (1000 + i as u64),
             publish_time: 0,
         };
         writer.write_to_known_channel(&header, &payload(topic, i, bytes)).unwrap();
@@ -166,7 +168,11 @@ proptest! {
 
     #[test]
     fn damage_anywhere_costs_no_more_than_in_the_whole(
-        list in any_messages(), writing in any_writing(), place in 0.0..1.0f64, flip in 1..256usize, cut in any::<bool>()
+        list in any_messages(),
+        writing in any_writing(),
+        place in 0.0..1.0f64,
+        flip in 1..256usize,
+        cut in any::<bool>()
     ) {
         let mut bytes = file(&list, Writing { has_summary: true, has_summary_crc: true, ..writing });
         let at = (place * bytes.len() as f64) as usize;
@@ -214,8 +220,24 @@ fn a_split_is_counted_from_the_first_message_of_all() {
     };
     let split = CaptureConfig { split_secs: vec![1.0], ..CaptureConfig::default() };
     assert_eq!(first(&excerpted(&whole, &split)), first(&whole));
-    assert!(first(&excerpted(&whole, &CaptureConfig::default())).0 > 1000);
+    assert!(first(&excerpted(&whole, &CaptureConfig::default())).0 > 1000 * SECOND);
     assert!(excerpted(&whole, &split).len() < whole.len() / 2);
+}
+
+#[test]
+fn images_between_two_states_are_left_out() {
+    let whole = file(&in_turn(140), WRITING);
+    let config = CaptureConfig { split_secs: vec![20.0, 120.0], ..CaptureConfig::default() };
+    let part = excerpted(&whole, &config);
+    assert!(part.len() < excerpted(&whole, &CaptureConfig::default()).len() / 2);
+    let kept = |bytes: &[u8]| {
+        let is_kept = |(topic, nanos, _): &(String, u64, Vec<u8>)| {
+            let seconds = nanos / SECOND - 1000;
+            !topic.contains("image") || seconds <= 20 || seconds >= 120
+        };
+        messages(bytes).0.into_iter().filter(is_kept).collect::<Vec<_>>()
+    };
+    assert_eq!(kept(&part), kept(&whole));
 }
 
 #[test]

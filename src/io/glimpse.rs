@@ -73,7 +73,8 @@ fn samples(bag: &[McapSummary], streams: &Streams) -> u64 {
     read.map(|c| c.count).sum()
 }
 
-/// Looks at the bags of recordings on this machine, each a state or all of them; of a dataset its bytes alone.
+/// Looks at the bags of recordings on this machine, each a state or all of them; of a dataset its bytes
+/// alone.
 ///
 /// # Errors
 /// Where a file cannot be read.

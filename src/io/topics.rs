@@ -166,8 +166,8 @@ pub fn choose(
     Ok(TopicChoice { color, depth, color_info, depth_info, mask, pose, marker })
 }
 
-/// Image topics that other counts of messages would put in the place of a chosen one: of the same role, with a
-/// name that fits as well.
+/// Image topics that other counts of messages would put in the place of a chosen one: of the same role, with
+/// a name that fits as well.
 pub fn rivals<'a>(topics: &'a [TopicSummary], chosen: &str) -> Vec<&'a str> {
     let Some(best) = topics.iter().find(|t| t.name == chosen) else { return Vec::new() };
     let Some(role) = best.image_role() else { return Vec::new() };

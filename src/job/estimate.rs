@@ -109,9 +109,9 @@ const CORES: u32 = 2;
 /// Columns and rows of frames whose size is not known.
 const SIZE: (u32, u32) = (640, 480);
 
-// The most that a run held, by pixels of kept frames and nodes of the grid, and its processor time. Fitted to the
-// eight bags of the README (640 x 480, 30 views a state) and `synth` objects of 320 x 240 with 8 views and
-// 640 x 480 with 40, presets `default` and `preview`, two threads: `eval/fleet/estimate.md`.
+// The most that a run held, by pixels of kept frames and nodes of the grid, and its processor time. Fitted to
+// the eight bags of the README (640 x 480, 30 views a state) and `synth` objects of 320 x 240 with 8 views
+// and 640 x 480 with 40, presets `default` and `preview`, two threads: `eval/fleet/estimate.md`.
 const BASE_BYTES: f64 = 50e6;
 const BYTES_PER_PIXEL: f64 = 18.2;
 const BYTES_PER_NODE: f64 = 66.2;

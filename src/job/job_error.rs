@@ -53,6 +53,18 @@ impl JobError {
     }
 }
 
+impl JobError {
+    /// Whether what was fetched and made on the way serves a later command.
+    #[must_use]
+    pub fn can_continue(&self) -> bool {
+        match self {
+            Self::MayPass(_) => true,
+            Self::Run(error) => error.can_continue(),
+            _ => self.may_pass(),
+        }
+    }
+}
+
 /// Whether a run may succeed with the same inputs and settings: it was stopped, its place was in use, or the
 /// machine refused. All else would be met again.
 #[must_use]

@@ -33,7 +33,8 @@ pub fn key(command: &str, name: &str, identities: &[(Reads, String)], settings: 
     hex(&Sha256::digest(all.to_string()))[..DIGITS].to_owned()
 }
 
-/// The identity of a file or folder of this machine, by names and contents, not by where it lies; and its bytes.
+/// The identity of a file or folder of this machine, by names and contents, not by where it lies; and its
+/// bytes.
 ///
 /// # Errors
 /// If something cannot be read, or there are more than 100,000 files.

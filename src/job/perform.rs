@@ -78,111 +78,208 @@ pub fn perform(
     monitor: &Monitor,
     work: &mut dyn FnMut(&Local) -> Result<Made, RunError>,
 ) -> Result<Ended, JobError> {
-    let (started, begun) = (now(), Instant::now());
     let traffic = Arc::new(Traffic::default());
     let output = Output::of(&request.out, &traffic)?;
-    let mut places = Places::of(request, &traffic)?;
+    let places = Places::of(request, &traffic)?;
     let (name, key) = (request.resolved_name(), places.key(request));
-    if let Some(ended) = standing(&output, &key, monitor)? {
+    let mut job =
+        Job { request, monitor, traffic, output, places, name, key, started: now(), begun: Instant::now() };
+    if let Some(ended) = job.standing()? {
         return Ok(ended);
     }
-    let _hold = match &output {
-        Output::Folder(folder) => Some(Hold::take(folder.join(format!(".{key}.lock")))?),
+    let _hold = match &job.output {
+        Output::Folder(folder) => Some(Hold::take(folder.join(format!(".{}.lock", job.key)))?),
         _ => None,
     };
-    let needs_scratch = matches!(output, Output::Store(..)) || places.all.iter().any(Located::is_elsewhere);
-    let mut scratch = needs_scratch.then(|| Scratch::open(request.scratch.as_deref(), &key)).transpose()?;
+    let elsewhere = job.places.all.iter().any(Located::is_elsewhere);
+    let needs_scratch = elsewhere || matches!(job.output, Output::Store(..));
+    let mut scratch =
+        needs_scratch.then(|| Scratch::open(request.scratch.as_deref(), &job.key)).transpose()?;
     // Again, as another process may have ended since.
-    if let Some(ended) = standing(&output, &key, monitor)? {
+    if let Some(ended) = job.standing()? {
         return Ok(ended);
     }
-    let outcome = match brought(request, &mut places, scratch.as_ref(), &traffic, monitor) {
-        Ok((inputs, shown, seen)) => {
-            let local = Local {
-                inputs,
-                out: match (&output, &scratch) {
-                    (Output::Plain(folder), _) => folder.clone(),
-                    (Output::Folder(folder), _) => folder.join(&key),
-                    (Output::Store(..), Some(scratch)) => scratch.results(),
-                    (Output::Store(..), None) => request.out.clone(),
-                },
-                name: if output.is_store() { Some(name.clone()) } else { request.name.clone() },
-                is_store: output.is_store(),
-                shown,
-            };
-            ended(work(&local), &local, &output, &seen, request)
+    job.done(scratch.as_ref(), work).inspect_err(|error| {
+        // What was fetched and made serves the next try.
+        if let Some(scratch) = scratch.as_mut().filter(|_| error.can_continue()) {
+            scratch.keep();
         }
-        Err(error) if error.may_pass() => Err(error.into()),
-        Err(error) if !output.is_store() => Err(error.into()),
-        Err(error) => Ok((Refusal::of(&error).into(), None)),
-    };
-    let (outcome, estimate) = outcome.inspect_err(|_| keep(&mut scratch))?;
-    if !output.is_store() {
-        return Ok(Ended::Plain);
+    })
+}
+
+/// A job on its way.
+struct Job<'a> {
+    request: &'a JobRequest,
+    monitor: &'a Monitor,
+    traffic: Arc<Traffic>,
+    output: Output,
+    places: Places,
+    name: String,
+    key: String,
+    started: String,
+    begun: Instant,
+}
+
+impl Job<'_> {
+    /// Fetches, works, and puts result and manifest.
+    fn done(
+        &mut self,
+        scratch: Option<&Scratch>,
+        work: &mut dyn FnMut(&Local) -> Result<Made, RunError>,
+    ) -> Result<Ended, JobError> {
+        let (outcome, estimate) = self.worked(scratch, work)?;
+        if !self.output.is_store() {
+            return Ok(Ended::Plain);
+        }
+        let manifest = self.manifest(outcome, estimate)?;
+        let mut text = serde_json::to_vec_pretty(&manifest).unwrap_or_default();
+        text.push(b'\n');
+        let uri = self.output.uri(&format!("{}.json", self.key));
+        match self.output.put_manifest(&self.key, &text)? {
+            // Another process did the same job meanwhile: what it wrote first is what stands.
+            Created::Stood => self.standing()?.ok_or(JobError::Store(StoreError::Missing(uri))),
+            Created::New => Ok(Ended::Manifest {
+                uri,
+                manifest: serde_json::from_slice(&text).unwrap_or_default(),
+                exit_code: manifest.exit_code,
+                message: manifest.message,
+                stood: false,
+            }),
+        }
     }
-    let (status, exit_code, message) = match &outcome {
-        Outcome::Made(made) if made.degraded => (Status::Degraded, 3, None),
-        Outcome::Made(_) => (Status::Done, 0, None),
-        Outcome::Refused(refusal) => (Status::Refused, refusal.exit_code, Some(refusal.message.clone())),
-    };
-    let (files, warnings, folder) = match outcome {
-        Outcome::Made(made) => {
-            let files = output.put_result(&made.folder, &key, &name).inspect_err(|_| keep(&mut scratch))?;
-            (files, made.warnings, Some(format!("{key}/{name}")))
+
+    /// What became of the work, with its estimate; what may pass is an error.
+    fn worked(
+        &mut self,
+        scratch: Option<&Scratch>,
+        work: &mut dyn FnMut(&Local) -> Result<Made, RunError>,
+    ) -> Result<(Outcome, Option<Estimate>), JobError> {
+        let (inputs, shown, seen) = match self.brought(scratch) {
+            Ok(brought) => brought,
+            Err(error) if error.may_pass() || !self.output.is_store() => return Err(error.into()),
+            Err(error) => return Ok((Outcome::Refused(Refusal::of(&error)), None)),
+        };
+        let local = Local {
+            inputs,
+            out: match (&self.output, scratch) {
+                (Output::Folder(folder), _) => folder.join(&self.key),
+                (Output::Store(..), Some(scratch)) => scratch.results(),
+                _ => self.request.out.clone(),
+            },
+            name: if self.output.is_store() { Some(self.name.clone()) } else { self.request.name.clone() },
+            is_store: self.output.is_store(),
+            shown,
+        };
+        let estimate = Some(cost(self.request, &seen));
+        match work(&local) {
+            Ok(made) => Ok((Outcome::Made(made), estimate)),
+            Err(error) if !local.is_store => Err(JobError::Run(error)),
+            Err(error) if may_pass(&error) => Err(JobError::MayPass(error)),
+            Err(error) => {
+                let message = shown_text(&chain(&error), &local.shown);
+                let exit_code = if matches!(error, RunError::Config(_)) { 2 } else { 1 };
+                // Nothing is left of what was never a result.
+                std::fs::remove_dir(&local.out).ok();
+                Ok((Outcome::Refused(Refusal { message, exit_code }), estimate))
+            }
         }
-        Outcome::Refused(_) => Default::default(),
-    };
-    let (cpu_seconds, peak_memory_bytes) = usage();
-    let transfer = places.transfer(&traffic);
-    let estimate = estimate.map_or(Value::Null, |e| {
-        let read = places.all.iter().map(|l| l.bytes_read).sum();
-        let stored = places.all.iter().map(|l| l.bytes_stored).sum();
-        let whole = Estimate { key: Some(key.clone()), bytes_stored: stored, bytes_read: read, ..e };
-        serde_json::to_value(whole).unwrap_or_default()
-    });
-    let manifest = Manifest {
-        format: FORMAT,
-        key: key.clone(),
-        command: request.command.to_owned(),
-        name,
-        status,
-        exit_code,
-        message: message.clone(),
-        folder,
-        files,
-        warnings,
-        version: env!("CARGO_PKG_VERSION"),
-        transfer,
-        inputs: places.all.iter().map(Located::found).collect(),
-        seconds: begun.elapsed().as_secs_f64(),
-        cpu_seconds,
-        peak_memory_bytes,
-        started,
-        estimate,
-    };
-    let mut text = serde_json::to_vec_pretty(&manifest).unwrap_or_default();
-    text.push(b'\n');
-    match output.put_manifest(&key, &text).inspect_err(|_| keep(&mut scratch))? {
-        // Another process did the same job meanwhile: what it wrote first is what stands.
-        Created::Stood => match standing(&output, &key, monitor)? {
-            Some(ended) => Ok(ended),
-            None => Err(JobError::Store(StoreError::Missing(output.uri(&format!("{key}.json"))))),
-        },
-        Created::New => Ok(Ended::Manifest {
-            uri: output.uri(&format!("{key}.json")),
-            manifest: serde_json::from_slice(&text).unwrap_or_default(),
+    }
+
+    /// The manifest of an outcome, whose files are put before.
+    fn manifest(&self, outcome: Outcome, estimate: Option<Estimate>) -> Result<Manifest, JobError> {
+        let (status, exit_code, message) = match &outcome {
+            Outcome::Made(made) if made.degraded => (Status::Degraded, 3, None),
+            Outcome::Made(_) => (Status::Done, 0, None),
+            Outcome::Refused(refusal) => (Status::Refused, refusal.exit_code, Some(refusal.message.clone())),
+        };
+        let (files, warnings, folder) = match outcome {
+            Outcome::Made(made) => {
+                let files = self.output.put_result(&made.folder, &self.key, &self.name)?;
+                (files, made.warnings, Some(format!("{}/{}", self.key, self.name)))
+            }
+            Outcome::Refused(_) => Default::default(),
+        };
+        let (cpu_seconds, peak_memory_bytes) = usage();
+        let all = &self.places.all;
+        let estimate = estimate.map_or(Value::Null, |e| {
+            let bytes_stored = all.iter().map(|l| l.bytes_stored).sum();
+            let bytes_read = all.iter().map(|l| l.bytes_read).sum();
+            let whole = Estimate { key: Some(self.key.clone()), bytes_stored, bytes_read, ..e };
+            serde_json::to_value(whole).unwrap_or_default()
+        });
+        Ok(Manifest {
+            format: FORMAT,
+            key: self.key.clone(),
+            command: self.request.command.to_owned(),
+            name: self.name.clone(),
+            status,
             exit_code,
             message,
-            stood: false,
-        }),
+            folder,
+            files,
+            warnings,
+            version: env!("CARGO_PKG_VERSION"),
+            transfer: self.places.transfer(&self.traffic),
+            inputs: all.iter().map(Located::found).collect(),
+            seconds: self.begun.elapsed().as_secs_f64(),
+            cpu_seconds,
+            peak_memory_bytes,
+            started: self.started.clone(),
+            estimate,
+        })
+    }
+
+    /// The job's manifest, if it stands.
+    fn standing(&self) -> Result<Option<Ended>, JobError> {
+        let Some(text) = self.output.manifest(&self.key)? else { return Ok(None) };
+        let uri = self.output.uri(&format!("{}.json", self.key));
+        let damaged = |source| JobError::Manifest { uri: uri.clone(), source };
+        let found: Standing = serde_json::from_slice(&text).map_err(damaged)?;
+        let manifest: Value = serde_json::from_slice(&text).map_err(damaged)?;
+        if found.format != FORMAT {
+            return Err(damaged(serde::de::Error::custom(format!("its format is not {FORMAT}"))));
+        }
+        let text =
+            format!("{uri} stands: the same inputs, settings and version were done; nothing is left to do");
+        self.monitor.note(&Note::new(NoteCode::ResultStands, text));
+        let Standing { exit_code, message, .. } = found;
+        Ok(Some(Ended::Manifest { uri, manifest, exit_code, message, stood: true }))
+    }
+
+    /// Has all inputs on this machine.
+    fn brought(&mut self, scratch: Option<&Scratch>) -> Result<Brought, StoreError> {
+        let (mut paths, mut shown, mut seen) = (Vec::new(), Vec::new(), Vec::new());
+        let folder = scratch.map_or_else(|| PathBuf::from("."), Scratch::inputs);
+        for located in &mut self.places.all {
+            match &mut located.place {
+                Place::Absent(error) => {
+                    return Err(error.take().unwrap_or(StoreError::Missing(located.given.clone())));
+                }
+                Place::Here(path) => {
+                    seen.push(seen_here(self.request, path, located.reads));
+                    paths.push(path.clone());
+                }
+                Place::Elsewhere(listing, bucket) => {
+                    let before = Traffic::get(&self.traffic.bytes_read);
+                    let wanted = self.request.wanted(located.reads);
+                    let bucket = self.places.buckets[*bucket].1.as_ref();
+                    let (path, glimpses) = fetch(bucket, listing, &folder, wanted)?;
+                    located.bytes_read = Traffic::get(&self.traffic.bytes_read) - before;
+                    note_fetched(located.bytes_read, located.bytes_stored, &located.given, self.monitor);
+                    shown.push((path.clone(), located.given.trim_end_matches('/').to_owned()));
+                    seen.push(glimpses);
+                    paths.push(path);
+                }
+            }
+        }
+        // The longest first: one may begin with another.
+        shown.sort_by_key(|(path, _): &(PathBuf, String)| std::cmp::Reverse(path.as_os_str().len()));
+        Ok((paths, shown, seen))
     }
 }
 
-fn keep(scratch: &mut Option<Scratch>) {
-    if let Some(scratch) = scratch {
-        scratch.keep();
-    }
-}
+/// Inputs on this machine, what is shown in place of their paths, and what was seen in each.
+type Brought = (Vec<PathBuf>, Vec<(PathBuf, String)>, Vec<Vec<Glimpse>>);
 
 /// What became of the work.
 enum Outcome {
@@ -202,100 +299,9 @@ impl Refusal {
     }
 }
 
-impl From<Refusal> for Outcome {
-    fn from(refusal: Refusal) -> Self {
-        Self::Refused(refusal)
-    }
-}
-
-/// The work's result with its estimate; what may pass is an error.
-fn ended(
-    result: Result<Made, RunError>,
-    local: &Local,
-    output: &Output,
-    seen: &[Vec<Glimpse>],
-    request: &JobRequest,
-) -> Result<(Outcome, Option<Estimate>), JobError> {
-    let estimate = Some(cost(request, seen));
-    match result {
-        Ok(made) => Ok((Outcome::Made(made), estimate)),
-        Err(error) if !output.is_store() => Err(JobError::Run(error)),
-        Err(error) if may_pass(&error) => Err(JobError::MayPass(error)),
-        Err(error) => {
-            let message = shown_text(&chain(&error), &local.shown);
-            let exit_code = if matches!(error, RunError::Config(_)) { 2 } else { 1 };
-            // Nothing is left of what was never a result.
-            if local.is_store {
-                std::fs::remove_dir(&local.out).ok();
-            }
-            Ok((Outcome::Refused(Refusal { message, exit_code }), estimate))
-        }
-    }
-}
-
 /// A text with what is shown in place of paths.
 fn shown_text(text: &str, shown: &[(PathBuf, String)]) -> String {
     shown.iter().fold(text.to_owned(), |text, (path, uri)| text.replace(&path.display().to_string(), uri))
-}
-
-/// The job's manifest, if it stands.
-fn standing(output: &Output, key: &str, monitor: &Monitor) -> Result<Option<Ended>, JobError> {
-    let Some(text) = output.manifest(key)? else { return Ok(None) };
-    let uri = output.uri(&format!("{key}.json"));
-    let damaged = |source| JobError::Manifest { uri: uri.clone(), source };
-    let found: Standing = serde_json::from_slice(&text).map_err(damaged)?;
-    let manifest: Value = serde_json::from_slice(&text).map_err(damaged)?;
-    if found.format != FORMAT {
-        return Err(damaged(serde::de::Error::custom(format!("its format is not {FORMAT}"))));
-    }
-    let text =
-        format!("{uri} stands: the same inputs, settings and version were done; nothing is left to do");
-    monitor.note(&Note::new(NoteCode::ResultStands, text));
-    Ok(Some(Ended::Manifest {
-        uri,
-        manifest,
-        exit_code: found.exit_code,
-        message: found.message,
-        stood: true,
-    }))
-}
-
-/// Inputs on this machine, what is shown in place of their paths, and what was seen in each.
-type Brought = (Vec<PathBuf>, Vec<(PathBuf, String)>, Vec<Vec<Glimpse>>);
-
-fn brought(
-    request: &JobRequest,
-    places: &mut Places,
-    scratch: Option<&Scratch>,
-    traffic: &Traffic,
-    monitor: &Monitor,
-) -> Result<Brought, StoreError> {
-    let (mut paths, mut shown, mut seen) = (Vec::new(), Vec::new(), Vec::new());
-    let folder = scratch.map_or_else(|| PathBuf::from("."), Scratch::inputs);
-    for located in &mut places.all {
-        match &mut located.place {
-            Place::Absent(error) => {
-                return Err(error.take().unwrap_or(StoreError::Missing(located.given.clone())));
-            }
-            Place::Here(path) => {
-                seen.push(seen_here(request, path, located.reads));
-                paths.push(path.clone());
-            }
-            Place::Elsewhere(listing, bucket) => {
-                let before = Traffic::get(&traffic.bytes_read);
-                let wanted = request.wanted(located.reads);
-                let (path, glimpses) = fetch(places.buckets[*bucket].1.as_ref(), listing, &folder, wanted)?;
-                located.bytes_read = Traffic::get(&traffic.bytes_read) - before;
-                note_fetched(located.bytes_read, located.bytes_stored, &located.given, monitor);
-                shown.push((path.clone(), located.given.trim_end_matches('/').to_owned()));
-                seen.push(glimpses);
-                paths.push(path);
-            }
-        }
-    }
-    // The longest first: one may begin with another.
-    shown.sort_by_key(|(path, _): &(PathBuf, String)| std::cmp::Reverse(path.as_os_str().len()));
-    Ok((paths, shown, seen))
 }
 
 fn note_fetched(read: u64, stored: u64, given: &str, monitor: &Monitor) {

@@ -1,8 +1,8 @@
 //! A store as this program uses it.
 
-use std::{io, ops::Range, sync::Arc};
+use std::{io, ops::Range};
 
-use super::{StoreError, Traffic, Uri};
+use super::StoreError;
 
 /// What a store says of an object.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -29,7 +29,8 @@ pub enum Created {
 /// Takes the bytes of the range of this number.
 pub type Sink<'a> = &'a mut dyn FnMut(usize, &[u8]) -> io::Result<()>;
 
-/// A bucket, container or host. Requests that fail in a way that may pass are sent again, with waits that grow.
+/// A bucket, container or host. Requests that fail in a way that may pass are sent again, with waits that
+/// grow.
 pub trait Bucket {
     /// An object; `None` where there is none.
     ///
@@ -60,23 +61,4 @@ pub trait Bucket {
     /// # Errors
     /// [`StoreError::Access`], [`StoreError::TooLarge`].
     fn get(&self, path: &str, limit: u64) -> Result<Option<Vec<u8>>, StoreError>;
-}
-
-/// Connects to the store of a URI, by credentials and endpoints of the environment.
-///
-/// # Errors
-/// [`StoreError::Without`] where the binary has no stores; [`StoreError::Access`] where the environment cannot
-/// be used.
-#[cfg(feature = "store")]
-pub fn connect(uri: &Uri, traffic: &Arc<Traffic>) -> Result<Box<dyn Bucket>, StoreError> {
-    Ok(Box::new(super::remote::Remote::connect(uri, traffic)?))
-}
-
-/// Connects to no store.
-///
-/// # Errors
-/// [`StoreError::Without`].
-#[cfg(not(feature = "store"))]
-pub fn connect(uri: &Uri, _: &Arc<Traffic>) -> Result<Box<dyn Bucket>, StoreError> {
-    Err(StoreError::Without(uri.to_string()))
 }

@@ -45,7 +45,8 @@ impl Ranges for Stored<'_> {
     }
 }
 
-/// Fetches an input below a folder; where it lies then, and what was seen in its bags. A file that is there already is whole, and is left.
+/// Fetches an input below a folder; where it lies then, and what was seen in its bags. A file that is there
+/// already is whole, and is left.
 ///
 /// # Errors
 /// [`StoreError`].

@@ -1,9 +1,10 @@
 //! Object stores: what a URI names, recordings fetched from there, results put there.
 //!
-//! All is synchronous to the outside; requests run on a runtime of one thread inside. Without the feature `store`
-//! nothing connects, and only `file://` is served.
+//! All is synchronous to the outside; requests run on a runtime of one thread inside. Without the feature
+//! `store` nothing connects, and only `file://` is served.
 
 mod bucket;
+mod connect;
 mod error;
 mod fetch;
 mod listing;
@@ -13,7 +14,8 @@ mod traffic;
 mod upload;
 mod uri;
 
-pub use bucket::{Bucket, Created, ObjectFacts, connect};
+pub use bucket::{Bucket, Created, ObjectFacts};
+pub use connect::connect;
 pub use error::StoreError;
 pub use fetch::{fetch, look};
 pub use listing::{Listing, Role, list};

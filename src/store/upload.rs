@@ -23,8 +23,8 @@ pub struct UploadedFile {
     pub sha256: String,
 }
 
-/// Puts the files of a folder below a prefix. What stands there already, left by a run that was cut short or by
-/// one that goes on beside this, is not replaced: the list says what stands there in the end.
+/// Puts the files of a folder below a prefix. What stands there already, left by a run that was cut short or
+/// by one that goes on beside this, is not replaced: the list says what stands there in the end.
 ///
 /// # Errors
 /// [`StoreError`].
