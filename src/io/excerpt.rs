@@ -82,9 +82,34 @@ impl<'a> Remembered<'a> {
         Self { source, kept: RefCell::default() }
     }
 
-    /// What is known of a range without reading it.
+    /// A range in parts, of which some are known. Known ones in the middle count from `least` bytes on: they
+    /// divide one request into two.
     #[must_use]
-    pub fn known(&self, range: &Range<u64>) -> Option<Vec<u8>> {
+    pub fn parts(&self, range: &Range<u64>, least: u64) -> Vec<(Range<u64>, Option<Vec<u8>>)> {
+        let kept = self.kept.borrow();
+        let mut sorted: Vec<&(u64, Vec<u8>)> = kept.iter().collect();
+        sorted.sort_by_key(|(start, _)| *start);
+        let (mut parts, mut at) = (Vec::new(), range.start);
+        for (start, bytes) in sorted {
+            let (from, to) = ((*start).max(at), (start + bytes.len() as u64).min(range.end));
+            let at_an_end = from == range.start || to == range.end;
+            if to <= from || (to - from < least && !at_an_end) {
+                continue;
+            }
+            if from > at {
+                parts.push((at..from, None));
+            }
+            parts.push((from..to, Some(bytes[(from - start) as usize..(to - start) as usize].to_vec())));
+            at = to;
+        }
+        if at < range.end {
+            parts.push((at..range.end, None));
+        }
+        parts
+    }
+
+    /// What is known of a range without reading it.
+    fn known(&self, range: &Range<u64>) -> Option<Vec<u8>> {
         let within = |(start, bytes): &(u64, Vec<u8>)| {
             let from = usize::try_from(range.start.checked_sub(*start)?).ok()?;
             let count = usize::try_from(range.end - range.start).ok()?;

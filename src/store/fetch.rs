@@ -136,8 +136,7 @@ fn fetch_bag(
     let plans = excerpts(&files, wanted).map_err(|e| reading(e, bag))?;
     for ((object, file), plan) in bag.iter().zip(&files).zip(&plans) {
         let to = place(&object.path);
-        let known = |range: &Range<u64>| file.known(range);
-        write(bucket, object, plan, &known, &to)?;
+        write(bucket, object, plan, &|range| file.parts(range, NEAR), &to)?;
         // An index that leads elsewhere than to its chunks: the file is read as it lies.
         let is_excerpt = !matches!(plan[..], [Piece::Stored(_)]);
         if is_excerpt && !is_whole_mcap(&to).map_err(scratch(&to))? {
@@ -152,7 +151,7 @@ fn fetch_whole(bucket: &dyn Bucket, object: &ObjectFacts, to: &Path) -> Result<(
     if to.is_file() {
         return Ok(());
     }
-    write(bucket, object, &[Piece::Stored(0..object.bytes)], &|_| None, to)
+    write(bucket, object, &[Piece::Stored(0..object.bytes)], &|range| vec![(range.clone(), None)], to)
 }
 
 /// Ranges of one request each.
@@ -160,6 +159,9 @@ fn requests(range: &Range<u64>) -> Vec<Range<u64>> {
     let starts = (range.start..range.end).step_by(REQUEST as usize);
     starts.map(|start| start..range.end.min(start + REQUEST)).collect()
 }
+
+/// A range in parts, with the bytes that are at hand.
+type Parts<'a> = &'a dyn Fn(&Range<u64>) -> Vec<(Range<u64>, Option<Vec<u8>>)>;
 
 /// What is done to write a file.
 enum Step {
@@ -169,7 +171,7 @@ enum Step {
     Request(Range<u64>, Vec<Range<u64>>),
 }
 
-fn steps(plan: &[Piece], known: &dyn Fn(&Range<u64>) -> Option<Vec<u8>>) -> Vec<Step> {
+fn steps(plan: &[Piece], parts: Parts) -> Vec<Step> {
     let mut steps: Vec<Step> = Vec::new();
     for piece in plan {
         let range = match piece {
@@ -179,23 +181,27 @@ fn steps(plan: &[Piece], known: &dyn Fn(&Range<u64>) -> Option<Vec<u8>>) -> Vec<
             }
             Piece::Stored(range) => range,
         };
-        if let Some(bytes) = known(range) {
-            steps.push(Step::Known(bytes));
-            continue;
-        }
-        for part in requests(range) {
-            match steps.last_mut() {
-                Some(Step::Request(open, kept))
-                    if part.start.saturating_sub(open.end) <= NEAR && part.end - open.start <= REQUEST =>
-                {
-                    open.end = part.end;
-                    kept.push(part);
-                }
-                _ => steps.push(Step::Request(part.clone(), vec![part])),
+        for (part, known) in parts(range) {
+            match known {
+                Some(bytes) => steps.push(Step::Known(bytes)),
+                None => requests(&part).into_iter().for_each(|part| request(&mut steps, part)),
             }
         }
     }
     steps
+}
+
+/// Adds a request, to the one before where that is near.
+fn request(steps: &mut Vec<Step>, part: Range<u64>) {
+    match steps.last_mut() {
+        Some(Step::Request(open, kept))
+            if part.start.saturating_sub(open.end) <= NEAR && part.end - open.start <= REQUEST =>
+        {
+            open.end = part.end;
+            kept.push(part);
+        }
+        _ => steps.push(Step::Request(part.clone(), vec![part])),
+    }
 }
 
 /// Writes a file under another name, then gives it its own.
@@ -203,7 +209,7 @@ fn write(
     bucket: &dyn Bucket,
     object: &ObjectFacts,
     plan: &[Piece],
-    known: &dyn Fn(&Range<u64>) -> Option<Vec<u8>>,
+    parts: Parts,
     to: &Path,
 ) -> Result<(), StoreError> {
     if object.bytes > LARGEST {
@@ -216,7 +222,7 @@ fn write(
         return Err(StoreError::Full { path: above.to_owned(), free, needed });
     }
     let part = above.join(format!("{}.part", to.file_name().unwrap_or_default().to_string_lossy()));
-    let steps = steps(plan, known);
+    let steps = steps(plan, parts);
     let ranges: Vec<Range<u64>> = steps
         .iter()
         .filter_map(|s| if let Step::Request(range, _) = s { Some(range.clone()) } else { None })

@@ -30,8 +30,8 @@ const AT_ONCE: usize = 4;
 const RETRIES: usize = 10;
 /// Time after which it is not sent again, seconds; `ARTITWIN_STORE_PATIENCE_S` says another.
 const PATIENCE_S: u64 = 180;
-/// Time that one request may take: pieces have 8 MiB.
-const REQUEST: Duration = Duration::from_secs(60);
+/// Time that one request may take: pieces that are read have 8 MiB, files of a result up to some hundred.
+const REQUEST: Duration = Duration::from_secs(180);
 const CONNECT: Duration = Duration::from_secs(10);
 /// Connections that nobody used so long are closed, as the work between reading and writing takes minutes.
 const IDLE: Duration = Duration::from_secs(15);
