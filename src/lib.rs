@@ -67,6 +67,7 @@ mod geometry;
 #[doc(hidden)]
 pub mod internal;
 mod io;
+mod job;
 mod limits;
 mod model;
 #[cfg(feature = "node")]
@@ -75,6 +76,7 @@ mod note;
 mod random;
 mod run;
 mod statistics;
+mod store;
 mod surface;
 mod synth;
 #[cfg(test)]

@@ -22,7 +22,7 @@ use house::{House, reached};
 use reader::{Source, blank, functions, paths, sources, without_tests};
 
 /// Modules of the crate; each may use itself and what stands before it.
-const LAYERS: [&str; 21] = [
+const LAYERS: [&str; 23] = [
     "limits",
     "note",
     "random",
@@ -39,8 +39,10 @@ const LAYERS: [&str; 21] = [
     "files",
     "config",
     "io",
+    "store",
     "evaluate",
     "run",
+    "job",
     "node",
     "cli",
     "internal",

@@ -39,6 +39,7 @@ def reconstruct(
     engine: Literal["cpu", "burn", "gpu"] | None = None,
     rerun: StrPath | None = None,
     resume: bool = False,
+    scratch: StrPath | None = None,
     force: bool = False,
     on_event: Callable[[Event], object] | None = None,
 ) -> Twin:
@@ -74,6 +75,7 @@ def reconstruct(
         *option("engine", engine),
         *options("rerun", paths(rerun or [])),
         *option("resume", resume),
+        *options("scratch", paths(scratch or [])),
         *option("force", force),
         "--",
         *paths(bags),
@@ -111,6 +113,7 @@ def diagnose(
     accuracy_mm: float | None = None,
     seed: int | None = None,
     name: str | None = None,
+    scratch: StrPath | None = None,
     force: bool = False,
 ) -> Diagnosis:
     """Compares a twin (a `Twin`, a run folder or a URDF) with recorded motion, and writes what was found to
@@ -127,6 +130,7 @@ def diagnose(
         "diagnose",
         *options("out", paths(out)),
         *option("name", name),
+        *options("scratch", paths(scratch or [])),
         *option("force", force),
         *options("frames", paths(frames)),
         *options("held-out", paths(held_out)),

@@ -49,6 +49,14 @@ impl Split {
         }
     }
 
+    /// Whether a time lies between the states, farther than `margin_nanos` from both.
+    #[must_use]
+    pub fn is_between(&self, nanos: i64, margin_nanos: i64) -> bool {
+        let after = self.end0_nanos.saturating_add(margin_nanos);
+        let before = self.begin1_nanos.saturating_sub(margin_nanos);
+        nanos >= after && nanos < before
+    }
+
     /// State of a message recorded at this time; `None` for one in between.
     #[must_use]
     pub fn state(&self, nanos: i64) -> Option<usize> {

@@ -7,6 +7,7 @@ use clap::Args;
 use super::{
     actuator_args::{command_topic, effort_unit, servo},
     board::paper,
+    job_args::JobArgs,
     recording_args::RecordingArgs,
     wanted::{name, topic_of_link, vector},
 };
@@ -39,7 +40,8 @@ pub struct SettingArgs {
 #[command(next_help_heading = "Output")]
 pub struct OutputArgs {
     /// Folder that gets the result, in a folder DIR/NAME of its own. A result that the same command wrote
-    /// there is replaced if nobody changed it since; anything else is refused
+    /// there is replaced if nobody changed it since; anything else is refused. For `reconstruct` and
+    /// `diagnose` also the URI of a store, which keeps results under keys
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Name of that folder, and of the twin: a letter, then letters, digits and _; default: `reconstruct`
@@ -238,6 +240,12 @@ pub struct DiagnoseArgs {
     /// Seed of the permutation tests
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
+    /// Print events as JSON lines to stdout, and nothing else
+    #[arg(long)]
+    pub json: bool,
+    /// Inputs and outputs in stores.
+    #[command(flatten)]
+    pub job: JobArgs,
     /// Where the result goes.
     #[command(flatten)]
     pub output: OutputArgs,
@@ -337,7 +345,8 @@ pub struct SynthArgs {
 #[derive(Args, Clone, Debug)]
 pub struct ReconstructArgs {
     /// Recording: a rosbag2 folder, an .mcap file, a folder of state0, state1, ..., or a dataset folder;
-    /// several of them are the states of one object, 16 at most
+    /// several of them are the states of one object, 16 at most. Also as URI: s3://, gs://, az://,
+    /// http(s)://, file://
     #[arg(value_name = "BAG", required = true)]
     pub bags: Vec<PathBuf>,
     /// Every BAG is an object of its own; reconstruct N of them at a time
@@ -392,6 +401,9 @@ pub struct ReconstructArgs {
     /// Print events as JSON lines to stdout, and nothing else
     #[arg(long)]
     pub json: bool,
+    /// Inputs and outputs in stores.
+    #[command(flatten)]
+    pub job: JobArgs,
     /// Where the result goes.
     #[command(flatten)]
     pub output: OutputArgs,

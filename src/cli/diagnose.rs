@@ -1,6 +1,9 @@
 //! `artitwin diagnose`.
 
-use std::sync::{Arc, atomic::AtomicBool};
+use std::{
+    path::PathBuf,
+    sync::{Arc, atomic::AtomicBool},
+};
 
 use super::{
     args::DiagnoseArgs,
@@ -15,15 +18,12 @@ use crate::{
         record::{command::Told, drive::Hold, tracks::Streams},
     },
     note::{Note, NoteCode},
-    run::{self, DiagnoseRequest, Monitor},
+    run::{self, DiagnoseOutcome, DiagnoseRequest, Event, Monitor, RunError},
 };
 
-/// Diagnoses a twin and prints the summary.
-///
-/// # Errors
-/// If the twin or a run cannot be read, or the result cannot be written.
-pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
-    let request = DiagnoseRequest {
+/// What is asked for.
+pub fn request(args: &DiagnoseArgs) -> DiagnoseRequest {
+    DiagnoseRequest {
         twin: args.twin.clone(),
         runs: args.runs.clone(),
         held_out: args.held_out.clone(),
@@ -41,25 +41,54 @@ pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
             ..Streams::default()
         },
         told: Told { unit: args.effort_unit, servos: args.servo.clone() },
-    };
+    }
+}
+
+/// The diagnosis, by motion or by frames.
+///
+/// # Errors
+/// Those of [`run::diagnose`].
+pub fn outcome(
+    request: &DiagnoseRequest,
+    frames: &[PathBuf],
+    args: &DiagnoseArgs,
+    monitor: &Monitor,
+) -> Result<DiagnoseOutcome, RunError> {
+    if frames.is_empty() {
+        return run::diagnose(request, monitor);
+    }
+    let options = FrameOptions { accuracy_m: 1e-3 * args.accuracy, ..FrameOptions::default() };
+    run::diagnose_frames(request, frames, &options, monitor)
+}
+
+/// The summary, and where the report is.
+pub fn text(outcome: &DiagnoseOutcome) -> String {
+    format!("{}report: {}\n", outcome.summary, outcome.folder.join("report.html").display())
+}
+
+/// Diagnoses a twin and prints the summary.
+///
+/// # Errors
+/// If the twin or a run cannot be read, or the result cannot be written.
+pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
     let stop = Arc::<AtomicBool>::default();
-    let shown = Shown { json: false, verbose: args.output.verbose };
+    let shown = Shown { json: args.json, verbose: args.output.verbose };
     let (progress, events) = Progress::start(shown, Arc::clone(&stop));
-    let monitor = Monitor::new(events, stop);
-    let outcome = if args.frames.is_empty() {
-        run::diagnose(&request, &monitor)
-    } else {
-        let options = FrameOptions { accuracy_m: 1e-3 * args.accuracy, ..FrameOptions::default() };
-        run::diagnose_frames(&request, &args.frames, &options, &monitor)
+    let monitor = Monitor::new(events.clone(), stop);
+    let found = outcome(&request(args), &args.frames, args, &monitor).map_err(CliError::from);
+    let event = match &found {
+        Ok(found) => Event::Artifact { path: found.folder.display().to_string() },
+        Err(error) => Event::Error { message: error.chain(), exit_code: error.exit() as u8 },
     };
+    if args.json {
+        events.send(event).ok();
+    }
     progress.finish().map_err(CliError::Events)?;
-    let outcome = outcome?;
-    terminal::print(&format!(
-        "{}report: {}\n",
-        outcome.summary,
-        outcome.folder.join("report.html").display()
-    ))?;
-    Ok(ended(outcome.verdict, &outcome.warnings))
+    let found = found?;
+    if !args.json {
+        terminal::print(&text(&found))?;
+    }
+    Ok(ended(found.verdict, &found.warnings))
 }
 
 /// What a script must not miss: a file that could not be made better than the twin, and numbers that are not
@@ -72,7 +101,7 @@ const DEGRADING: [NoteCode; 4] = [
 ];
 
 /// Degraded where too little was recorded to say anything, too.
-fn ended(verdict: Verdict, warnings: &[Note]) -> Exit {
+pub fn ended(verdict: Verdict, warnings: &[Note]) -> Exit {
     let degrades = warnings.iter().any(|w| DEGRADING.contains(&w.code));
     if verdict == Verdict::Insufficient || degrades { Exit::Degraded } else { Exit::Done }
 }

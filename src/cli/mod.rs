@@ -11,8 +11,11 @@ mod diagnose;
 mod doctor;
 mod evaluate;
 mod exit;
+mod external;
 mod gallery;
 mod inspect;
+mod job;
+mod job_args;
 mod machine;
 #[cfg(feature = "node")]
 mod node;
@@ -46,6 +49,12 @@ pub fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {
+            let arguments: Vec<std::ffi::OsString> = std::env::args_os().collect();
+            if error.kind() == clap::error::ErrorKind::InvalidSubcommand
+                && let Some((program, rest)) = external::find(&arguments)
+            {
+                return ended(external::run(&program, rest));
+            }
             if error.use_stderr() {
                 error.print().ok();
                 return Exit::Usage.into();
@@ -68,6 +77,7 @@ fn ended(outcome: Result<Exit, CliError>) -> ExitCode {
 
 fn run(command: Command) -> Result<Exit, CliError> {
     match command {
+        Command::Reconstruct(args) if job::is_reconstruct_job(&args) => job::reconstruct(&args),
         Command::Reconstruct(args) => reconstruct::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Track(args) => track::run(&args),
@@ -75,6 +85,7 @@ fn run(command: Command) -> Result<Exit, CliError> {
         Command::Check(args) => check::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Trials(args) => trials::run(&args),
+        Command::Diagnose(args) if job::is_diagnose_job(&args) => job::diagnose(&args),
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Synth(args) => synth::run(&args),

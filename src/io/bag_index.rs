@@ -16,7 +16,7 @@ use super::{
     topics::{INFO_TYPE, TopicSummary},
 };
 use crate::{
-    capture::{CaptureError, MAX_TF_FRAMES, TfBuffer},
+    capture::{CaptureError, MAX_TF_FRAMES, Split, TfBuffer},
     geometry::Pose,
     limits::NAMED,
     note::{Note, NoteCode},
@@ -30,6 +30,10 @@ const MAX_TOPICS: usize = 10_000;
 const MAX_CAMERAS: usize = 100_000;
 /// Most coefficients of a lens; the largest model of OpenCV has 14.
 const MAX_COEFFICIENTS: usize = 64;
+
+/// Images of other topics are kept so long after the end of a state, and before the next, nanoseconds: they
+/// are paired by stamps, and recorded at other times.
+pub const BETWEEN_NANOS: i64 = 1_000_000_000;
 
 /// Why a message is not used.
 #[derive(Debug, thiserror::Error)]
@@ -217,6 +221,15 @@ impl BagIndex {
             encoding: self.images.get(name).map_or_else(String::new, |i| i.encoding.clone()),
         };
         self.topics.iter().map(summary).collect()
+    }
+
+    /// Leaves out the images between two states, which belong to neither. What belongs to a color image of a
+    /// state may have been recorded a little before or after it.
+    pub fn leave_out_between(&mut self, split: &Split, color: &str) {
+        for (topic, images) in &mut self.images {
+            let margin = if topic == color { 0 } else { BETWEEN_NANOS };
+            images.entries.retain(|e| !split.is_between(e.log_nanos, margin));
+        }
     }
 
     fn add(&mut self, message: &RawMessage, bag: &Bag) -> Result<(), CaptureError> {

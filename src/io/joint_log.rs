@@ -32,6 +32,23 @@ const TF: &str = "tf2_msgs/msg/TFMessage";
 pub const DYNAMIC: &str = "control_msgs/msg/DynamicJointState";
 const TYPES: [&str; 8] = [JOINT_STATE, WRENCH, POSE, TF, DYNAMIC, CONTROLLER_STATE, TRAJECTORY, ARRAY];
 
+/// Whether the messages of a topic are read for a log of joints with these streams; their encoding is `cdr`
+/// or not.
+#[must_use]
+pub fn is_joint_topic(topic: &str, type_name: &str, is_cdr: bool, streams: &Streams) -> bool {
+    let named = |list: &[(String, String)]| list.iter().any(|(t, _)| t == topic);
+    if streams.commands.iter().any(|(t, _)| t == topic) {
+        return true;
+    }
+    match type_name {
+        // Those of another encoding are counted as lost, whatever they are.
+        WRENCH => !is_cdr || named(&streams.wrenches),
+        POSE => !is_cdr || named(&streams.poses),
+        ARRAY => !is_cdr,
+        other => TYPES.contains(&other),
+    }
+}
+
 #[derive(Default)]
 struct Samples {
     stamps: Vec<i64>,

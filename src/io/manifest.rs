@@ -144,6 +144,27 @@ enum Held {
 }
 
 /// Everything below a folder but its manifest.
+/// Every file of a result folder, the manifest included: relative path with `/`, bytes, SHA-256; by path.
+///
+/// # Errors
+/// If the folder or a file cannot be read, or the folder holds what is no file.
+pub fn result_files(folder: &Path) -> io::Result<Vec<(String, u64, String)>> {
+    let mut files = Vec::new();
+    for (path, held) in listed(folder)? {
+        match held {
+            Held::File { bytes } => files.push((path.clone(), bytes, sha256(&folder.join(&path))?)),
+            Held::Folder => {}
+            Held::Other => return Err(io::Error::other(format!("{path} is no file"))),
+        }
+    }
+    let manifest = folder.join(MANIFEST);
+    if manifest.is_file() {
+        files.push((MANIFEST.to_owned(), fs::metadata(&manifest)?.len(), sha256(&manifest)?));
+    }
+    files.sort();
+    Ok(files)
+}
+
 fn listed(folder: &Path) -> io::Result<BTreeMap<String, Held>> {
     let mut found = BTreeMap::new();
     let mut open = vec![(folder.to_owned(), String::new())];
@@ -173,7 +194,11 @@ fn listed(folder: &Path) -> io::Result<BTreeMap<String, Held>> {
     Ok(found)
 }
 
-fn sha256(path: &Path) -> io::Result<String> {
+/// SHA-256 of a file, in hex.
+///
+/// # Errors
+/// If it cannot be read.
+pub fn sha256(path: &Path) -> io::Result<String> {
     let mut file = fs::File::open(path)?;
     // Piece by piece: results hold files of hundreds of megabytes.
     let (mut digest, mut piece) = (Sha256::new(), vec![0; PIECE]);

@@ -308,6 +308,32 @@ pub fn read_messages<R: Read, E>(
     }
 }
 
+/// Whether the records of a file, by their lengths, lead from its magic to the end of its data.
+///
+/// # Errors
+/// Where it cannot be read.
+pub fn is_whole_mcap(path: &std::path::Path) -> std::io::Result<bool> {
+    let mut file = std::io::BufReader::new(crate::files::open(path)?);
+    let mut magic = [0; 8];
+    if read_up_to(&mut file, &mut magic)? != 8 || magic != *mcap::MAGIC {
+        return Ok(false);
+    }
+    loop {
+        let mut front = [0; 9];
+        if read_up_to(&mut file, &mut front)? != 9 {
+            return Ok(false);
+        }
+        let length = front[1..].iter().rev().fold(0u64, |n, b| n << 8 | u64::from(*b));
+        match front[0] {
+            op::DATA_END | op::FOOTER => return Ok(true),
+            // 0 is no opcode.
+            0 => return Ok(false),
+            _ if length > RECORD_LIMIT => return Ok(false),
+            _ => file.seek_relative(length as i64)?,
+        }
+    }
+}
+
 /// A record outside a chunk or in a decompressed one. The inner error is damage.
 fn read_flat<E>(
     opcode: u8,

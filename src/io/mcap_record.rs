@@ -169,12 +169,83 @@ impl<'a> ChunkRecord<'a> {
     }
 }
 
+/// What the summary says of a chunk.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChunkIndexRecord {
+    /// Recording times of its first and last message, nanoseconds.
+    pub times: [u64; 2],
+    /// Where its record begins in the file.
+    pub start: u64,
+    /// Bytes of its record, opcode and length included.
+    pub bytes: u64,
+    /// Channels that it holds messages of; none where the writer indexed no messages.
+    pub channels: Vec<u16>,
+    /// Bytes of the message indexes behind it.
+    pub index_bytes: u64,
+}
+
+impl ChunkIndexRecord {
+    /// Reads the body of a chunk index record.
+    ///
+    /// # Errors
+    /// What is damaged.
+    pub fn read(body: &[u8]) -> Result<Self, RecordError> {
+        let mut fields = Fields(body);
+        let times = [fields.number(8)?, fields.number(8)?];
+        let (start, bytes) = (fields.number(8)?, fields.number(8)?);
+        let (mut offsets, mut channels) = (Fields(fields.counted()?), Vec::new());
+        while !offsets.0.is_empty() {
+            channels.push(offsets.id()?);
+            offsets.bytes(8)?;
+        }
+        Ok(Self { times, start, bytes, channels, index_bytes: fields.number(8)? })
+    }
+}
+
+/// What the summary counts.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StatisticsRecord {
+    /// Chunks of the file.
+    pub chunks: u64,
+    /// Messages of each channel.
+    pub messages: Vec<(u16, u64)>,
+}
+
+impl StatisticsRecord {
+    /// Reads the body of a statistics record.
+    ///
+    /// # Errors
+    /// What is damaged.
+    pub fn read(body: &[u8]) -> Result<Self, RecordError> {
+        let mut fields = Fields(body);
+        // Messages, schemas, channels, attachments, metadata.
+        fields.bytes(8 + 2 + 4 + 4 + 4)?;
+        let chunks = fields.number(4)?;
+        fields.bytes(16)?;
+        let (mut counts, mut messages) = (Fields(fields.counted()?), Vec::new());
+        while !counts.0.is_empty() {
+            messages.push((counts.id()?, counts.number(8)?));
+        }
+        Ok(Self { chunks, messages })
+    }
+}
+
 /// Where the summary of a file begins, by the body of its footer.
 ///
 /// # Errors
 /// What is damaged.
 pub fn summary_start(footer: &[u8]) -> Result<u64, RecordError> {
     Fields(footer).number(8)
+}
+
+/// Checksum of a summary and of the footer before it, by the body of the footer; 0 = none.
+///
+/// # Errors
+/// What is damaged.
+pub fn summary_crc(footer: &[u8]) -> Result<u32, RecordError> {
+    let mut fields = Fields(footer);
+    fields.bytes(16)?;
+    Ok(fields.number(4)? as u32)
 }
 
 #[cfg(test)]

@@ -30,7 +30,7 @@ pub use frame_run::read_frame_run;
 pub use gallery::read_gallery;
 pub use gap_report::{GapReportError, read_gap_report};
 pub use joint_log::read_joint_log;
-pub use manifest::ResultKind;
+pub use manifest::{ResultKind, result_files, sha256};
 pub use mesh_files::{MeshFileError, read_mesh};
 pub use model_folder::{ModelFolderError, read_model, read_model_folder};
 pub use npy::{NpyError, read_npy};
@@ -38,7 +38,9 @@ pub use place::Place;
 pub use plain_file::{create_plain, open_plain, write_new};
 pub use run_dir::{Committed, RunDir};
 pub use run_dir_error::RunDirError;
-pub use run_summary::{RunSummary, RunSummaryError, SummaryJoint, read_result_fingerprint, read_run_summary};
+pub use run_summary::{
+    RunSummary, RunSummaryError, SummaryJoint, read_result_fingerprint, read_run_summary, read_warnings,
+};
 pub use seen_twin::read_seen_twin;
 pub use twin_file::{read_twin, twin_files, twin_of, twin_path};
 pub use urdf::{UrdfError, read_urdf};
@@ -57,7 +59,9 @@ mod camera;
 mod conformance_tests;
 mod dataset;
 mod depth_noise;
+mod excerpt;
 mod expansion;
+mod glimpse;
 mod image_files;
 mod imu;
 mod inspect;
@@ -65,6 +69,7 @@ mod inspect_motion;
 mod live_view;
 mod mcap_file;
 mod mcap_record;
+mod mcap_summary;
 mod offered_qos;
 mod onnx;
 #[cfg(feature = "onnx")]
@@ -72,6 +77,7 @@ mod onnx_matcher;
 mod picture_size;
 mod pixels;
 mod poses;
+mod ranges;
 mod recording;
 #[cfg(feature = "rerun")]
 mod rerun;
@@ -94,17 +100,22 @@ mod views;
 pub use bag_writer::{BagWriteError, BagWriter};
 pub use camera::pinhole;
 pub use dataset::{JointTransform, JointTransforms, STATES};
+pub use excerpt::{Piece, Remembered, Wanted, excerpts, stored_bytes};
+pub use glimpse::{Glimpse, glimpse, glimpse_bag, glimpse_paths};
 pub use inspect::{inspect, inspect_with, printable};
 pub use live_view::LiveEye;
+pub use mcap_file::is_whole_mcap;
 pub use offered_qos::OfferedQos;
 #[cfg(not(feature = "onnx"))]
 pub use onnx::OnnxMatcher;
 pub use onnx::{MAX_MODEL_BYTES, OnnxError};
 #[cfg(feature = "onnx")]
 pub use onnx_matcher::OnnxMatcher;
+pub use ranges::Ranges;
 pub use recording::{object_name, open, state_count, track_camera};
 #[cfg(feature = "rerun")]
 pub use rerun::{Seen, write_rerun};
+pub use source::name_of;
 pub use synth_dataset::{DatasetLayout, write_synth_dataset};
 pub use synth_error::SynthError;
 pub use synth_folder::{write_synth, write_synth_bag, write_true_twin};

@@ -13,6 +13,7 @@ use super::{
     depth_noise::measured_noise,
     pixels::{Decoded, decode_views},
     source::Source,
+    topics::choose,
     tracked_state::TrackedState,
     tracking::{track, worlds},
     views::{View, Views, views_kept},
@@ -191,17 +192,20 @@ fn posed_states(
 
 fn open_both(path: &Path, config: &CaptureConfig, seed: u64) -> Result<Capture, CaptureError> {
     let bag = Bag::open(path)?;
-    let index = BagIndex::read(&bag)?;
+    let mut index = BagIndex::read(&bag)?;
+    let topics = choose(&index.summaries(), &config.topics, &bag.path)?;
+    let (first, last) = index.span_nanos().unwrap_or_default();
+    let split = match (&topics.marker, config.split_secs.as_slice()) {
+        (Some(topic), _) => Split::at_markers(topic, index.markers.get(topic).map_or(&[][..], Vec::as_slice)),
+        (None, []) => Err(CaptureError::OneState { path: path.to_owned() }),
+        (None, times) => Split::at(times, first, last),
+    };
+    if let Ok(split) = &split {
+        index.leave_out_between(split, &topics.color);
+    }
     // Of the whole bag: one choice of topics and one source of poses for both states.
     let mut views = Views::find(&bag, &index, config, 0)?;
-    let (first, last) = index.span_nanos().unwrap_or_default();
-    let split = match (&views.topics.marker, config.split_secs.as_slice()) {
-        (Some(topic), _) => {
-            Split::at_markers(topic, index.markers.get(topic).map_or(&[][..], Vec::as_slice))?
-        }
-        (None, []) => return Err(CaptureError::OneState { path: path.to_owned() }),
-        (None, times) => Split::at(times, first, last)?,
-    };
+    let split = split?;
     let mut capture = Capture::of_states(2);
     let mut of_states = Vec::new();
     for state in 0..2 {

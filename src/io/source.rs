@@ -116,6 +116,16 @@ impl Source {
     }
 }
 
+/// The name of the object that recordings at these paths show, by the paths alone: `[A-Za-z][A-Za-z0-9_]*`.
+#[must_use]
+pub fn name_of(paths: &[PathBuf]) -> String {
+    match paths {
+        [one] => Source::Both(one.clone()),
+        many => Source::States(many.to_vec()),
+    }
+    .object_name()
+}
+
 /// Refuses more states than [`MAX_STATES`].
 fn check_count(count: usize) -> Result<(), CaptureError> {
     if count <= MAX_STATES { Ok(()) } else { Err(CaptureError::TooManyStates { count, limit: MAX_STATES }) }

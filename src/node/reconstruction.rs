@@ -95,6 +95,7 @@ impl Reconstructor {
             force: false,
             rerun: None,
             beside: Vec::new(),
+            shown: Vec::new(),
         })
     }
 

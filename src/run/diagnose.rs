@@ -186,7 +186,8 @@ fn read_runs(request: &DiagnoseRequest, tree: &TwinTree, monitor: &Monitor) -> R
     let beside = request.held_out.iter().filter(|h| !request.runs.contains(h));
     for path in request.runs.iter().chain(beside) {
         monitor.check()?;
-        let mut recording = io::read_joint_log(path, &streams).map_err(|e| failed("recording", &e))?;
+        let mut recording =
+            io::read_joint_log(path, &streams).map_err(|e| RunError::stage("recording", e))?;
         let about =
             |e: &dyn std::fmt::Display| failed("recording", &format!("run '{}': {e}", path.display()));
         // Positions from poses and efforts from wrenches, before anything looks at the joints.

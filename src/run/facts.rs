@@ -36,6 +36,7 @@ pub(super) fn facts(
             [identity, compare_starts(&twin.model, "registration", false, &alone)].concat()
         }
     };
+    let shown = |note: Note| Note { text: request.shown_text(&note.text), ..note };
     let rendering = |p: &PhotoAndTwin| {
         let camera = p.cutout.as_ref().map(|(_, camera)| camera.clone());
         Some(Rendering {
@@ -48,7 +49,7 @@ pub(super) fn facts(
     };
     RunFacts {
         input: InputFacts {
-            paths: request.sources.iter().map(|p| p.display().to_string()).collect(),
+            paths: request.sources.iter().map(|p| request.shown_text(&p.display().to_string())).collect(),
             frames: capture.states.iter().map(Vec::len).collect(),
         },
         initialization,
@@ -80,6 +81,7 @@ pub(super) fn facts(
             .chain(&twin.notes)
             .cloned()
             .chain(twin.replaced_engines.iter().map(|why| Note::new(NoteCode::EngineReplaced, why)))
+            .map(shown)
             .collect(),
         warnings: capture
             .warnings
@@ -89,6 +91,7 @@ pub(super) fn facts(
             // Warnings hold the cautions too: a program that reads one list misses nothing.
             .chain(cautions(&twin.model))
             .chain(images.differences.iter().filter_map(StateDifference::warning))
+            .map(shown)
             .collect(),
     }
 }

@@ -38,6 +38,8 @@ pub struct ReconstructRequest {
     pub rerun: Option<PathBuf>,
     /// Files and folders beside the sources that the result must not take the place of.
     pub beside: Vec<PathBuf>,
+    /// What the report says in place of paths: the URIs of what was fetched to them.
+    pub shown: Vec<(PathBuf, String)>,
 }
 
 impl ReconstructRequest {
@@ -54,7 +56,15 @@ impl ReconstructRequest {
             force: false,
             rerun: None,
             beside: Vec::new(),
+            shown: Vec::new(),
         }
+    }
+
+    /// A text of the report.
+    pub(super) fn shown_text(&self, text: &str) -> String {
+        self.shown
+            .iter()
+            .fold(text.to_owned(), |text, (path, uri)| text.replace(&path.display().to_string(), uri))
     }
 
     /// Where the result goes.
@@ -218,6 +228,7 @@ mod tests {
             force: true,
             rerun: None,
             beside: vec!["mine.yaml".into()],
+            shown: Vec::new(),
         };
         let (place, rejected) = (request.place("box"), request.rejected_place("box"));
         assert_eq!(place.inputs, ["state0", "state1", "mine.yaml", "matcher.onnx"].map(PathBuf::from));

@@ -46,7 +46,7 @@ def options_are_those_of_the_commands():
     """A new option of a command is one of its function, too."""
     other_words = {"accuracy": "accuracy_mm", "set": "settings", "topic": "topics"}
     # Of several objects, and what a function does by itself.
-    left_out = {"help", "version", "json", "jobs", "verbose"}
+    left_out = {"help", "version", "json", "jobs", "verbose", "estimate"}
     for function in (artitwin.reconstruct, artitwin.diagnose):
         help_text = subprocess.check_output([artitwin.program(), function.__name__, "--help"], text=True)
         words = set(re.findall(r"^ +(?:-\w, )?--([a-z-]+)", help_text, re.MULTILINE)) - left_out

@@ -1,0 +1,162 @@
+//! The summary section at the end of an MCAP file: which channels there are, and where their chunks lie.
+
+use std::{collections::BTreeMap, io};
+
+use mcap::records::op;
+
+use super::{
+    mcap_file::RECORD_LIMIT,
+    mcap_record::{
+        ChannelRecord, ChunkIndexRecord, RecordError, SchemaRecord, StatisticsRecord, summary_crc,
+        summary_start,
+    },
+    ranges::Ranges,
+};
+
+/// Largest summary section that is read, bytes: 500,000 chunks.
+const SUMMARY_LIMIT: u64 = 64 << 20;
+/// Footer record (9 + 20 bytes) and magic.
+const TAIL: u64 = 9 + 20 + 8;
+/// What is read from the end at first, bytes: the summary of most recordings in one request.
+const FIRST_LOOK: u64 = 64 << 10;
+
+/// A channel with its type.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SummaryChannel {
+    /// Topic name.
+    pub topic: String,
+    /// Type, e.g. `sensor_msgs/msg/Image`.
+    pub type_name: String,
+    /// `cdr` for ROS 2.
+    pub message_encoding: String,
+    /// Messages of it.
+    pub count: u64,
+}
+
+/// What a file says of itself at its end.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct McapSummary {
+    /// By id.
+    pub channels: BTreeMap<u16, SummaryChannel>,
+    /// In the order of the file.
+    pub chunks: Vec<ChunkIndexRecord>,
+    /// Where the section begins in the file.
+    pub start: u64,
+    /// Its schema and channel records as they lie there.
+    pub names: Vec<u8>,
+}
+
+impl McapSummary {
+    /// Reads the summary of a file; `None` where there is none that can be trusted to name every chunk and
+    /// channel.
+    ///
+    /// # Errors
+    /// Where the file cannot be read.
+    pub fn read(source: &dyn Ranges) -> io::Result<Option<Self>> {
+        let size = source.size();
+        if size < TAIL + 8 {
+            return Ok(None);
+        }
+        let look = FIRST_LOOK.min(size);
+        let mut end = source.range(size - look, look)?;
+        let Some(start) = place(&end, size) else { return Ok(None) };
+        if start < size - look {
+            let mut front = source.range(start, size - look - start)?;
+            front.append(&mut end);
+            end = front;
+        } else {
+            end.drain(..(start - (size - look)) as usize);
+        }
+        Ok(Self::parse(&end, start).filter(Self::is_sound))
+    }
+
+    /// From the bytes between the section's start and the end of the file.
+    fn parse(bytes: &[u8], start: u64) -> Option<Self> {
+        let (section, tail) = bytes.split_at_checked(bytes.len().checked_sub(TAIL as usize)?)?;
+        let expected = summary_crc(&tail[9..29]).ok()?;
+        // Up to the checksum itself, by the specification.
+        let covered = &bytes[..bytes.len() - 8 - 4];
+        if expected != 0 && crc32fast::hash(covered) != expected {
+            return None;
+        }
+        let mut found = Self { start, ..Self::default() };
+        let (mut types, mut channels) = (BTreeMap::new(), Vec::new());
+        let mut statistics = None;
+        let mut rest = section;
+        while !rest.is_empty() {
+            let (opcode, body, behind) = record(rest)?;
+            let mut learn = || -> Result<(), RecordError> {
+                match opcode {
+                    op::SCHEMA => {
+                        let schema = SchemaRecord::read(body)?;
+                        types.insert(schema.id, schema.name);
+                        found.names.extend_from_slice(&rest[..9 + body.len()]);
+                    }
+                    op::CHANNEL => {
+                        channels.push(ChannelRecord::read(body)?);
+                        found.names.extend_from_slice(&rest[..9 + body.len()]);
+                    }
+                    op::CHUNK_INDEX => found.chunks.push(ChunkIndexRecord::read(body)?),
+                    op::STATISTICS => statistics = Some(StatisticsRecord::read(body)?),
+                    _ => {}
+                }
+                Ok(())
+            };
+            learn().ok()?;
+            rest = behind;
+        }
+        let statistics = statistics?;
+        let counts: BTreeMap<u16, u64> = statistics.messages.iter().copied().collect();
+        for c in channels {
+            let type_name = types.get(&c.schema_id)?.clone();
+            let count = counts.get(&c.id).copied().unwrap_or(0);
+            let channel =
+                SummaryChannel { topic: c.topic, type_name, message_encoding: c.message_encoding, count };
+            // The last of repetitions, as the reader takes it.
+            found.channels.insert(c.id, channel);
+        }
+        found.chunks.sort_by_key(|c| c.start);
+        (statistics.chunks == found.chunks.len() as u64 && !found.chunks.is_empty()).then_some(found)
+    }
+
+    /// Whether chunks lie one behind the other within the file, and hold no channel that has no name.
+    fn is_sound(&self) -> bool {
+        let mut at = 8;
+        for chunk in &self.chunks {
+            let Some(end) =
+                chunk.start.checked_add(chunk.bytes).and_then(|e| e.checked_add(chunk.index_bytes))
+            else {
+                return false;
+            };
+            let named = chunk.channels.iter().all(|c| self.channels.contains_key(c));
+            if chunk.start < at || end > self.start || chunk.bytes < 9 || !named {
+                return false;
+            }
+            // The reader would end there.
+            if chunk.bytes - 9 > RECORD_LIMIT {
+                return false;
+            }
+            at = end;
+        }
+        true
+    }
+}
+
+/// Where the summary begins, by the last bytes of a file of this size.
+fn place(end: &[u8], size: u64) -> Option<u64> {
+    let tail = &end[end.len().checked_sub(TAIL as usize)?..];
+    if tail[0] != op::FOOTER || tail[1..9] != 20u64.to_le_bytes() || tail[29..] != *mcap::MAGIC {
+        return None;
+    }
+    let start = summary_start(&tail[9..29]).ok()?;
+    // 0 says that there is none.
+    (start > 8 && start < size - TAIL && size - TAIL - start <= SUMMARY_LIMIT).then_some(start)
+}
+
+/// Opcode and body of the record at the front, and what lies behind it.
+fn record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
+    let (front, rest) = bytes.split_first_chunk::<9>()?;
+    let length = u64::from_le_bytes(*front[1..].first_chunk()?);
+    let (body, behind) = rest.split_at_checked(usize::try_from(length).ok()?)?;
+    Some((front[0], body, behind))
+}

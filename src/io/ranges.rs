@@ -1,0 +1,51 @@
+//! Bytes that are read by their place, wherever they lie.
+
+use std::{
+    fs::File,
+    io::{self, Read as _, Seek as _, SeekFrom},
+    path::Path,
+};
+
+/// Something of so many bytes, any of which can be read.
+pub trait Ranges {
+    /// All bytes.
+    fn size(&self) -> u64;
+
+    /// Bytes from `start` on, `count` of them.
+    ///
+    /// # Errors
+    /// Where they cannot be had, or there are fewer.
+    fn range(&self, start: u64, count: u64) -> io::Result<Vec<u8>>;
+}
+
+/// A file of this machine.
+pub struct FileRanges {
+    file: File,
+    size: u64,
+}
+
+impl FileRanges {
+    /// Opens a file.
+    ///
+    /// # Errors
+    /// As [`crate::files::open`].
+    pub fn open(path: &Path) -> io::Result<Self> {
+        let file = crate::files::open(path)?;
+        Ok(Self { size: file.metadata()?.len(), file })
+    }
+}
+
+impl Ranges for FileRanges {
+    fn size(&self) -> u64 {
+        self.size
+    }
+
+    fn range(&self, start: u64, count: u64) -> io::Result<Vec<u8>> {
+        let mut file = &self.file;
+        file.seek(SeekFrom::Start(start))?;
+        let mut bytes = Vec::new();
+        // Grows with what comes, as `count` may be a claim of the file.
+        file.take(count).read_to_end(&mut bytes)?;
+        if (bytes.len() as u64) < count { Err(io::ErrorKind::UnexpectedEof.into()) } else { Ok(bytes) }
+    }
+}
