@@ -5,7 +5,7 @@
 //! says nothing certain of itself, all of it is.
 
 use std::{
-    cell::RefCell,
+    cell::{Cell, RefCell},
     collections::{BTreeMap, BTreeSet},
     io,
     ops::Range,
@@ -24,6 +24,7 @@ use super::{
     mcap_summary::McapSummary,
     ranges::Ranges,
     ros2msg::{CameraInfo, CompressedFront, DecodeError, ImageFront, decode},
+    thinned::thinned,
     topics::{IMAGE_TYPES, INFO_TYPE, POSE_TYPES, TopicSummary, choose, rivals},
 };
 use crate::{
@@ -74,12 +75,22 @@ pub struct Remembered<'a> {
     source: &'a dyn Ranges,
     /// Where they begin, and bytes.
     kept: RefCell<Vec<(u64, Vec<u8>)>>,
+    kept_bytes: Cell<u64>,
 }
 
 impl<'a> Remembered<'a> {
     /// Remembers nothing yet.
     pub fn of(source: &'a dyn Ranges) -> Self {
-        Self { source, kept: RefCell::default() }
+        Self { source, kept: RefCell::default(), kept_bytes: Cell::default() }
+    }
+
+    fn remember(&self, start: u64, bytes: &[u8]) {
+        let mut kept = self.kept.borrow_mut();
+        let total = self.kept_bytes.get() + bytes.len() as u64;
+        if total <= MAX_KEPT {
+            self.kept_bytes.set(total);
+            kept.push((start, bytes.to_vec()));
+        }
     }
 
     /// A range in parts, of which some are known. Known ones in the middle count from `least` bytes on: they
@@ -129,11 +140,19 @@ impl Ranges for Remembered<'_> {
             return Ok(bytes);
         }
         let bytes = self.source.range(start, count)?;
-        let mut kept = self.kept.borrow_mut();
-        if kept.iter().map(|(_, b)| b.len() as u64).sum::<u64>() + count <= MAX_KEPT {
-            kept.push((start, bytes.clone()));
-        }
+        self.remember(start, &bytes);
         Ok(bytes)
+    }
+
+    fn many(&self, ranges: &[Range<u64>]) -> io::Result<Vec<Vec<u8>>> {
+        // All or none: they are asked for again as a whole.
+        let known: Option<Vec<Vec<u8>>> = ranges.iter().map(|r| self.known(r)).collect();
+        if let Some(known) = known {
+            return Ok(known);
+        }
+        let all = self.source.many(ranges)?;
+        ranges.iter().zip(&all).for_each(|(range, bytes)| self.remember(range.start, bytes));
+        Ok(all)
     }
 }
 
@@ -147,9 +166,9 @@ pub fn excerpts(files: &[Remembered], wanted: Wanted) -> io::Result<Vec<Vec<Piec
     let Some(needed) = needed(files, &bag, wanted)? else { return Ok(whole()) };
     let between = between(&bag, wanted);
     let cut = |(file, summary): (&Remembered, &McapSummary)| {
-        excerpt(file.size(), summary, &needed, (between.as_ref(), splits(wanted)))
+        excerpt(file, summary, &needed, (between.as_ref(), splits(wanted)))
     };
-    Ok(files.iter().zip(&bag).map(cut).collect())
+    files.iter().zip(&bag).map(cut).collect()
 }
 
 /// The summaries of all files; `None` where one has none.
@@ -334,59 +353,62 @@ fn between(bag: &[McapSummary], wanted: Wanted) -> Option<Split> {
     Split::at(&config.split_secs, first, chunks().map(|c| nanos(c.times[1])).max()?).ok()
 }
 
-/// The excerpt of a file of this size: with the ends of the recording where it is divided by time, and
-/// without the images between two states.
+/// The excerpt of a file: with the ends of the recording where it is divided by time, and without the images
+/// between two states.
+///
+/// # Errors
+/// Where the file cannot be read.
 fn excerpt(
-    size: u64,
+    file: &Remembered,
     summary: &McapSummary,
     needed: &BTreeSet<String>,
     (between, splits): (Option<&Split>, bool),
-) -> Vec<Piece> {
-    let is_between = |nanos: u64| {
-        between.is_some_and(|s| i64::try_from(nanos).is_ok_and(|n| s.is_between(n, BETWEEN_NANOS)))
+) -> io::Result<Vec<Piece>> {
+    let is_between = |nanos: &u64| {
+        between.is_some_and(|s| i64::try_from(*nanos).is_ok_and(|n| s.is_between(n, BETWEEN_NANOS)))
     };
-    let is_image =
-        |c: &u16| summary.channels.get(c).is_some_and(|c| IMAGE_TYPES.contains(&c.type_name.as_str()));
-    let is_needed = |chunk: &ChunkIndexRecord| {
-        let mut read = chunk
-            .channels
-            .iter()
-            .filter(|c| summary.channels.get(c).is_some_and(|c| needed.contains(&c.topic)));
-        // Poses and transforms of all times are taken together.
-        if chunk.times.iter().all(|t| is_between(*t)) { !read.all(is_image) } else { read.next().is_some() }
+    // Poses and transforms of all times are taken together.
+    let channels = |chunk: &ChunkIndexRecord| -> BTreeSet<u16> {
+        let no_images = chunk.times.iter().all(is_between);
+        let is_needed = |c: &&u16| {
+            summary.channels.get(c).is_some_and(|c| {
+                needed.contains(&c.topic) && !(no_images && IMAGE_TYPES.contains(&c.type_name.as_str()))
+            })
+        };
+        chunk.channels.iter().filter(is_needed).copied().collect()
     };
+    let mut thin = thinned(file, summary, &channels)?;
     // A split is counted from the first message of all, whatever its topic.
     let first = summary.chunks.iter().min_by_key(|c| c.times[0]).map(|c| c.start);
     let last = summary.chunks.iter().max_by_key(|c| c.times[1]).map(|c| c.start);
-    let mut pieces = Vec::new();
-    let mut kept: Option<Range<u64>> = None;
-    let mut keep = |range: Range<u64>| {
-        if range.is_empty() {
-            return;
-        }
-        match &mut kept {
-            Some(open) if open.end == range.start => open.end = range.end,
-            open => pieces.extend(open.replace(range).map(Piece::Stored)),
-        }
+    let mut pieces: Vec<Piece> = Vec::new();
+    let mut keep = |piece: Piece| match (pieces.last_mut(), piece) {
+        (_, Piece::Stored(range)) if range.is_empty() => {}
+        (Some(Piece::Stored(open)), Piece::Stored(range)) if open.end == range.start => open.end = range.end,
+        (_, piece) => pieces.push(piece),
     };
     let mut at = 0;
     for chunk in &summary.chunks {
         // What lies between chunks: the header, and records that no index names.
-        keep(at..chunk.start);
+        keep(Piece::Stored(at..chunk.start));
         let at_an_end = splits && (Some(chunk.start) == first || Some(chunk.start) == last);
-        if at_an_end || chunk.channels.is_empty() || is_needed(chunk) {
-            keep(chunk.start..chunk.start + chunk.bytes);
+        if at_an_end || chunk.channels.is_empty() {
+            keep(Piece::Stored(chunk.start..chunk.start + chunk.bytes));
+        } else if let Some(parts) = thin.remove(&chunk.start) {
+            parts.into_iter().for_each(&mut keep);
+        } else if !channels(chunk).is_empty() {
+            keep(Piece::Stored(chunk.start..chunk.start + chunk.bytes));
         }
         at = chunk.start + chunk.bytes + chunk.index_bytes;
     }
-    keep(at..summary.start);
-    pieces.extend(kept.map(Piece::Stored));
-    let bytes = stored_bytes(&pieces);
-    if bytes as f64 > WORTH * size as f64 {
-        return vec![Piece::Stored(0..size)];
+    keep(Piece::Stored(at..summary.start));
+    if stored_bytes(&pieces) as f64 > WORTH * file.size() as f64 {
+        return Ok(vec![Piece::Stored(0..file.size())]);
     }
+    let made = |p: &Piece| if let Piece::Made(bytes) = p { bytes.len() as u64 } else { 0 };
+    let bytes = stored_bytes(&pieces) + pieces.iter().map(made).sum::<u64>();
     pieces.push(Piece::Made(end(bytes, &summary.names)));
-    pieces
+    Ok(pieces)
 }
 
 /// The end of a file whose data takes so many bytes: the names of all channels, a footer and the magic.

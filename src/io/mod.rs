@@ -89,6 +89,7 @@ mod synth_folder;
 mod synth_matrix;
 mod synth_sensor;
 mod synth_twin;
+mod thinned;
 mod topics;
 mod tracked_state;
 mod tracking;
