@@ -27,6 +27,22 @@ pub trait Ranges {
     }
 }
 
+/// What an excerpt of a file consists of, one behind the other.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Piece {
+    /// Bytes of the file.
+    Stored(Range<u64>),
+    /// Others.
+    Made(Vec<u8>),
+}
+
+/// Bytes of what the pieces take from the file.
+#[must_use]
+pub fn stored_bytes(pieces: &[Piece]) -> u64 {
+    let bytes = |p: &Piece| if let Piece::Stored(range) = p { range.end - range.start } else { 0 };
+    pieces.iter().map(bytes).sum()
+}
+
 /// A file of this machine.
 pub struct FileRanges {
     file: File,

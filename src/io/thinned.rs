@@ -1,5 +1,5 @@
-//! What of a chunk is needed, where its records are stored as they are: the message indexes behind it say where
-//! each message begins.
+//! What of a chunk is needed, where its records are stored as they are: the message indexes behind it say
+//! where each message begins.
 //!
 //! A chunk with a checksum is taken whole: damage in it must be found, not read.
 
@@ -12,10 +12,10 @@ use std::{
 use mcap::records::op;
 
 use super::{
-    excerpt::{Piece, Remembered},
     mcap_record::{ChunkIndexRecord, ChunkRecord, MessageIndexRecord},
     mcap_summary::{McapSummary, record},
-    ranges::Ranges as _,
+    ranges::{Piece, Ranges as _},
+    remembered::Remembered,
 };
 
 /// A chunk of fewer bytes is taken whole: its message index alone costs a request.
