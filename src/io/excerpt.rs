@@ -5,10 +5,8 @@
 //! says nothing certain of itself, all of it is.
 
 use std::{
-    cell::RefCell,
     collections::{BTreeMap, BTreeSet},
     io,
-    ops::Range,
     path::Path,
 };
 
@@ -22,8 +20,10 @@ use super::{
     mcap_file::{Channels, RawMessage, read_messages},
     mcap_record::ChunkIndexRecord,
     mcap_summary::McapSummary,
-    ranges::Ranges,
+    ranges::{Piece, Ranges as _, stored_bytes},
+    remembered::Remembered,
     ros2msg::{CameraInfo, CompressedFront, DecodeError, ImageFront, decode},
+    thinned::thinned,
     topics::{IMAGE_TYPES, INFO_TYPE, POSE_TYPES, TopicSummary, choose, rivals},
 };
 use crate::{
@@ -35,8 +35,6 @@ use crate::{
 const MAX_IMAGE_TOPICS: usize = 64;
 /// Largest chunk whose first messages are looked at, bytes.
 const MAX_LOOK: u64 = 64 << 20;
-/// Most bytes of such chunks that are kept, so that they are not read twice.
-const MAX_KEPT: u64 = 64 << 20;
 /// An excerpt of more than this share of a file is the file itself.
 const WORTH: f64 = 0.95;
 
@@ -53,90 +51,6 @@ pub enum Wanted<'a> {
     ViewsAndJoints(&'a CaptureConfig, &'a Streams),
 }
 
-/// What an excerpt of a file consists of, one behind the other.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Piece {
-    /// Bytes of the file.
-    Stored(Range<u64>),
-    /// Others.
-    Made(Vec<u8>),
-}
-
-/// Bytes of what the pieces take from the file.
-#[must_use]
-pub fn stored_bytes(pieces: &[Piece]) -> u64 {
-    let bytes = |p: &Piece| if let Piece::Stored(range) = p { range.end - range.start } else { 0 };
-    pieces.iter().map(bytes).sum()
-}
-
-/// A source that remembers what was read of it, up to a limit: one look at a front or a summary serves all.
-pub struct Remembered<'a> {
-    source: &'a dyn Ranges,
-    /// Where they begin, and bytes.
-    kept: RefCell<Vec<(u64, Vec<u8>)>>,
-}
-
-impl<'a> Remembered<'a> {
-    /// Remembers nothing yet.
-    pub fn of(source: &'a dyn Ranges) -> Self {
-        Self { source, kept: RefCell::default() }
-    }
-
-    /// A range in parts, of which some are known. Known ones in the middle count from `least` bytes on: they
-    /// divide one request into two.
-    #[must_use]
-    pub fn parts(&self, range: &Range<u64>, least: u64) -> Vec<(Range<u64>, Option<Vec<u8>>)> {
-        let kept = self.kept.borrow();
-        let mut sorted: Vec<&(u64, Vec<u8>)> = kept.iter().collect();
-        sorted.sort_by_key(|(start, _)| *start);
-        let (mut parts, mut at) = (Vec::new(), range.start);
-        for (start, bytes) in sorted {
-            let (from, to) = ((*start).max(at), (start + bytes.len() as u64).min(range.end));
-            let at_an_end = from == range.start || to == range.end;
-            if to <= from || (to - from < least && !at_an_end) {
-                continue;
-            }
-            if from > at {
-                parts.push((at..from, None));
-            }
-            parts.push((from..to, Some(bytes[(from - start) as usize..(to - start) as usize].to_vec())));
-            at = to;
-        }
-        if at < range.end {
-            parts.push((at..range.end, None));
-        }
-        parts
-    }
-
-    /// What is known of a range without reading it.
-    fn known(&self, range: &Range<u64>) -> Option<Vec<u8>> {
-        let within = |(start, bytes): &(u64, Vec<u8>)| {
-            let from = usize::try_from(range.start.checked_sub(*start)?).ok()?;
-            let count = usize::try_from(range.end - range.start).ok()?;
-            bytes.get(from..from.checked_add(count)?).map(<[u8]>::to_vec)
-        };
-        self.kept.borrow().iter().find_map(within)
-    }
-}
-
-impl Ranges for Remembered<'_> {
-    fn size(&self) -> u64 {
-        self.source.size()
-    }
-
-    fn range(&self, start: u64, count: u64) -> io::Result<Vec<u8>> {
-        if let Some(bytes) = self.known(&(start..start.saturating_add(count))) {
-            return Ok(bytes);
-        }
-        let bytes = self.source.range(start, count)?;
-        let mut kept = self.kept.borrow_mut();
-        if kept.iter().map(|(_, b)| b.len() as u64).sum::<u64>() + count <= MAX_KEPT {
-            kept.push((start, bytes.clone()));
-        }
-        Ok(bytes)
-    }
-}
-
 /// The excerpts of the files of one bag, in their order.
 ///
 /// # Errors
@@ -147,9 +61,9 @@ pub fn excerpts(files: &[Remembered], wanted: Wanted) -> io::Result<Vec<Vec<Piec
     let Some(needed) = needed(files, &bag, wanted)? else { return Ok(whole()) };
     let between = between(&bag, wanted);
     let cut = |(file, summary): (&Remembered, &McapSummary)| {
-        excerpt(file.size(), summary, &needed, (between.as_ref(), splits(wanted)))
+        excerpt(file, summary, &needed, (between.as_ref(), splits(wanted)))
     };
-    Ok(files.iter().zip(&bag).map(cut).collect())
+    files.iter().zip(&bag).map(cut).collect()
 }
 
 /// The summaries of all files; `None` where one has none.
@@ -334,59 +248,62 @@ fn between(bag: &[McapSummary], wanted: Wanted) -> Option<Split> {
     Split::at(&config.split_secs, first, chunks().map(|c| nanos(c.times[1])).max()?).ok()
 }
 
-/// The excerpt of a file of this size: with the ends of the recording where it is divided by time, and
-/// without the images between two states.
+/// The excerpt of a file: with the ends of the recording where it is divided by time, and without the images
+/// between two states.
+///
+/// # Errors
+/// Where the file cannot be read.
 fn excerpt(
-    size: u64,
+    file: &Remembered,
     summary: &McapSummary,
     needed: &BTreeSet<String>,
     (between, splits): (Option<&Split>, bool),
-) -> Vec<Piece> {
-    let is_between = |nanos: u64| {
-        between.is_some_and(|s| i64::try_from(nanos).is_ok_and(|n| s.is_between(n, BETWEEN_NANOS)))
+) -> io::Result<Vec<Piece>> {
+    let is_between = |nanos: &u64| {
+        between.is_some_and(|s| i64::try_from(*nanos).is_ok_and(|n| s.is_between(n, BETWEEN_NANOS)))
     };
-    let is_image =
-        |c: &u16| summary.channels.get(c).is_some_and(|c| IMAGE_TYPES.contains(&c.type_name.as_str()));
-    let is_needed = |chunk: &ChunkIndexRecord| {
-        let mut read = chunk
-            .channels
-            .iter()
-            .filter(|c| summary.channels.get(c).is_some_and(|c| needed.contains(&c.topic)));
-        // Poses and transforms of all times are taken together.
-        if chunk.times.iter().all(|t| is_between(*t)) { !read.all(is_image) } else { read.next().is_some() }
+    // Poses and transforms of all times are taken together.
+    let channels = |chunk: &ChunkIndexRecord| -> BTreeSet<u16> {
+        let no_images = chunk.times.iter().all(is_between);
+        let is_needed = |c: &&u16| {
+            summary.channels.get(c).is_some_and(|c| {
+                needed.contains(&c.topic) && !(no_images && IMAGE_TYPES.contains(&c.type_name.as_str()))
+            })
+        };
+        chunk.channels.iter().filter(is_needed).copied().collect()
     };
+    let mut thin = thinned(file, summary, &channels)?;
     // A split is counted from the first message of all, whatever its topic.
     let first = summary.chunks.iter().min_by_key(|c| c.times[0]).map(|c| c.start);
     let last = summary.chunks.iter().max_by_key(|c| c.times[1]).map(|c| c.start);
-    let mut pieces = Vec::new();
-    let mut kept: Option<Range<u64>> = None;
-    let mut keep = |range: Range<u64>| {
-        if range.is_empty() {
-            return;
-        }
-        match &mut kept {
-            Some(open) if open.end == range.start => open.end = range.end,
-            open => pieces.extend(open.replace(range).map(Piece::Stored)),
-        }
+    let mut pieces: Vec<Piece> = Vec::new();
+    let mut keep = |piece: Piece| match (pieces.last_mut(), piece) {
+        (_, Piece::Stored(range)) if range.is_empty() => {}
+        (Some(Piece::Stored(open)), Piece::Stored(range)) if open.end == range.start => open.end = range.end,
+        (_, piece) => pieces.push(piece),
     };
     let mut at = 0;
     for chunk in &summary.chunks {
         // What lies between chunks: the header, and records that no index names.
-        keep(at..chunk.start);
+        keep(Piece::Stored(at..chunk.start));
         let at_an_end = splits && (Some(chunk.start) == first || Some(chunk.start) == last);
-        if at_an_end || chunk.channels.is_empty() || is_needed(chunk) {
-            keep(chunk.start..chunk.start + chunk.bytes);
+        if at_an_end || chunk.channels.is_empty() {
+            keep(Piece::Stored(chunk.start..chunk.start + chunk.bytes));
+        } else if let Some(parts) = thin.remove(&chunk.start) {
+            parts.into_iter().for_each(&mut keep);
+        } else if !channels(chunk).is_empty() {
+            keep(Piece::Stored(chunk.start..chunk.start + chunk.bytes));
         }
         at = chunk.start + chunk.bytes + chunk.index_bytes;
     }
-    keep(at..summary.start);
-    pieces.extend(kept.map(Piece::Stored));
-    let bytes = stored_bytes(&pieces);
-    if bytes as f64 > WORTH * size as f64 {
-        return vec![Piece::Stored(0..size)];
+    keep(Piece::Stored(at..summary.start));
+    if stored_bytes(&pieces) as f64 > WORTH * file.size() as f64 {
+        return Ok(vec![Piece::Stored(0..file.size())]);
     }
+    let made = |p: &Piece| if let Piece::Made(bytes) = p { bytes.len() as u64 } else { 0 };
+    let bytes = stored_bytes(&pieces) + pieces.iter().map(made).sum::<u64>();
     pieces.push(Piece::Made(end(bytes, &summary.names)));
-    pieces
+    Ok(pieces)
 }
 
 /// The end of a file whose data takes so many bytes: the names of all channels, a footer and the magic.

@@ -6,7 +6,10 @@ use std::{collections::BTreeMap, convert::Infallible, io::Cursor};
 use proptest::prelude::*;
 
 use super::*;
-use crate::io::ros2msg::{CameraInfo, Header, Image, Time, encode};
+use crate::io::{
+    is_whole_mcap,
+    ros2msg::{CameraInfo, Header, Image, Time, encode},
+};
 
 /// What the bags of these tests hold, in the order of their channels.
 const TOPICS: [(&str, &str, &str); 7] = [
@@ -43,6 +46,7 @@ struct Writing {
     has_summary: bool,
     has_message_indexes: bool,
     has_summary_crc: bool,
+    has_chunk_crcs: bool,
 }
 
 fn noise(i: usize, count: usize) -> Vec<u8> {
@@ -81,6 +85,7 @@ fn file(messages: &[(usize, usize)], writing: Writing) -> Vec<u8> {
         .emit_summary_records(writing.has_summary)
         .emit_message_indexes(writing.has_message_indexes)
         .calculate_summary_section_crc(writing.has_summary_crc)
+        .calculate_chunk_crcs(writing.has_chunk_crcs)
         .profile("ros2");
     let mut writer = options.create(&mut buffer).unwrap();
     let mut channels = Vec::new();
@@ -110,7 +115,10 @@ fn excerpted(bytes: &[u8], config: &CaptureConfig) -> Vec<u8> {
         Piece::Stored(range) => bytes[range.start as usize..range.end as usize].to_vec(),
         Piece::Made(made) => made.clone(),
     };
-    plans[0].iter().flat_map(piece).collect()
+    let part: Vec<u8> = plans[0].iter().flat_map(piece).collect();
+    // As a fetch does where an index leads elsewhere than to its messages.
+    let is_excerpt = plans[0].len() > 1;
+    if is_excerpt && !is_whole_mcap(&part[..]).unwrap() { bytes.to_vec() } else { part }
 }
 
 /// Messages of the needed topics, and whether reading ended before its end.
@@ -129,12 +137,13 @@ fn messages(bytes: &[u8]) -> (Vec<(String, u64, Vec<u8>)>, bool) {
 }
 
 fn any_writing() -> impl Strategy<Value = Writing> {
-    (0..3u8, 200..6000u64, any::<bool>(), any::<bool>(), any::<bool>()).prop_map(|w| Writing {
+    (0..3u8, 200..6000u64, any::<bool>(), any::<bool>(), any::<bool>(), any::<bool>()).prop_map(|w| Writing {
         compression: w.0,
         chunk_bytes: w.1,
         has_summary: w.2,
         has_message_indexes: w.3,
         has_summary_crc: w.4,
+        has_chunk_crcs: w.5,
     })
 }
 
@@ -148,6 +157,7 @@ const WRITING: Writing = Writing {
     has_summary: true,
     has_message_indexes: true,
     has_summary_crc: true,
+    has_chunk_crcs: true,
 };
 
 /// Messages in turn, and large ones of topics that nobody needs.
@@ -200,6 +210,20 @@ fn chunks_of_other_topics_are_left_out() {
         assert_eq!(messages(&part), messages(&whole));
         assert_eq!(messages(&part).0.len(), 40);
     }
+}
+
+#[test]
+fn of_a_chunk_without_compression_and_checksum_single_messages_are_taken() {
+    // All topics in each chunk.
+    let list: Vec<_> = in_turn(70);
+    let writing = Writing { chunk_bytes: 60_000, has_chunk_crcs: false, ..WRITING };
+    let whole = file(&list, writing);
+    let part = excerpted(&whole, &CaptureConfig::default());
+    assert!(part.len() < whole.len() / 2, "{} of {}", part.len(), whole.len());
+    assert_eq!(messages(&part), messages(&whole));
+    // A checksum is of the whole chunk.
+    let checked = file(&list, Writing { has_chunk_crcs: true, ..writing });
+    assert_eq!(excerpted(&checked, &CaptureConfig::default()), checked);
 }
 
 #[test]

@@ -7,10 +7,11 @@ use std::{
 
 use super::{
     bag::Bag,
-    excerpt::{Remembered, Wanted, excerpts, first_image, stored_bytes, summaries, topics_of},
+    excerpt::{Wanted, excerpts, first_image, summaries, topics_of},
     joint_log::is_joint_topic,
     mcap_summary::McapSummary,
-    ranges::{FileRanges, Ranges},
+    ranges::{FileRanges, Ranges, stored_bytes},
+    remembered::Remembered,
     source::Source,
     topics::choose,
 };

@@ -154,7 +154,7 @@ fn place(end: &[u8], size: u64) -> Option<u64> {
 }
 
 /// Opcode and body of the record at the front, and what lies behind it.
-fn record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
+pub fn record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     let (front, rest) = bytes.split_first_chunk::<9>()?;
     let length = u64::from_le_bytes(*front[1..].first_chunk()?);
     let (body, behind) = rest.split_at_checked(usize::try_from(length).ok()?)?;

@@ -79,6 +79,7 @@ mod pixels;
 mod poses;
 mod ranges;
 mod recording;
+mod remembered;
 #[cfg(feature = "rerun")]
 mod rerun;
 mod source;
@@ -89,6 +90,7 @@ mod synth_folder;
 mod synth_matrix;
 mod synth_sensor;
 mod synth_twin;
+mod thinned;
 mod topics;
 mod tracked_state;
 mod tracking;
@@ -100,7 +102,7 @@ mod views;
 pub use bag_writer::{BagWriteError, BagWriter};
 pub use camera::pinhole;
 pub use dataset::{JointTransform, JointTransforms, STATES};
-pub use excerpt::{Piece, Remembered, Wanted, excerpts, stored_bytes};
+pub use excerpt::{Wanted, excerpts};
 pub use glimpse::{Glimpse, glimpse, glimpse_bag, glimpse_paths};
 pub use inspect::{inspect, inspect_with, printable};
 pub use live_view::LiveEye;
@@ -111,8 +113,9 @@ pub use onnx::OnnxMatcher;
 pub use onnx::{MAX_MODEL_BYTES, OnnxError};
 #[cfg(feature = "onnx")]
 pub use onnx_matcher::OnnxMatcher;
-pub use ranges::Ranges;
+pub use ranges::{Piece, Ranges, stored_bytes};
 pub use recording::{object_name, open, state_count, track_camera};
+pub use remembered::Remembered;
 #[cfg(feature = "rerun")]
 pub use rerun::{Seen, write_rerun};
 pub use source::name_of;

@@ -3,6 +3,7 @@
 use std::{
     fs::File,
     io::{self, Read as _, Seek as _, SeekFrom},
+    ops::Range,
     path::Path,
 };
 
@@ -16,6 +17,30 @@ pub trait Ranges {
     /// # Errors
     /// Where they cannot be had, or there are fewer.
     fn range(&self, start: u64, count: u64) -> io::Result<Vec<u8>>;
+
+    /// Bytes of several ranges, which a store gives some at a time.
+    ///
+    /// # Errors
+    /// As [`Self::range`].
+    fn many(&self, ranges: &[Range<u64>]) -> io::Result<Vec<Vec<u8>>> {
+        ranges.iter().map(|r| self.range(r.start, r.end - r.start)).collect()
+    }
+}
+
+/// What an excerpt of a file consists of, one behind the other.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Piece {
+    /// Bytes of the file.
+    Stored(Range<u64>),
+    /// Others.
+    Made(Vec<u8>),
+}
+
+/// Bytes of what the pieces take from the file.
+#[must_use]
+pub fn stored_bytes(pieces: &[Piece]) -> u64 {
+    let bytes = |p: &Piece| if let Piece::Stored(range) = p { range.end - range.start } else { 0 };
+    pieces.iter().map(bytes).sum()
 }
 
 /// A file of this machine.

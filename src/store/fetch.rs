@@ -8,8 +8,12 @@ use std::{
 };
 
 use super::{Bucket, Listing, ObjectFacts, StoreError};
-use crate::io::{
-    Glimpse, Piece, Ranges, Remembered, Wanted, excerpts, free_bytes, glimpse, is_whole_mcap, stored_bytes,
+use crate::{
+    files,
+    io::{
+        Glimpse, Piece, Ranges, Remembered, Wanted, excerpts, free_bytes, glimpse, is_whole_mcap,
+        stored_bytes,
+    },
 };
 
 /// Bytes of one request: four at a time are in memory.
@@ -42,6 +46,16 @@ impl Ranges for Stored<'_> {
             .ranges(self.object, &requests(&(start..start + count)), &mut sink)
             .map_err(io::Error::other)?;
         Ok(bytes)
+    }
+
+    fn many(&self, ranges: &[Range<u64>]) -> io::Result<Vec<Vec<u8>>> {
+        let mut all = Vec::new();
+        let mut sink = |_: usize, piece: &[u8]| {
+            all.push(piece.to_vec());
+            Ok(())
+        };
+        self.bucket.ranges(self.object, ranges, &mut sink).map_err(io::Error::other)?;
+        Ok(all)
     }
 }
 
@@ -139,7 +153,8 @@ fn fetch_bag(
         write(bucket, object, plan, &|range| file.parts(range, NEAR), &to)?;
         // An index that leads elsewhere than to its chunks: the file is read as it lies.
         let is_excerpt = !matches!(plan[..], [Piece::Stored(_)]);
-        if is_excerpt && !is_whole_mcap(&to).map_err(scratch(&to))? {
+        let walk = || files::open(&to).and_then(is_whole_mcap);
+        if is_excerpt && !walk().map_err(scratch(&to))? {
             fs::remove_file(&to).map_err(scratch(&to))?;
             fetch_whole(bucket, object, &to)?;
         }

@@ -17,7 +17,7 @@ s3 = boto3.client(
     aws_access_key_id="test",
     aws_secret_access_key="test",
 )
-s3.meta.events.register("before-send.s3", lambda request, **_: request.headers.add_header("x-plain", "1"))
+s3.meta.events.register("before-send.s3", lambda request, **_: request.headers.__setitem__("x-plain", "1"))
 if verb == "put":
     if "lab" not in [bucket["Name"] for bucket in s3.list_buckets()["Buckets"]]:
         s3.create_bucket(Bucket="lab")

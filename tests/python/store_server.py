@@ -24,8 +24,9 @@ COUNTS = {"requests": 0, "refused": 0, "delayed": 0}
 
 def faulty(environ, start_response):
     if environ["PATH_INFO"] == "/counts":
-        start_response("200 OK", [("Content-Type", "application/json")])
-        return [json.dumps(COUNTS).encode()]
+        body = json.dumps(COUNTS).encode()
+        start_response("200 OK", [("Content-Length", str(len(body)))])
+        return [body]
     if "HTTP_X_PLAIN" in environ:
         return APP(environ, start_response)
     with LOCK:
