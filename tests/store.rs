@@ -1,6 +1,7 @@
 //! Jobs: results under keys in a folder and in an object store, done once and whole.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
+#![allow(clippy::print_stderr, reason = "says what is left out")]
 
 mod common;
 #[path = "common/program.rs"]

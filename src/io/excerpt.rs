@@ -20,7 +20,7 @@ use super::{
     mcap_file::{Channels, RawMessage, read_messages},
     mcap_record::ChunkIndexRecord,
     mcap_summary::McapSummary,
-    ranges::{Piece, Ranges as _, stored_bytes},
+    ranges::{Piece, Ranges, stored_bytes},
     remembered::Remembered,
     ros2msg::{CameraInfo, CompressedFront, DecodeError, ImageFront, decode},
     thinned::thinned,
@@ -195,7 +195,7 @@ pub fn first_image(files: &[Remembered], bag: &[McapSummary], topic: &str) -> io
             }
             let records = file.range(chunk.start, chunk.bytes)?;
             // A file of this chunk alone, with the names of all channels.
-            let alone = [&mcap::MAGIC[..], &summary.names, &records, &[op::DATA_END], &[0; 8]].concat();
+            let alone = [mcap::MAGIC, &summary.names[..], &records, &[op::DATA_END], &[0; 8]].concat();
             let mut found = None;
             let mut first = |message: &RawMessage| -> Result<(), DecodeError> {
                 if message.topic == topic && found.is_none() {

@@ -1,5 +1,7 @@
 //! Fetching and putting over a store in memory.
 
+#![allow(clippy::unwrap_used, reason = "a failed helper fails its test")]
+
 use std::{fs, path::Path, sync::Arc};
 
 use object_store::{ObjectStore, ObjectStoreExt as _, PutPayload, memory::InMemory};
