@@ -63,7 +63,7 @@ mod tests {
         let (own, gain) = (alone("viscous_friction", &[0.4]), alone("torque_gain", &[1.2]));
         let others = [&friction, &bias, &own, &gain];
         let sorted = |names: [&str; 2]| {
-            let mut effects = names.map(of);
+            let mut effects = names.map(of).to_vec();
             effects.sort_unstable();
             effects
         };
