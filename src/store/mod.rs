@@ -3,6 +3,8 @@
 //! All is synchronous to the outside; requests run on a runtime of one thread inside. Without the feature
 //! `store` nothing connects, and only `file://` is served.
 
+#![cfg_attr(not(feature = "store"), allow(dead_code, reason = "only what connects uses all of it"))]
+
 mod bucket;
 mod connect;
 mod error;
