@@ -26,7 +26,8 @@ pub fn exchanged(
             }
             model.terms.push(new.clone());
             let effects = model.effects();
-            let is_new = !known(&effects) && !found.iter().any(|f| f.effects() == effects);
+            let is_new =
+                effects != set.effects() && !known(&effects) && !found.iter().any(|f| f.effects() == effects);
             if is_new && model.free() <= MAX_FIT_FREE {
                 found.push(model);
             }
