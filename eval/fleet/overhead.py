@@ -23,9 +23,9 @@ def lines(args, inputs, out, name):
     printed = subprocess.run([str(part) for part in command], check=True, capture_output=True, text=True).stdout
     program = use_program(args)
     file = args.out / f"{name}.txt"
-    # Exit code 3 (degraded) is a result.
+    # Degraded (3) and refused (1) are results.
     file.write_text(
-        "".join(f"{shlex.quote(str(program))}{line[len('artitwin') :]} || [ $? = 3 ]\n" for line in printed.splitlines())
+        "".join(f"{shlex.quote(str(program))}{line[len('artitwin') :]} || [ $? = 3 -o $? = 1 ]\n" for line in printed.splitlines())
     )
     return table, file
 
