@@ -78,6 +78,38 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     written.inspect_err(|_| drop(std::fs::remove_file(&part)))
 }
 
+/// Most files below a folder that is an input.
+const MAX_FILES: usize = 100_000;
+
+/// Relative paths, with `/`, of all files below a folder, sorted. Links are followed as files only: one to a
+/// folder could lead around in circles.
+///
+/// # Errors
+/// If something cannot be read, or the folder holds more than 100,000 files.
+pub fn below(folder: &Path) -> io::Result<Vec<String>> {
+    let (mut found, mut open) = (Vec::new(), vec![(folder.to_owned(), String::new())]);
+    while let Some((path, prefix)) = open.pop() {
+        for entry in std::fs::read_dir(&path)? {
+            let entry = entry?;
+            let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
+            if entry.file_type()?.is_dir() {
+                open.push((entry.path(), format!("{name}/")));
+            } else if entry.path().is_file() {
+                found.push(name);
+            }
+            if found.len() > MAX_FILES {
+                let folder = folder.display();
+                return Err(io::Error::other(format!(
+                    "{folder} holds more than {MAX_FILES} files: not a recording"
+                )));
+            }
+        }
+    }
+    // `read_dir` has no order.
+    found.sort();
+    Ok(found)
+}
+
 #[cfg(test)]
 #[cfg(unix)]
 mod tests {

@@ -1,9 +1,8 @@
 //! `reconstruct` and `diagnose` as jobs: inputs and outputs by URIs, and `--estimate`.
 
 use std::{
-    cell::RefCell,
     path::PathBuf,
-    sync::{Arc, atomic::AtomicBool, mpsc::Sender},
+    sync::{Arc, atomic::AtomicBool},
 };
 
 use serde_json::{Value, json};
@@ -19,7 +18,7 @@ use super::{
 };
 use crate::{
     capture::CaptureConfig,
-    config::{Config, ConfigError, Origins, Resolved},
+    config::{Config, ConfigError, Resolved},
     gap::record::tracks::Streams,
     io::read_warnings,
     job::{Ended, JobInput, JobRequest, Local, Made, Reads, estimate, perform},
@@ -126,12 +125,11 @@ pub fn reconstruct(args: &ReconstructArgs) -> Result<Exit, CliError> {
              nothing",
         ));
     }
-    let made = RefCell::new(None);
+    let mut made = None;
     let shown = Shown { json: args.json, verbose: args.output.verbose };
-    let ended = watched(shown, |monitor, _| {
-        perform(&request, monitor, &mut |local| {
-            let resolved = resolved_again(args)?;
-            let own = local_reconstruction(args, local, resolved);
+    let ended = watched(shown, |monitor| {
+        perform(&request, monitor, |local| {
+            let own = local_reconstruction(args, local, resolved?);
             let outcome = match run::reconstruct(&own, monitor) {
                 // Left under the key by the same matcher at another place: it is of no use.
                 Err(
@@ -145,7 +143,7 @@ pub fn reconstruct(args: &ReconstructArgs) -> Result<Exit, CliError> {
                 if outcome.stood { read_warnings(&outcome.folder) } else { outcome.warnings.clone() };
             let folder = outcome.folder.clone();
             let degraded = !warnings.is_empty();
-            made.replace(Some(outcome));
+            made = Some(outcome);
             Ok(Made { folder, degraded, warnings })
         })
         .map_err(CliError::from)
@@ -154,26 +152,25 @@ pub fn reconstruct(args: &ReconstructArgs) -> Result<Exit, CliError> {
         let exit = if outcome.degraded { Exit::Degraded } else { Exit::Done };
         (render::outcome(&outcome), exit)
     };
-    shown_end(ended, args.json, made.take().map(text))
-}
-
-/// Settings, again: an error of theirs is that of the run.
-fn resolved_again(args: &ReconstructArgs) -> Result<(Config, Origins), RunError> {
-    let resolved = args.resolve()?;
-    Ok((resolved.config, resolved.origins))
+    shown_end(ended, args.json, made.map(text))
 }
 
 fn local_reconstruction(
     args: &ReconstructArgs,
     local: &Local,
-    (config, origins): (Config, Origins),
+    resolved: Resolved<Config>,
 ) -> ReconstructRequest {
+    let mut config = resolved.config;
+    // It is the input behind the recordings, and may have been fetched.
+    if let (Some(matcher), Some(here)) = (&mut config.matching.onnx, local.inputs.get(args.bags.len())) {
+        matcher.clone_from(here);
+    }
     ReconstructRequest {
         sources: local.inputs[..args.bags.len()].to_vec(),
         out: local.out.clone(),
         name: local.name.clone(),
         config,
-        origins,
+        origins: resolved.origins,
         // What a process that was killed left under the key is of the same run.
         resume: if local.is_store { local.out.is_dir() } else { args.resume },
         keep: true,
@@ -196,10 +193,10 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<Exit, CliError> {
     if args.output.force {
         return Err(CliError::Usage("--force is for paths; a store replaces nothing"));
     }
-    let made: RefCell<Option<DiagnoseOutcome>> = RefCell::new(None);
+    let mut made = None;
     let shown = Shown { json: args.json, verbose: args.output.verbose };
-    let ended = watched(shown, |monitor, _| {
-        perform(&request, monitor, &mut |local| {
+    let ended = watched(shown, |monitor| {
+        perform(&request, monitor, |local| {
             let (runs, held) = (args.runs.len(), args.held_out.len());
             let mut own = diagnose::request(args);
             own.twin = local.inputs[0].clone();
@@ -211,7 +208,7 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<Exit, CliError> {
             let outcome = diagnose::outcome(&own, &local.inputs[1 + runs + held..], args, monitor)?;
             let degraded = diagnose::ended(outcome.verdict, &outcome.warnings) == Exit::Degraded;
             let (folder, warnings) = (outcome.folder.clone(), outcome.warnings.clone());
-            made.replace(Some(outcome));
+            made = Some(outcome);
             Ok(Made { folder, degraded, warnings })
         })
         .map_err(CliError::from)
@@ -219,18 +216,15 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<Exit, CliError> {
     let text = |outcome: DiagnoseOutcome| {
         (diagnose::text(&outcome), diagnose::ended(outcome.verdict, &outcome.warnings))
     };
-    shown_end(ended, args.json, made.take().map(text))
+    shown_end(ended, args.json, made.map(text))
 }
 
 /// Runs with progress shown; an error is an event, too.
-fn watched(
-    shown: Shown,
-    work: impl FnOnce(&Monitor, &Sender<Event>) -> Result<Ended, CliError>,
-) -> Result<Ended, CliError> {
+fn watched(shown: Shown, work: impl FnOnce(&Monitor) -> Result<Ended, CliError>) -> Result<Ended, CliError> {
     let stop = Arc::new(AtomicBool::new(false));
     let (progress, events) = Progress::start(shown, Arc::clone(&stop));
     let ended = stop_on_request(events.clone(), Arc::clone(&stop))
-        .and_then(|()| work(&Monitor::new(events.clone(), stop), &events));
+        .and_then(|()| work(&Monitor::new(events.clone(), stop)));
     let error = match &ended {
         Err(error) => Some((error.chain(), error.exit() as u8)),
         Ok(Ended::Manifest { message: Some(message), exit_code, .. }) => Some((message.clone(), *exit_code)),

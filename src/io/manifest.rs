@@ -12,6 +12,8 @@ use std::{
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
+use crate::files;
+
 /// Name of the file.
 pub(super) const MANIFEST: &str = "manifest.json";
 /// Largest manifest that is read, bytes: more than [`MAX_ENTRIES`] lines.
@@ -143,7 +145,6 @@ enum Held {
     Other,
 }
 
-/// Everything below a folder but its manifest.
 /// Every file of a result folder, the manifest included: relative path with `/`, bytes, SHA-256; by path.
 ///
 /// # Errors
@@ -165,6 +166,7 @@ pub fn result_files(folder: &Path) -> io::Result<Vec<(String, u64, String)>> {
     Ok(files)
 }
 
+/// Everything below a folder but its manifest.
 fn listed(folder: &Path) -> io::Result<BTreeMap<String, Held>> {
     let mut found = BTreeMap::new();
     let mut open = vec![(folder.to_owned(), String::new())];
@@ -199,15 +201,21 @@ fn listed(folder: &Path) -> io::Result<BTreeMap<String, Held>> {
 /// # Errors
 /// If it cannot be read.
 pub fn sha256(path: &Path) -> io::Result<String> {
-    let mut file = fs::File::open(path)?;
+    let mut file = files::open(path)?;
     // Piece by piece: results hold files of hundreds of megabytes.
     let (mut digest, mut piece) = (Sha256::new(), vec![0; PIECE]);
     loop {
         match file.read(&mut piece)? {
-            0 => return Ok(digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect()),
+            0 => return Ok(hex(&digest.finalize())),
             n => digest.update(&piece[..n]),
         }
     }
+}
+
+/// Bytes as hexadecimal digits.
+#[must_use]
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[cfg(test)]

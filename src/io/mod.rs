@@ -30,7 +30,7 @@ pub use frame_run::read_frame_run;
 pub use gallery::read_gallery;
 pub use gap_report::{GapReportError, read_gap_report};
 pub use joint_log::read_joint_log;
-pub use manifest::{ResultKind, result_files, sha256};
+pub use manifest::{ResultKind, hex, result_files, sha256};
 pub use mesh_files::{MeshFileError, read_mesh};
 pub use model_folder::{ModelFolderError, read_model, read_model_folder};
 pub use npy::{NpyError, read_npy};

@@ -9,10 +9,11 @@ use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
 use super::request::Reads;
-use crate::io::{sha256, twin_path};
+use crate::{
+    files::below,
+    io::{hex, sha256, twin_path},
+};
 
-/// Most files of an input.
-const MAX_FILES: usize = 100_000;
 /// Hexadecimal digits.
 const DIGITS: usize = 32;
 
@@ -45,8 +46,7 @@ pub fn content(path: &Path, reads: Reads) -> io::Result<(String, u64)> {
     if !fs::metadata(path)?.is_dir() {
         return Ok((sha256(path)?, fs::metadata(path)?.len()));
     }
-    let files = files(path)?;
-    of_files(files.iter().map(|file| (file.as_str(), path.join(file))))
+    of_files(below(path)?.iter().map(|file| (file.as_str(), path.join(file))))
 }
 
 /// The identity of a twin: its URDF, and the SDF and USD beside it.
@@ -71,32 +71,6 @@ fn add(digest: &mut Sha256, name: &str, content: &str) {
     digest.update((name.len() as u64).to_le_bytes());
     digest.update(name);
     digest.update(content);
-}
-
-/// Relative paths of all files below a folder, sorted; links to folders are not followed.
-fn files(folder: &Path) -> io::Result<Vec<String>> {
-    let (mut found, mut open) = (Vec::new(), vec![(folder.to_owned(), String::new())]);
-    while let Some((path, prefix)) = open.pop() {
-        for entry in fs::read_dir(&path)? {
-            let entry = entry?;
-            let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
-            if entry.file_type()?.is_dir() {
-                open.push((entry.path(), format!("{name}/")));
-            } else if entry.path().is_file() {
-                found.push(name);
-            }
-            if found.len() > MAX_FILES {
-                let text = format!("{} holds more than {MAX_FILES} files", folder.display());
-                return Err(io::Error::other(text));
-            }
-        }
-    }
-    found.sort();
-    Ok(found)
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ use super::{
 use crate::{
     io::Glimpse,
     note::{Note, NoteCode},
-    run::{Monitor, RunError, chain},
+    run::{Monitor, RunError, chain, shown_text},
     store::{Created, StoreError, Traffic, fetch},
 };
 
@@ -76,7 +76,7 @@ pub enum Ended {
 pub fn perform(
     request: &JobRequest,
     monitor: &Monitor,
-    work: &mut dyn FnMut(&Local) -> Result<Made, RunError>,
+    work: impl FnOnce(&Local) -> Result<Made, RunError>,
 ) -> Result<Ended, JobError> {
     let traffic = Arc::new(Traffic::default());
     let output = Output::of(&request.out, &traffic)?;
@@ -125,7 +125,7 @@ impl Job<'_> {
     fn done(
         &mut self,
         scratch: Option<&Scratch>,
-        work: &mut dyn FnMut(&Local) -> Result<Made, RunError>,
+        work: impl FnOnce(&Local) -> Result<Made, RunError>,
     ) -> Result<Ended, JobError> {
         let (outcome, estimate) = self.worked(scratch, work)?;
         if !self.output.is_store() {
@@ -152,7 +152,7 @@ impl Job<'_> {
     fn worked(
         &mut self,
         scratch: Option<&Scratch>,
-        work: &mut dyn FnMut(&Local) -> Result<Made, RunError>,
+        work: impl FnOnce(&Local) -> Result<Made, RunError>,
     ) -> Result<(Outcome, Option<Estimate>), JobError> {
         let (inputs, shown, seen) = match self.brought(scratch) {
             Ok(brought) => brought,
@@ -297,11 +297,6 @@ impl Refusal {
     fn of(error: &StoreError) -> Self {
         Self { message: chain(error), exit_code: if error.is_usage() { 2 } else { 1 } }
     }
-}
-
-/// A text with what is shown in place of paths.
-fn shown_text(text: &str, shown: &[(PathBuf, String)]) -> String {
-    shown.iter().fold(text.to_owned(), |text, (path, uri)| text.replace(&path.display().to_string(), uri))
 }
 
 fn note_fetched(read: u64, stored: u64, given: &str, monitor: &Monitor) {

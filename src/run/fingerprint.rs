@@ -2,7 +2,6 @@
 
 use std::{
     collections::BTreeMap,
-    fs,
     io::{self, Read as _, Seek as _, SeekFrom},
     path::Path,
 };
@@ -10,6 +9,7 @@ use std::{
 use serde::{Deserialize, Serialize};
 
 use super::checksum::Checksum;
+use crate::files::below;
 
 /// A file is hashed whole up to this size, bytes; of a larger one [`SAMPLES`] pieces are, spread evenly.
 const WHOLE_BYTES: u64 = 64 << 20;
@@ -17,8 +17,6 @@ const WHOLE_BYTES: u64 = 64 << 20;
 const SAMPLES: u64 = 64;
 /// Length of a piece, bytes.
 const SAMPLE_BYTES: u64 = 1 << 20;
-/// Most files of one recording.
-const MAX_FILES: usize = 100_000;
 
 /// Named facts about a run. Two runs whose facts are equal compute the same.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -48,14 +46,7 @@ impl Fingerprint {
     /// # Errors
     /// If something cannot be read, or the folder holds more than 100,000 files.
     pub fn with_source(mut self, name: &str, path: &Path) -> io::Result<Self> {
-        let mut files = Vec::new();
-        if path.is_dir() {
-            list(path, "", &mut files)?
-        } else {
-            files.push(String::new())
-        }
-        // `read_dir` has no order.
-        files.sort();
+        let files = if path.is_dir() { below(path)? } else { vec![String::new()] };
         let mut sum = Checksum::default();
         let mut total = 0;
         for file in &files {
@@ -113,27 +104,6 @@ impl Fingerprint {
     }
 }
 
-/// Relative paths of all files below a folder.
-fn list(folder: &Path, prefix: &str, files: &mut Vec<String>) -> io::Result<()> {
-    for entry in fs::read_dir(folder)? {
-        let entry = entry?;
-        let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
-        // Links are followed as files only: a link to a folder could lead around in circles.
-        if entry.file_type()?.is_dir() {
-            list(&entry.path(), &format!("{name}/"), files)?;
-        } else if entry.path().is_file() {
-            files.push(name);
-        }
-        if files.len() > MAX_FILES {
-            return Err(io::Error::other(format!(
-                "{} holds more than {MAX_FILES} files: not a recording",
-                folder.display()
-            )));
-        }
-    }
-    Ok(())
-}
-
 /// Adds size and content of a file; gives its size.
 fn add_content(path: &Path, sum: &mut Checksum) -> io::Result<u64> {
     let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
@@ -161,6 +131,8 @@ fn add_content(path: &Path, sum: &mut Checksum) -> io::Result<u64> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]

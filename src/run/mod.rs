@@ -48,7 +48,7 @@ pub use diagnose_frames::diagnose_frames;
 pub use differences::compare;
 pub use fingerprint::Fingerprint;
 pub use monitor::{Cancelled, Event, Monitor, Planned};
-pub use outcome::{JointSummary, Outcome, ReconstructRequest, RunError, chain};
+pub use outcome::{JointSummary, Outcome, ReconstructRequest, RunError, chain, shown_text};
 pub use progress::RunProgress;
 pub use reconstruct::reconstruct;
 pub use reconstruct_twin::{Twin, reconstruct_twin};

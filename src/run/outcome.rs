@@ -42,6 +42,12 @@ pub struct ReconstructRequest {
     pub shown: Vec<(PathBuf, String)>,
 }
 
+/// A text with what is shown in place of paths.
+#[must_use]
+pub fn shown_text(text: &str, shown: &[(PathBuf, String)]) -> String {
+    shown.iter().fold(text.to_owned(), |text, (path, uri)| text.replace(&path.display().to_string(), uri))
+}
+
 impl ReconstructRequest {
     /// The default settings: one recording, or one for each state, to a run folder in `out`.
     pub fn new(sources: impl IntoIterator<Item = impl Into<PathBuf>>, out: impl Into<PathBuf>) -> Self {
@@ -62,9 +68,7 @@ impl ReconstructRequest {
 
     /// A text of the report.
     pub(super) fn shown_text(&self, text: &str) -> String {
-        self.shown
-            .iter()
-            .fold(text.to_owned(), |text, (path, uri)| text.replace(&path.display().to_string(), uri))
+        shown_text(text, &self.shown)
     }
 
     /// Where the result goes.

@@ -3,6 +3,7 @@
 use sha2::{Digest as _, Sha256};
 
 use super::{Bucket, ObjectFacts, Scheme, StoreError, Uri};
+use crate::io::hex;
 
 /// Most objects below a prefix: a bag of 10,000 files, or the images of a dataset.
 const MAX_OBJECTS: usize = 100_000;
@@ -43,7 +44,7 @@ impl Listing {
             digest.update((line.len() as u64).to_le_bytes());
             digest.update(line);
         }
-        digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+        hex(&digest.finalize())
     }
 
     /// Bytes of all objects.

@@ -6,6 +6,7 @@ use serde::Serialize;
 use sha2::{Digest as _, Sha256};
 
 use super::{Bucket, Created, StoreError};
+use crate::io::hex;
 
 /// Bytes of the files that are in memory at a time, beside the last.
 const BATCH: u64 = 32 << 20;
@@ -71,6 +72,6 @@ fn as_it_stands(bucket: &dyn Bucket, file: &UploadedFile, prefix: &str) -> Resul
     let path = format!("{prefix}/{}", file.path);
     // It was there a moment ago.
     let bytes = bucket.get(&path, LARGEST)?.ok_or(StoreError::Missing(path))?;
-    let sha256 = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+    let sha256 = hex(&Sha256::digest(&bytes));
     Ok(UploadedFile { path: file.path.clone(), bytes: bytes.len() as u64, sha256 })
 }

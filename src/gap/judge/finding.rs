@@ -74,8 +74,7 @@ pub fn findings(
     spread: &Spread,
     (rivals, total): (&[(Vec<usize>, f64)], f64),
 ) -> Vec<Finding> {
-    let mut own: Vec<usize> = model.terms.iter().map(|t| t.effect).collect();
-    own.sort_unstable();
+    let own = model.effects();
     let mut findings = Vec::new();
     for (at, term) in model.placed() {
         let effect = &problem.catalogue[term.effect];
