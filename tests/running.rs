@@ -205,9 +205,8 @@ fn plain_uninterrupted() -> &'static BTreeMap<PathBuf, Vec<u8>> {
 /// Stages that were kept, and stages that were done anew.
 fn kept_and_done(events: &[Value]) -> (Vec<String>, Vec<String>) {
     let text = |e: &Value, key: &str| e[key].as_str().unwrap_or_default().to_owned();
-    let kept = |e: &Value| {
-        text(e, "message").strip_suffix(" was kept from the run that was stopped").map(str::to_owned)
-    };
+    let kept =
+        |e: &Value| text(e, "message").split_once(" was kept from ").map(|(stage, _)| stage.to_owned());
     let kept: Vec<String> = events.iter().filter(|e| e["event"] == "note").filter_map(kept).collect();
     let started = events.iter().filter(|e| e["event"] == "stage_started").map(|e| text(e, "stage"));
     let done = started.filter(|stage| !kept.contains(stage)).collect();
@@ -280,7 +279,7 @@ fn a_run_killed_while_it_keeps_a_stage_does_that_stage_again() {
     let out = folder.join("runs");
     let mut child = plain(&out, &[]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let written = checkpoint(&out).join("surface.state0.ckpt");
-    let writing = written.with_extension("tmp");
+    let writing = written.with_extension(format!("{}.tmp", child.id()));
     while !writing.exists() && !written.exists() {
         assert!(child.try_wait().unwrap().is_none(), "the run ended before it kept a surface");
         std::thread::sleep(std::time::Duration::from_millis(1));
@@ -298,6 +297,62 @@ fn a_run_killed_while_it_keeps_a_stage_does_that_stage_again() {
         kept.contains(&"align".to_owned()) && done.contains(&"register".to_owned()),
         "{kept:?}, {done:?}"
     );
+}
+
+/// Files of a folder by name.
+fn folder_files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let entries = std::fs::read_dir(folder).unwrap().map(Result::unwrap);
+    entries.map(|e| (e.file_name().into_string().unwrap(), std::fs::read(e.path()).unwrap())).collect()
+}
+
+#[test]
+fn a_changed_setting_runs_only_the_stages_that_it_changes() {
+    let folder = TempDir::new("stages");
+    let run = |name: &str, stages: &str, settings: &[&str]| {
+        let (out, stages) = (folder.join(name), folder.join(stages));
+        let settings: Vec<&str> = settings.iter().flat_map(|setting| ["--set", setting]).collect();
+        let ended = end(&mut plain(&out, &[&["--stages", stages.to_str().unwrap()], &settings[..]].concat()));
+        assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
+        (all_files(&out), kept_and_done(&events(&ended.stdout)).0)
+    };
+    let (first, kept) = run("first", "stages", &[]);
+    assert!(kept.is_empty() && first == *plain_uninterrupted(), "{kept:?}");
+    // The same again, under the same name in another folder.
+    let (again, kept) = run("again", "stages", &[]);
+    let all: Vec<&str> = STAGES
+        .into_iter()
+        .filter(|s| !s.starts_with("fusion") && !["pictures", "check"].contains(s))
+        .collect();
+    assert_eq!(kept, all);
+    assert!(again == first);
+    // Settings of all groups behind a stage; those of a group that a stage reads count there.
+    let late =
+        ["joint.refine.reach=0.02", "model.wall_thickness_m=0.004", "look.max_faces=900", "export.prefix=a_"];
+    let early = ["surface.points=9000", "register.rounds=3"];
+    for (name, settings, shared) in [
+        ("export", &late[2..], &all[..all.len() - 1]),
+        ("joint", &late[..], &all[..6]),
+        ("surface", &[&late[..], &early[..]].concat(), &all[..2]),
+    ] {
+        let own = format!("{name}-stages");
+        let (expected, kept) = run(&format!("{name}-own"), &own, settings);
+        assert!(kept.is_empty(), "{name}: {kept:?}");
+        // No stage reads a setting that does not count for it: what has the same name is the same.
+        let (before, mut same) = (folder_files(&folder.join("stages")), Vec::new());
+        for (file, bytes) in folder_files(&folder.join(&own)) {
+            if let Some(earlier) = before.get(&file) {
+                assert!(*earlier == bytes, "{name}: {file} reads what does not count for it");
+                same.push(file);
+            }
+        }
+        assert_eq!(same.len(), shared.len(), "{name}: {same:?}");
+        let (files, kept) = run(name, "stages", settings);
+        assert_eq!(kept, shared, "{name}");
+        assert_eq!(files.keys().collect::<Vec<_>>(), expected.keys().collect::<Vec<_>>());
+        for (file, bytes) in &expected {
+            assert!(files[file] == *bytes, "{name}: {} differs", file.display());
+        }
+    }
 }
 
 #[test]

@@ -398,6 +398,10 @@ pub struct ReconstructArgs {
     /// Continue the run that was stopped, from its last finished stage; a finished run is left as it is
     #[arg(long)]
     pub resume: bool,
+    /// Keep what every stage finds in a folder, and take from there what was found for the same recordings:
+    /// with other settings, only the stages run that these change. Some 500 MB an object, for you to delete
+    #[arg(long, value_name = "DIR")]
+    pub stages: Option<PathBuf>,
     /// Print events as JSON lines to stdout, and nothing else
     #[arg(long)]
     pub json: bool,

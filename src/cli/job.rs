@@ -174,6 +174,7 @@ fn local_reconstruction(
         // What a process that was killed left under the key is of the same run.
         resume: if local.is_store { local.out.is_dir() } else { args.resume },
         keep: true,
+        stages: args.stages.clone(),
         force: false,
         rerun: None,
         beside: args.settings.config.iter().cloned().collect(),

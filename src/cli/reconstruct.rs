@@ -66,6 +66,7 @@ fn reconstruct(
         origins: resolved.origins.clone(),
         resume: args.resume,
         keep: true,
+        stages: args.stages.clone(),
         force: args.output.force,
         rerun: args.rerun.clone(),
         // Of other objects too.

@@ -92,6 +92,7 @@ impl Reconstructor {
             origins: self.origins.clone(),
             resume: false,
             keep: false,
+            stages: None,
             force: false,
             rerun: None,
             beside: Vec::new(),

@@ -2,7 +2,10 @@
 
 use std::sync::{Arc, mpsc};
 
-use super::*;
+use super::{
+    super::stage_file::{HEADER_BYTES, header},
+    *,
+};
 use crate::run::Event;
 
 struct Fixture {
@@ -155,7 +158,7 @@ fn a_length_that_a_file_claims_reserves_nothing() {
         [&[0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x40][..], &[0x80, 0x80, 0x80, 0x80, 0x80, 0x01]]
     {
         let payload = [length, &[1, 2, 3]].concat();
-        let mut sum = checkpoint.sum("a");
+        let mut sum = checkpoint.file("a").unwrap().sum();
         sum.update(&payload);
         let head = header(checkpoint.digest, payload.len() as u64, sum.value());
         fs::write(fixture.folder.join("a.ckpt"), [&head[..], &payload].concat()).unwrap();

@@ -76,6 +76,17 @@ impl Fingerprint {
             .collect()
     }
 
+    /// The facts whose names are wanted.
+    pub(super) fn only(&self, wanted: impl Fn(&str) -> bool) -> Self {
+        Self(self.0.iter().filter(|(name, _)| wanted(name)).map(|(n, v)| (n.clone(), v.clone())).collect())
+    }
+
+    /// Names of all facts.
+    #[cfg(test)]
+    pub(super) fn names(&self) -> impl Iterator<Item = &str> {
+        self.0.keys().map(String::as_str)
+    }
+
     /// A 64-bit digest of all facts.
     #[must_use]
     pub fn digest(&self) -> u64 {

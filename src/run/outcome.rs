@@ -32,6 +32,8 @@ pub struct ReconstructRequest {
     pub resume: bool,
     /// Whether what this one has finished is kept when it is stopped.
     pub keep: bool,
+    /// Folder that keeps what every stage finds, also for runs of the same recordings with other settings.
+    pub stages: Option<PathBuf>,
     /// Whether what may not be replaced is moved to `NAME.bak`.
     pub force: bool,
     /// File that gets what was seen and found as a recording of rerun; needs the feature `rerun`.
@@ -59,6 +61,7 @@ impl ReconstructRequest {
             origins: Origins::default(),
             resume: false,
             keep: false,
+            stages: None,
             force: false,
             rerun: None,
             beside: Vec::new(),
@@ -75,7 +78,8 @@ impl ReconstructRequest {
     pub(super) fn place(&self, name: &str) -> Place {
         let matcher = self.config.matching.onnx.iter();
         // The matcher is read like a recording: a result must not take its place either.
-        let inputs = self.sources.iter().chain(&self.beside).chain(matcher).cloned().collect();
+        let inputs =
+            self.sources.iter().chain(&self.beside).chain(matcher).chain(&self.stages).cloned().collect();
         Place { force: self.force, inputs, ..Place::named(&self.out, name) }
     }
 
@@ -229,6 +233,7 @@ mod tests {
             origins: Origins::default(),
             resume: false,
             keep: false,
+            stages: None,
             force: true,
             rerun: None,
             beside: vec!["mine.yaml".into()],

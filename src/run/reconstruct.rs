@@ -9,6 +9,7 @@ use super::{
     pictures::pictures,
     plan::foreseen,
     reconstruct_twin,
+    stage_folder::StageFolder,
     write::write,
 };
 use crate::{
@@ -37,6 +38,21 @@ pub fn reconstruct(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ou
     }
 }
 
+/// What keeps results of stages for runs with other settings, where that is asked for.
+fn stage_folder(
+    name: &str,
+    request: &ReconstructRequest,
+    fingerprint: &Fingerprint,
+) -> Result<Option<StageFolder>, RunError> {
+    let Some(folder) = &request.stages else { return Ok(None) };
+    // Of what the results say beside what the recordings hold: the twin's name, and places in notes.
+    let mut facts = fingerprint.clone().with("name", name);
+    for (i, source) in request.sources.iter().enumerate() {
+        facts = facts.with(format!("place{i}"), request.shown_text(&source.display().to_string()));
+    }
+    Ok(Some(StageFolder::open(folder, facts)?))
+}
+
 /// All stages, and the run folder in its place.
 fn reconstruct_files(
     name: &str,
@@ -46,12 +62,18 @@ fn reconstruct_files(
     monitor: &Monitor,
 ) -> Result<Outcome, RunError> {
     let config = &request.config;
-    let mut stages = Stages::keeping(monitor, request.keep.then_some(checkpoint));
+    let folder = stage_folder(name, request, fingerprint)?;
+    let mut stages = Stages::keeping(monitor, request.keep.then_some(checkpoint), folder.as_ref());
     monitor.report(foreseen(request));
     // Recordings to posed, masked, denoised frames.
     let mut capture = stages.kept("capture", None, |_| {
-        io::open(&request.sources, &config.capture, config.run.seed)
-            .map_err(|e| RunError::stage("capture", e))
+        let mut capture = io::open(&request.sources, &config.capture, config.run.seed)
+            .map_err(|e| RunError::stage("capture", e))?;
+        // Kept with the places that the user knows.
+        for note in capture.notes.iter_mut().chain(&mut capture.warnings) {
+            note.text = request.shown_text(&note.text);
+        }
+        Ok::<_, RunError>(capture)
     })?;
     // Not inside the stage, which a continued run does not compute again.
     capture.notes.iter().for_each(|n| monitor.note(n));

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use serde::{Serialize, de::DeserializeOwned};
 
-use super::{Checkpoint, Event, Monitor, Planned};
+use super::{Checkpoint, Event, Monitor, Planned, stage_folder::StageFolder};
 
 use crate::note::{Note, NoteCode};
 
@@ -20,6 +20,8 @@ pub struct Stages<'a> {
     pub monitor: &'a Monitor,
     /// What keeps results for a run that goes on after a stop.
     pub checkpoint: Option<&'a Checkpoint>,
+    /// What keeps results for runs with other settings, in place of the checkpoint.
+    pub folder: Option<&'a StageFolder>,
     /// Name and wall seconds of every finished stage, in order.
     pub seconds: Vec<(String, f64)>,
 }
@@ -28,13 +30,17 @@ impl<'a> Stages<'a> {
     /// No stage done yet.
     #[must_use]
     pub fn new(monitor: &'a Monitor) -> Self {
-        Self { monitor, checkpoint: None, seconds: Vec::new() }
+        Self { monitor, checkpoint: None, folder: None, seconds: Vec::new() }
     }
 
-    /// No stage done yet; results are kept in a checkpoint.
+    /// No stage done yet; results are kept in a checkpoint, or in a folder of stages.
     #[must_use]
-    pub fn keeping(monitor: &'a Monitor, checkpoint: Option<&'a Checkpoint>) -> Self {
-        Self { checkpoint, ..Self::new(monitor) }
+    pub fn keeping(
+        monitor: &'a Monitor,
+        checkpoint: Option<&'a Checkpoint>,
+        folder: Option<&'a StageFolder>,
+    ) -> Self {
+        Self { checkpoint, folder, ..Self::new(monitor) }
     }
 
     /// Runs one stage: reports its start and end, keeps its time, and stops before it if asked to.
@@ -55,8 +61,8 @@ impl<'a> Stages<'a> {
         Ok(result)
     }
 
-    /// Runs a stage whose result outlives a stopped run: takes it from the checkpoint, or computes and keeps
-    /// it.
+    /// Runs a stage whose result outlives the run: takes it from the folder or the checkpoint, or computes
+    /// and keeps it.
     ///
     /// A disk that does not take the result costs no more than the comfort: the run goes on.
     ///
@@ -72,12 +78,16 @@ impl<'a> Stages<'a> {
             return Ok(found);
         }
         // Copied, as `run` borrows all of the stages.
-        let checkpoint = self.checkpoint;
+        let (checkpoint, folder) = (self.checkpoint, self.folder);
         self.run(name, steps, |monitor| {
             let result = stage(monitor)?;
-            if let Some(Err(error)) = checkpoint.map(|c| c.save(name, &result)) {
+            let saved = match folder {
+                Some(folder) => folder.save(name, &result),
+                None => checkpoint.map_or(Ok(()), |c| c.save(name, &result)),
+            };
+            if let Err(error) = saved {
                 let text = format!(
-                    "{}; the run goes on, but --resume would begin before {name}",
+                    "{}; the run goes on, but a later one would begin before {name}",
                     super::chain(&error)
                 );
                 monitor.note(&Note::new(NoteCode::StageNotKept, text));
@@ -86,8 +96,8 @@ impl<'a> Stages<'a> {
         })
     }
 
-    /// The result of a stage from a stopped run, if it is there; the stage is then reported as begun, as kept
-    /// and as done.
+    /// The result of a stage from an earlier run, if it is there; the stage is then reported as begun, as
+    /// kept and as done.
     ///
     /// # Errors
     /// [`super::Cancelled`].
@@ -97,13 +107,20 @@ impl<'a> Stages<'a> {
     ) -> Result<Option<T>, E> {
         self.monitor.check()?;
         let start = Instant::now();
-        let Some(result) = self.checkpoint.and_then(|c| c.load(name, self.monitor)) else { return Ok(None) };
+        let (found, of) = match self.folder {
+            Some(folder) => (folder.load(name, self.monitor), folder.path().display().to_string()),
+            None => {
+                let stopped = "the run that was stopped".to_owned();
+                (self.checkpoint.and_then(|c| c.load(name, self.monitor)), stopped)
+            }
+        };
+        let Some(result) = found else { return Ok(None) };
         // It takes no time from this run.
         let planned = Planned { stage: name.to_owned(), weight: 0.0 };
         self.monitor.report(Event::Planned { stages: vec![planned] });
         // As if it had run: who listens sees the same stages in the same order.
         self.monitor.report(Event::StageStarted { stage: name.to_owned(), steps: None });
-        let text = format!("{name} was kept from the run that was stopped");
+        let text = format!("{name} was kept from {of}");
         self.monitor.note(&Note::new(NoteCode::StageKept, text));
         self.finished(name, start);
         Ok(Some(result))
@@ -132,7 +149,7 @@ mod tests {
         let run = |times: usize, gives: u32| {
             let (sender, events) = mpsc::channel();
             let monitor = Monitor::new(sender, Arc::default());
-            let mut stages = Stages::keeping(&monitor, Some(&checkpoint));
+            let mut stages = Stages::keeping(&monitor, Some(&checkpoint), None);
             let mut done = 0;
             let stage = |_: &Monitor| {
                 done += 1;
@@ -155,6 +172,9 @@ mod tests {
         assert_eq!(run(0, 6), (5, "a was kept from the run that was stopped".to_owned()));
         std::fs::remove_dir_all(&folder).unwrap();
         let (result, note) = run(1, 7);
-        assert!(result == 7 && note.contains("the run goes on, but --resume would begin before a"), "{note}");
+        assert!(
+            result == 7 && note.contains("the run goes on, but a later one would begin before a"),
+            "{note}"
+        );
     }
 }
