@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::Point3;
+use rayon::prelude::*;
 
 use super::{NoiseConfig, RgbdFrame, pixel_weights};
 use crate::geometry::SceneBox;
@@ -18,27 +19,25 @@ const STRIDE: usize = 3;
 /// a state has only one) within a cell. `None` without points.
 #[must_use]
 pub fn scene_box(states: &[&[RgbdFrame]], noise: &NoiseConfig) -> Option<SceneBox> {
-    let mut points: Vec<(usize, Point3<f64>)> = Vec::new();
-    for (f, frame) in states.iter().copied().flatten().enumerate() {
+    let frames: Vec<&RgbdFrame> = states.iter().copied().flatten().collect();
+    let of_frame = |(f, frame): (usize, &&RgbdFrame)| {
         let weights = pixel_weights(frame, noise);
-        let w = frame.intrinsics.width;
-        for i in
-            (0..weights.len()).filter(|i| (i % w).is_multiple_of(STRIDE) && (i / w).is_multiple_of(STRIDE))
-        {
-            if weights[i] > 0.0 && frame.is_object(i) {
-                points.extend(frame.world_point(i).map(|p| (f, p)));
-            }
-        }
-    }
+        let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
+        let some = (0..h).step_by(STRIDE).flat_map(|y| (0..w).step_by(STRIDE).map(move |x| y * w + x));
+        let wanted = some.filter(|&i| weights[i] > 0.0 && frame.is_object(i));
+        wanted.filter_map(|i| frame.world_point(i).map(|p| (f, p))).collect::<Vec<_>>()
+    };
+    let points: Vec<(usize, Point3<f64>)> = frames.par_iter().enumerate().flat_map_iter(of_frame).collect();
     let (mut lower, mut upper) = (Point3::origin(), Point3::origin());
     for k in 0..3 {
         let mut all: Vec<f64> = points.iter().map(|(_, p)| p[k]).collect();
         if all.is_empty() {
             return None;
         }
-        all.sort_unstable_by(f64::total_cmp);
         let cut = (all.len() as f64 * TRIM) as usize;
-        (lower[k], upper[k]) = (all[cut], all[all.len() - 1 - cut]);
+        let last = all.len() - 1 - cut;
+        lower[k] = *all.select_nth_unstable_by(cut, f64::total_cmp).1;
+        upper[k] = *all.select_nth_unstable_by(last, f64::total_cmp).1;
     }
     let cell_m = (upper - lower).max().max(1e-3) / CELLS;
     let mut cells: BTreeMap<[i64; 3], Agreement> = BTreeMap::new();

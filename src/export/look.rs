@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 use nalgebra::Vector3;
 use rand_core::SeedableRng as _;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -104,7 +105,7 @@ impl Look {
 /// Looks of all links from the photos of all states, in the order of the links.
 #[must_use]
 pub fn looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -> Vec<Look> {
-    let meshes: Vec<TriangleMesh> = model.links.iter().map(|l| reduced(&l.visual, config)).collect();
+    let meshes: Vec<TriangleMesh> = model.links.par_iter().map(|l| reduced(&l.visual, config)).collect();
     let mut depths: Vec<Vec<Vec<f32>>> = Vec::new();
     for (frames, positions) in capture.states.iter().zip(&model.states) {
         let item = |(i, mesh)| RenderItem {
@@ -116,7 +117,7 @@ pub fn looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -
         let items: Vec<RenderItem> = meshes.iter().enumerate().map(item).collect();
         depths.push(
             frames
-                .iter()
+                .par_iter()
                 .map(|f| render(&items, &f.intrinsics, &f.world_from_camera, false).depth_m)
                 .collect(),
         );
@@ -139,7 +140,7 @@ pub fn looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -
         meshes.iter().zip(&views).flat_map(|(mesh, views)| shown(mesh, views, SPOTS, &mut rng)).collect();
     let Lighting { gains, light } = Lighting::of(&spots, photos);
     views.iter_mut().for_each(|v| v.iter_mut().zip(&gains).for_each(|(view, gain)| view.gain = *gain));
-    meshes.into_iter().zip(views).map(|(mesh, views)| painted(mesh, &views, &light, config)).collect()
+    meshes.into_par_iter().zip(views).map(|(mesh, views)| painted(mesh, &views, &light, config)).collect()
 }
 
 /// The look of one mesh from some views; without any its own colors are the texture.

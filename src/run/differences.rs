@@ -1,5 +1,7 @@
 //! The twin held against every view that it was made of. See docs/method.md 11.4.
 
+use rayon::prelude::*;
+
 use crate::{
     capture::{Capture, RgbdFrame},
     export::{Look, StateDifference, Tally},
@@ -12,18 +14,22 @@ use crate::{
 pub fn compare(capture: &Capture, model: &ArticulatedModel, looks: &[Look]) -> Vec<StateDifference> {
     let shapes: Vec<(&TriangleMesh, Paint)> = looks.iter().map(|l| (&l.mesh, Paint::Vertices)).collect();
     let of_state = |(state, frames): (usize, &Vec<RgbdFrame>)| {
-        let mut links = vec![Tally::default(); model.links.len()];
-        let mut views = Vec::with_capacity(frames.len());
-        for frame in frames.iter().filter(|f| f.mask.is_some()) {
+        let of_view = |frame: &RgbdFrame| {
+            frame.mask.as_ref()?;
             let twin = draw(model, state, frame, &shapes);
-            let mut view = Tally::default();
+            let (mut view, mut links) = (Tally::default(), vec![Tally::default(); model.links.len()]);
             for (difference, item) in differ(capture, state, frame, &twin).into_iter().zip(&twin.item) {
                 view.count(difference);
                 if let Some(tally) = item.and_then(|i| links.get_mut(usize::from(i))) {
                     tally.count(difference);
                 }
             }
-            views.push((frame.id.clone(), view));
+            Some(((frame.id.clone(), view), links))
+        };
+        let (views, of_links): (Vec<_>, Vec<_>) = frames.par_iter().filter_map(of_view).unzip();
+        let mut links = vec![Tally::default(); model.links.len()];
+        for of_view in of_links {
+            links.iter_mut().zip(&of_view).for_each(|(all, own)| all.add(own));
         }
         let links: Vec<_> = model.links.iter().map(|l| l.name.clone()).zip(links).collect();
         (!views.is_empty()).then(|| StateDifference::new(state, &views, &links))

@@ -1,5 +1,7 @@
 //! Pictures of a run for the report: photos beside the twin, parts with axes, what was kept.
 
+use rayon::prelude::*;
+
 use super::differences::{compare, differ, draw};
 use crate::{
     capture::{Capture, RgbdFrame},
@@ -28,49 +30,77 @@ pub(super) fn pictures(capture: &Capture, model: &ArticulatedModel, looks: &[Loo
         .collect();
     let tinted: Vec<(&TriangleMesh, Paint)> =
         model.links.iter().enumerate().map(|(i, l)| (&l.visual, Paint::Tint(part_color(i)))).collect();
-    for (state, frames) in capture.states.iter().enumerate() {
-        for (view, frame) in best_views(frames).into_iter().enumerate() {
-            let caption = |what: &str| format!("state {state}, {what}, view {}", frame.id);
-            // Cropped alike, so that photo and twin can be compared pixel by pixel.
-            let window = window(frame, &[]);
-            let rendered = draw(model, state, frame, &seen);
-            let difference = frame.mask.is_some().then(|| {
-                let found = differ(capture, state, frame, &rendered);
-                marked(frame, &found, &caption("difference")).cropped(&window)
-            });
-            let mut twin = picture(rendered, PictureKind::Photo, caption("twin"));
-            let psnr_db = psnr_db(frame, &twin.rgb);
-            if let Some(db) = psnr_db {
-                twin.caption = format!("{}, {db:.1} dB", twin.caption);
-            }
-            let recorded = photo(frame, false, caption("photo")).cropped(&window);
-            let cutout = frame.mask.is_some().then(|| {
-                let (k, is_object) = (frame.intrinsics, |i| frame.is_object(i));
-                (
-                    cutout_png(&frame.rgb, k.width, k.height, is_object),
-                    RecordedCamera::new(k, &frame.world_from_camera),
-                )
-            });
-            out.states.push(PhotoAndTwin {
-                state,
-                view: frame.id.clone(),
-                psnr_db,
-                photo: recorded,
-                twin: twin.cropped(&window),
-                difference,
-                cutout,
-            });
-            if view == 0 {
-                let drawn = draw(model, state, frame, &tinted);
-                let mut parts = picture(drawn, PictureKind::Drawing, caption("parts and axes"));
-                parts.arrows = axis_arrows(model, state, &frame.intrinsics, &frame.world_from_camera);
-                let ends: Vec<[f64; 2]> = parts.arrows.iter().flat_map(|a| [a.from, a.to]).collect();
-                out.parts.push(parts.cropped(&self::window(frame, &ends)));
-                out.kept.push(photo(frame, true, caption("kept as the object")));
-            }
+    let shown: Vec<(usize, usize, &RgbdFrame)> = capture
+        .states
+        .iter()
+        .enumerate()
+        .flat_map(|(state, frames)| {
+            best_views(frames).into_iter().enumerate().map(move |(v, f)| (state, v, f))
+        })
+        .collect();
+    let of_view = |&(state, view, frame): &(usize, usize, &RgbdFrame)| {
+        let pair = photo_and_twin(capture, model, (state, frame), &seen);
+        let of_state = (view == 0).then(|| {
+            let caption = |what: &str| caption(state, frame, what);
+            let mut parts =
+                picture(draw(model, state, frame, &tinted), PictureKind::Drawing, caption("parts and axes"));
+            parts.arrows = axis_arrows(model, state, &frame.intrinsics, &frame.world_from_camera);
+            let ends: Vec<[f64; 2]> = parts.arrows.iter().flat_map(|a| [a.from, a.to]).collect();
+            (parts.cropped(&window(frame, &ends)), photo(frame, true, caption("kept as the object")))
+        });
+        (pair, of_state)
+    };
+    for (pair, of_state) in shown.par_iter().map(of_view).collect::<Vec<_>>() {
+        out.states.push(pair);
+        if let Some((parts, kept)) = of_state {
+            out.parts.push(parts);
+            out.kept.push(kept);
         }
     }
     out
+}
+
+fn caption(state: usize, frame: &RgbdFrame, what: &str) -> String {
+    format!("state {state}, {what}, view {}", frame.id)
+}
+
+/// A view of a state beside the twin with its looks.
+fn photo_and_twin(
+    capture: &Capture,
+    model: &ArticulatedModel,
+    (state, frame): (usize, &RgbdFrame),
+    seen: &[(&TriangleMesh, Paint)],
+) -> PhotoAndTwin {
+    let caption = |what: &str| caption(state, frame, what);
+    // Cropped alike, so that photo and twin can be compared pixel by pixel.
+    let window = window(frame, &[]);
+    let rendered = draw(model, state, frame, seen);
+    let difference = frame.mask.is_some().then(|| {
+        let found = differ(capture, state, frame, &rendered);
+        marked(frame, &found, &caption("difference")).cropped(&window)
+    });
+    let mut twin = picture(rendered, PictureKind::Photo, caption("twin"));
+    let psnr_db = psnr_db(frame, &twin.rgb);
+    if let Some(db) = psnr_db {
+        twin.caption = format!("{}, {db:.1} dB", twin.caption);
+    }
+    let recorded = photo(frame, false, caption("photo")).cropped(&window);
+    let cutout = frame.mask.is_some().then(|| {
+        let (k, is_object) = (frame.intrinsics, |i| frame.is_object(i));
+        (
+            cutout_png(&frame.rgb, k.width, k.height, is_object),
+            RecordedCamera::new(k, &frame.world_from_camera),
+        )
+    });
+    PhotoAndTwin {
+        state,
+        view: frame.id.clone(),
+        psnr_db,
+        photo: recorded,
+        twin: twin.cropped(&window),
+        difference,
+        cutout,
+    }
 }
 
 /// Where the run folder holds the object as a view saw it.

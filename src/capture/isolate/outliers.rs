@@ -3,6 +3,7 @@
 use std::{collections::HashSet, num::NonZeroUsize};
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use rayon::prelude::*;
 
 use super::voxels::{Cell, center};
 
@@ -29,7 +30,7 @@ pub fn outlier_cells(cells: &[Cell], size_m: f64) -> HashSet<Cell> {
         let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(NEIGHBORS.saturating_add(1)).execute();
         near.iter().map(|n| n.distance.sqrt()).sum::<f64>() / NEIGHBORS.get() as f64
     };
-    let distances: Vec<f64> = points.iter().map(mean_distance).collect();
+    let distances: Vec<f64> = points.par_iter().with_min_len(256).map(mean_distance).collect();
     let mean = distances.iter().sum::<f64>() / distances.len() as f64;
     let deviation =
         (distances.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / distances.len() as f64).sqrt();

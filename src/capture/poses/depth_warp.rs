@@ -140,17 +140,32 @@ fn some_pixels(intrinsics: &Intrinsics) -> impl Iterator<Item = [f64; 2]> {
     (0..height).step_by(EVERY).flat_map(move |v| (0..width).step_by(EVERY).map(move |u| [u as f64, v as f64]))
 }
 
-/// Inverse depth and its slopes at a pixel, put right.
-pub(in crate::capture) fn corrected_plane(
-    warp: &DepthWarp,
-    pixel: [f64; 2],
-    plane: Vector3<f64>,
-) -> Vector3<f64> {
-    let factor = 1.0 + warp.at(pixel);
-    let slopes = warp.slopes(pixel);
-    // The inverse depth is divided by 1 + c: the quotient rule.
-    let bent = plane.x / (factor * factor);
-    Vector3::new(plane.x / factor, plane.y / factor - bent * slopes[0], plane.z / factor - bent * slopes[1])
+/// The warp at a pixel.
+#[derive(Clone, Copy)]
+pub(in crate::capture) struct Bend {
+    /// By which share of the range a reading is too short.
+    share: f64,
+    /// Its slopes along the image, 1/pixel.
+    slopes: [f64; 2],
+}
+
+impl Bend {
+    /// Of a warp at a pixel.
+    pub fn at(warp: &DepthWarp, pixel: [f64; 2]) -> Self {
+        Self { share: warp.at(pixel), slopes: warp.slopes(pixel) }
+    }
+
+    /// Inverse depth and its slopes there, put right.
+    pub fn corrected(&self, plane: Vector3<f64>) -> Vector3<f64> {
+        let (factor, slopes) = (1.0 + self.share, self.slopes);
+        // The inverse depth is divided by 1 + c: the quotient rule.
+        let bent = plane.x / (factor * factor);
+        Vector3::new(
+            plane.x / factor,
+            plane.y / factor - bent * slopes[0],
+            plane.z / factor - bent * slopes[1],
+        )
+    }
 }
 
 /// Uniform cubic B-splines at a place in their interval.

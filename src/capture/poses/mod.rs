@@ -123,7 +123,7 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig, tracked:
     let within: Vec<Matches> = states.iter().enumerate().map(|(s, f)| landmarks.within(s, f)).collect();
     // 0. Poses of another time, or of another scene, are beyond what the rest can correct.
     let agreement: Vec<Option<PoseAgreement>> = states
-        .iter()
+        .par_iter()
         .zip(&surfels)
         .zip(&within)
         .map(|((frames, surfels), matches)| PoseAgreement::of(&Trajectory::of(frames), surfels, matches))
@@ -141,7 +141,7 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig, tracked:
         .map(|((frames, surfels), matches)| problem(frames, surfels, matches, tracked))
         .collect();
     // 1. Each state by itself: the sensor must beat the best that poses alone can do.
-    let alone: Vec<Option<Refined>> = problems.iter().map(|p| Refined::alone(p.as_ref()?)).collect();
+    let alone: Vec<Option<Refined>> = problems.par_iter().map(|p| Refined::alone(p.as_ref()?)).collect();
     // 2. All states with their sensor.
     let (mut found, calibration, warps) = match sensor::calibrate(states, &problems, &alone) {
         Some(Calibrated { calibration, states, warps }) if calibration.used => {
@@ -156,7 +156,7 @@ pub fn refine_poses(states: &mut [Vec<RgbdFrame>], noise: &NoiseConfig, tracked:
         let errors = used.errors(&camera);
         errors.warp.correct(states.iter_mut().flatten());
         used.move_color(states.iter_mut().flatten());
-        surfels.iter_mut().flatten().for_each(|s| *s = s.corrected(&errors));
+        surfels.iter_mut().for_each(|s| *s = Surfels::corrected(s, &errors));
     }
     let draws = draws(states, &found, warps);
     for (frames, refined) in states.iter_mut().zip(&mut found) {

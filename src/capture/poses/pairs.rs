@@ -513,10 +513,10 @@ mod tests {
         for size in [1e-3, -1e-3] {
             let mut errors = SensorErrors::none(&k);
             errors.step(&DVector::from_fn(errors.count(), |_, _| size * drawn()));
-            let warped = surfels.each_ref().map(|s| s.corrected(&errors));
+            let warped = Surfels::corrected(&surfels, &errors);
             let between = poses[1].inverse() * poses[0];
             for &cell in surfels[0].facing().iter().flatten() {
-                let of = |s: &[Surfels; 2]| s[0].residual(cell, &s[1], &between, &PoseNoise::EXPECTED);
+                let of = |s: &[Surfels]| s[0].residual(cell, &s[1], &between, &PoseNoise::EXPECTED);
                 let (Some(at), Some(there)) = (of(&surfels), of(&warped)) else { continue };
                 let values = errors.values();
                 let expected: f64 = by_sensor(&at, &errors).iter().map(|(k, d)| d * values[*k]).sum();
@@ -572,14 +572,14 @@ mod tests {
             surfels[s].set_landmarks(&frames[s], &noise, pixels)
         });
         let between = |p: &[Pose; 2]| p[1].inverse() * p[0];
-        let at = |s: &[Surfels; 2], p: &[Pose; 2], m: [u32; 2]| {
+        let at = |s: &[Surfels], p: &[Pose; 2], m: [u32; 2]| {
             s[0].across(m, &s[1], &between(p), &PoseNoise::EXPECTED)
         };
         let mut rng = crate::random::stage_rng(3, "warp", 0);
         let mut drawn = || rand_core::Rng::next_u64(&mut rng) as f64 / u64::MAX as f64 - 0.5;
         let mut errors = SensorErrors::none(&k);
         errors.step(&DVector::from_fn(errors.count(), |_, _| 1e-4 * drawn()));
-        let spoilt = surfels.each_ref().map(|s| s.corrected(&errors));
+        let spoilt = Surfels::corrected(&surfels, &errors);
         let values = errors.values();
         let (mut checked, step) = (0, 1e-6);
         for m in numbers[0].iter().zip(&numbers[1]).filter_map(|(a, b)| Some([(*a)?, (*b)?])) {

@@ -115,9 +115,7 @@ impl<'a> Problem<'a> {
 
     /// Its surfels by corrected readings: those as read, where nothing is corrected.
     pub fn corrected(&self, sensor: Option<&SensorErrors>) -> Cow<'a, [Surfels]> {
-        sensor.map_or(Cow::Borrowed(self.surfels), |errors| {
-            self.surfels.iter().map(|s| s.corrected(errors)).collect()
-        })
+        sensor.map_or(Cow::Borrowed(self.surfels), |errors| Surfels::corrected(self.surfels, errors).into())
     }
 
     /// Corrections so far, six values a camera.
@@ -346,8 +344,9 @@ fn most_likely(
         let likelihood = step(problems, sums, at, sensor, &sizes)?.log_likelihood;
         Some((sizes, likelihood))
     };
-    let (still, likelihood_of_still) = settled(PoseErrors::WITHOUT_DRIFT)?;
-    let (drifting, likelihood_of_drifting) = settled(PoseErrors::EXPECTED)?;
+    let (still, drifting) =
+        rayon::join(|| settled(PoseErrors::WITHOUT_DRIFT), || settled(PoseErrors::EXPECTED));
+    let ((still, likelihood_of_still), (drifting, likelihood_of_drifting)) = (still?, drifting?);
     // Drift has two sizes in each state, shown by three values of every pose.
     let price: f64 = at.iter().map(|at| (at.len() as f64 / 2.0).ln()).sum();
     Some(if likelihood_of_drifting > likelihood_of_still + price { drifting } else { still })

@@ -1,8 +1,9 @@
 //! Surfels: small flat patches of surface in a frame, where averaging leaves the depth with least noise.
 
 use nalgebra::{Matrix3, Point3, Vector3};
+use rayon::prelude::*;
 
-use super::{depth_warp::corrected_plane, pose_noise::PoseNoise, sensor_errors::SensorErrors};
+use super::{depth_warp::Bend, pose_noise::PoseNoise, sensor_errors::SensorErrors};
 use crate::{
     capture::{
         GRAZING_COSINE, NoiseConfig, RgbdFrame,
@@ -242,13 +243,28 @@ impl Surfels {
         overlap
     }
 
-    /// The same by readings that are put right, from what they were as read.
-    pub fn corrected(&self, errors: &SensorErrors) -> Self {
-        let (warp, mut corrected) = (&errors.warp, self.clone());
+    /// The same of several frames by readings that are put right, from what they were as read.
+    pub fn corrected(all: &[Self], errors: &SensorErrors) -> Vec<Self> {
+        // All frames have one camera, so that one table serves them.
+        let Some(first) = all.first() else { return Vec::new() };
+        let bends: Vec<Bend> =
+            (0..first.cells.len()).map(|i| Bend::at(&errors.warp, first.pixel(i))).collect();
+        let corrected = |surfels: &Self| {
+            if surfels.intrinsics == first.intrinsics {
+                return surfels.corrected_by(errors, |i| bends[i]);
+            }
+            surfels.corrected_by(errors, |i| Bend::at(&errors.warp, surfels.pixel(i)))
+        };
+        all.par_iter().map(corrected).collect()
+    }
+
+    /// The same by the bend of the sensor's errors at each cell.
+    fn corrected_by(&self, errors: &SensorErrors, bend: impl Fn(usize) -> Bend) -> Self {
+        let mut corrected = self.clone();
         for (i, cell) in corrected.cells.iter_mut().enumerate() {
             let Some(surfel) = cell else { continue };
             let pixel = self.pixel(i);
-            let plane = corrected_plane(warp, pixel, surfel.plane.cast());
+            let plane = bend(i).corrected(surfel.plane.cast());
             let ray = self.intrinsics.ray(pixel[0], pixel[1]);
             // Deviations and facings stay, since corrections are of percents.
             surfel.point = Point3::from(ray / plane.x).cast();
