@@ -107,6 +107,27 @@ fn a_job_is_done_once_and_as_the_plain_command_does_it() {
 }
 
 #[test]
+fn a_job_with_another_setting_takes_the_stages_that_stand() {
+    let folder = TempDir::new("store-stages");
+    let (store, stages) = (folder.join("store"), folder.join("stages"));
+    let bag = shipped("drawer");
+    let setting = ["--parts", "2", "--set", "export.prefix=a_"];
+    let run = |options: &[&str]| {
+        let kept = ["--json", "--stages", stages.to_str().unwrap()];
+        end(&mut reconstruct(&[&uri(&bag)], &uri(&store), &[options, &kept].concat()))
+    };
+    assert!([0, 3].contains(&run(&setting[..2]).code));
+    let ended = run(&setting);
+    assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
+    assert!(ended.stdout.contains("assemble was kept from"), "{}", ended.stdout);
+    let made: Value = serde_json::from_str(ended.stdout.lines().last().unwrap()).unwrap();
+    is_whole(&store, &made);
+    let plain = folder.join("plain");
+    assert_eq!(end(&mut reconstruct(&[&bag], &plain, &setting)).code, ended.code);
+    assert_eq!(files(&store.join(made["folder"].as_str().unwrap())), files(&plain.join("drawer")));
+}
+
+#[test]
 fn a_refusal_is_kept_with_its_reason_and_not_met_again() {
     let folder = TempDir::new("store-refused");
     let (store, bag) = (folder.join("store"), folder.join("empty_room"));

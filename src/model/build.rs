@@ -1,6 +1,7 @@
 //! From joints and part surfaces to links in a tree.
 
 use nalgebra::Translation3;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -152,8 +153,9 @@ pub fn build(
     }
     // Before the sweep, which whatever touches at rest would end at once.
     clear_paths(&mut model, &config.collision);
-    for j in 0..model.joints.len() {
-        let swept = swept_interval(&model, j);
+    let swept: Vec<[f64; 2]> =
+        (0..model.joints.len()).into_par_iter().map(|j| swept_interval(&model, j)).collect();
+    for (j, swept) in swept.into_iter().enumerate() {
         let limit = &mut model.joints[j].limit;
         limit.swept = Some(swept);
         if config.limits == LimitPolicy::Swept {
@@ -161,8 +163,8 @@ pub fn build(
         }
         model.joints[j].dynamics = assumed_dynamics(&model, j);
     }
-    for j in 0..model.joints.len() {
-        let found = grasps(&model, j);
+    let found: Vec<_> = (0..model.joints.len()).into_par_iter().map(|j| grasps(&model, j)).collect();
+    for (j, found) in found.into_iter().enumerate() {
         model.links[model.joints[j].child].grasps = found;
     }
     model
@@ -187,7 +189,7 @@ fn seated(model: &mut ArticulatedModel, j: usize) {
 /// The walls of every link, with what no view saw of them.
 fn walls(model: &ArticulatedModel, hidden: &[Option<Hidden<'_>>], config: &ModelConfig) -> Vec<Walls> {
     let few: Vec<TriangleMesh> =
-        model.links.iter().map(|l| few_triangles(&l.visual, &config.collision)).collect();
+        model.links.par_iter().map(|l| few_triangles(&l.visual, &config.collision)).collect();
     let of = |i: usize| {
         let others = model.states.iter().flat_map(|state| {
             let link_from_world = model.world_from_link(i, state).inverse();
@@ -198,7 +200,7 @@ fn walls(model: &ArticulatedModel, hidden: &[Option<Hidden<'_>>], config: &Model
         let others = merge(&others.iter().collect::<Vec<_>>());
         Walls::of(&few[i], &others, config.wall_thickness_m, hidden[i], &config.collision)
     };
-    (0..few.len()).map(of).collect()
+    (0..few.len()).into_par_iter().map(of).collect()
 }
 
 /// Links and joints, without solids and masses.

@@ -60,11 +60,17 @@ pub(super) fn assemble(
     };
     // The static part in the world of state 0, then the moving ones by their joints' motions, which may
     // differ a little from those of registration.
-    let (base, assumed_m2, _) = part_surface(0, &vec![Pose::identity(); states.len() - 1])?;
+    let still = vec![Pose::identity(); states.len() - 1];
+    let moving = |(i, tree): (usize, &TreeJointEstimate)| part_surface(i + 1, &tree.joint.motions);
+    let (base, surfaces) = rayon::join(
+        || part_surface(0, &still),
+        || joints.par_iter().enumerate().map(moving).collect::<Vec<_>>(),
+    );
+    let (base, assumed_m2, _) = base?;
     let mut assumed = vec![assumed_m2];
     let mut parts = Vec::with_capacity(joints.len());
-    for (i, TreeJointEstimate { parent, joint }) in joints.into_iter().enumerate() {
-        let (surface, assumed_m2, field) = part_surface(i + 1, &joint.motions)?;
+    for (surface, TreeJointEstimate { parent, joint }) in surfaces.into_iter().zip(joints) {
+        let (surface, assumed_m2, field) = surface?;
         assumed.push(assumed_m2);
         let JointEstimate { kind, axis, point, positions, evidence, .. } = joint;
         parts.push(MovingPart {

@@ -24,4 +24,4 @@ impl Default for ConvexConfig {
 }
 
 /// Whether no view saw what a place (in the mesh's frame, meters) holds.
-pub type Hidden<'a> = &'a dyn Fn(&Point3<f64>) -> bool;
+pub type Hidden<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);
