@@ -201,8 +201,8 @@ codes! {
         through.";
     // Runs.
     EngineReplaced = "engine_replaced", "The CPU engine took over from the one that was asked for.";
-    StageKept = "stage_kept", "A stage was taken from the run that was stopped.";
-    StageNotKept = "stage_not_kept", "A stage could not be kept for `--resume`.";
+    StageKept = "stage_kept", "A stage was taken from an earlier run.";
+    StageNotKept = "stage_not_kept", "A stage could not be kept for a later run.";
     StageComputedAgain = "stage_computed_again", "What was kept of a stage cannot be used.";
     StartsAnew = "starts_anew", "There is nothing to continue.";
     Fetched = "fetched", "A recording was fetched from a store; how much of it was read.";

@@ -36,7 +36,6 @@ pub(super) fn facts(
             [identity, compare_starts(&twin.model, "registration", false, &alone)].concat()
         }
     };
-    let shown = |note: Note| Note { text: request.shown_text(&note.text), ..note };
     let rendering = |p: &PhotoAndTwin| {
         let camera = p.cutout.as_ref().map(|(_, camera)| camera.clone());
         Some(Rendering {
@@ -81,7 +80,6 @@ pub(super) fn facts(
             .chain(&twin.notes)
             .cloned()
             .chain(twin.replaced_engines.iter().map(|why| Note::new(NoteCode::EngineReplaced, why)))
-            .map(shown)
             .collect(),
         warnings: capture
             .warnings
@@ -91,7 +89,6 @@ pub(super) fn facts(
             // Warnings hold the cautions too: a program that reads one list misses nothing.
             .chain(cautions(&twin.model))
             .chain(images.differences.iter().filter_map(StateDifference::warning))
-            .map(shown)
             .collect(),
     }
 }
