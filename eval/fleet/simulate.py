@@ -144,7 +144,7 @@ def main():
     if "turn_ms_per_10000_rows" in measured:
         turn = measured["turn_ms_per_10000_rows"] / 1e3
         print(
-            f"- A turn of the command's loop takes {1e3 * turn:.0f} ms at 10,000 rows; it looks every 250 ms, so above {0.25 / turn * 10_000:,.0f} rows in a table it falls behind."
+            f"- A turn of the command's loop takes {1e3 * turn:.0f} ms at 10,000 rows; it looks every second, so above {1.0 / turn * 10_000:,.0f} rows in a table it falls behind."
         )
     if "head_bytes_per_object" in measured:
         print(
