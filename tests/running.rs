@@ -169,26 +169,33 @@ fn plain(out: &Path, options: &[&str]) -> Command {
     reconstruct(&[&shipped("drawer")], out, &[&["--json"], options].concat())
 }
 
-/// All files of a run by name; of the report what does not tell times.
-fn all_files(out: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    fn read(folder: &Path, files: &mut BTreeMap<PathBuf, Vec<u8>>) {
-        for path in std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()) {
+/// Files below a folder by name.
+fn files_below(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let (mut files, mut open) = (BTreeMap::new(), vec![folder.to_owned()]);
+    while let Some(at) = open.pop() {
+        for path in std::fs::read_dir(at).unwrap().map(|e| e.unwrap().path()) {
             match path.is_dir() {
-                true => read(&path, files),
-                false => drop(files.insert(path.clone(), std::fs::read(path).unwrap())),
+                true => open.push(path),
+                false => {
+                    let bytes = std::fs::read(&path).unwrap();
+                    files.insert(path.strip_prefix(folder).unwrap().to_owned(), bytes);
+                }
             }
         }
     }
-    let root = out.join("drawer");
-    let mut files = BTreeMap::new();
-    read(&root, &mut files);
+    files
+}
+
+/// All files of a run by name; of the report what does not tell times.
+fn all_files(out: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut files = files_below(&out.join("drawer"));
     // The page shows the times of the report, and the manifest has the digests of both.
     files.retain(|path, _| !path.ends_with("report.html") && !path.ends_with("manifest.json"));
-    let report = files.get_mut(&root.join("report.json")).unwrap();
+    let report = files.get_mut(Path::new("report.json")).unwrap();
     let mut parsed: Value = serde_json::from_slice(report).unwrap();
     parsed["stages"] = Value::Null;
     *report = parsed.to_string().into_bytes();
-    files.into_iter().map(|(path, bytes)| (path.strip_prefix(&root).unwrap().to_owned(), bytes)).collect()
+    files
 }
 
 /// All files of a plain run that nothing interrupts.
@@ -202,11 +209,11 @@ fn plain_uninterrupted() -> &'static BTreeMap<PathBuf, Vec<u8>> {
     })
 }
 
-/// Stages that were kept, and stages that were done anew.
-fn kept_and_done(events: &[Value]) -> (Vec<String>, Vec<String>) {
+/// Stages that were kept from `of`, and stages that were done anew.
+fn kept_and_done(events: &[Value], of: &str) -> (Vec<String>, Vec<String>) {
     let text = |e: &Value, key: &str| e[key].as_str().unwrap_or_default().to_owned();
-    let kept =
-        |e: &Value| text(e, "message").split_once(" was kept from ").map(|(stage, _)| stage.to_owned());
+    let suffix = format!(" was kept from {of}");
+    let kept = |e: &Value| text(e, "message").strip_suffix(&suffix).map(str::to_owned);
     let kept: Vec<String> = events.iter().filter(|e| e["event"] == "note").filter_map(kept).collect();
     let started = events.iter().filter(|e| e["event"] == "stage_started").map(|e| text(e, "stage"));
     let done = started.filter(|stage| !kept.contains(stage)).collect();
@@ -224,7 +231,7 @@ fn plain_continued(out: &Path) -> (Vec<String>, Vec<String>) {
         assert!(files[name] == *bytes, "{} differs from that of an uninterrupted run", name.display());
     }
     assert!(!checkpoint(out).exists());
-    kept_and_done(&events(&continued.stdout))
+    kept_and_done(&events(&continued.stdout), "the run that was stopped")
 }
 
 /// Stages of a plain run.
@@ -299,21 +306,16 @@ fn a_run_killed_while_it_keeps_a_stage_does_that_stage_again() {
     );
 }
 
-/// Files of a folder by name.
-fn folder_files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
-    let entries = std::fs::read_dir(folder).unwrap().map(Result::unwrap);
-    entries.map(|e| (e.file_name().into_string().unwrap(), std::fs::read(e.path()).unwrap())).collect()
-}
-
 #[test]
 fn a_changed_setting_runs_only_the_stages_that_it_changes() {
     let folder = TempDir::new("stages");
     let run = |name: &str, stages: &str, settings: &[&str]| {
         let (out, stages) = (folder.join(name), folder.join(stages));
         let settings: Vec<&str> = settings.iter().flat_map(|setting| ["--set", setting]).collect();
-        let ended = end(&mut plain(&out, &[&["--stages", stages.to_str().unwrap()], &settings[..]].concat()));
+        let stages = stages.to_str().unwrap();
+        let ended = end(&mut plain(&out, &[&["--stages", stages], &settings[..]].concat()));
         assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
-        (all_files(&out), kept_and_done(&events(&ended.stdout)).0)
+        (all_files(&out), kept_and_done(&events(&ended.stdout), stages).0)
     };
     let (first, kept) = run("first", "stages", &[]);
     assert!(kept.is_empty() && first == *plain_uninterrupted(), "{kept:?}");
@@ -338,10 +340,10 @@ fn a_changed_setting_runs_only_the_stages_that_it_changes() {
         let (expected, kept) = run(&format!("{name}-own"), &own, settings);
         assert!(kept.is_empty(), "{name}: {kept:?}");
         // No stage reads a setting that does not count for it: what has the same name is the same.
-        let (before, mut same) = (folder_files(&folder.join("stages")), Vec::new());
-        for (file, bytes) in folder_files(&folder.join(&own)) {
+        let (before, mut same) = (files_below(&folder.join("stages")), Vec::new());
+        for (file, bytes) in files_below(&folder.join(&own)) {
             if let Some(earlier) = before.get(&file) {
-                assert!(*earlier == bytes, "{name}: {file} reads what does not count for it");
+                assert!(*earlier == bytes, "{name}: {file:?} reads what does not count for it");
                 same.push(file);
             }
         }

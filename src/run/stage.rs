@@ -81,13 +81,13 @@ impl<'a> Stages<'a> {
         let (checkpoint, folder) = (self.checkpoint, self.folder);
         self.run(name, steps, |monitor| {
             let result = stage(monitor)?;
-            let saved = match folder {
-                Some(folder) => folder.save(name, &result),
-                None => checkpoint.map_or(Ok(()), |c| c.save(name, &result)),
+            let (saved, later) = match folder {
+                Some(folder) => (folder.save(name, &result), "--stages"),
+                None => (checkpoint.map_or(Ok(()), |c| c.save(name, &result)), "--resume"),
             };
             if let Err(error) = saved {
                 let text = format!(
-                    "{}; the run goes on, but a later one would begin before {name}",
+                    "{}; the run goes on, but {later} would begin before {name}",
                     super::chain(&error)
                 );
                 monitor.note(&Note::new(NoteCode::StageNotKept, text));
@@ -172,9 +172,6 @@ mod tests {
         assert_eq!(run(0, 6), (5, "a was kept from the run that was stopped".to_owned()));
         std::fs::remove_dir_all(&folder).unwrap();
         let (result, note) = run(1, 7);
-        assert!(
-            result == 7 && note.contains("the run goes on, but a later one would begin before a"),
-            "{note}"
-        );
+        assert!(result == 7 && note.contains("the run goes on, but --resume would begin before a"), "{note}");
     }
 }

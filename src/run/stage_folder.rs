@@ -3,7 +3,10 @@
 //! A file is named after its stage and the digest of all that it follows from, so that several processes may
 //! read and write one folder: what two of them write under one name is the same.
 
-use std::{fs, path::Path, path::PathBuf};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
 use serde::{Serialize, de::DeserializeOwned};
 
