@@ -2,6 +2,7 @@
 
 mod atlas;
 mod bake;
+mod blocks;
 mod borders;
 mod closest;
 mod color_field;

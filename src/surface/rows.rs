@@ -87,6 +87,17 @@ impl RowCamera {
         Row { range, start: start.cast(), step: self.steps[0].cast() }
     }
 
+    /// Position of a node (x, y, z) in the optical frame, meters.
+    pub fn node(&self, [x, y, z]: [usize; 3]) -> Vector3<f32> {
+        let start = self.origin + self.steps[1] * y as f64 + self.steps[2] * z as f64;
+        start.cast() + self.steps[0].cast() * x as f32
+    }
+
+    /// Whether a depth is far enough before the camera to be seen.
+    pub fn is_before(&self, depth_m: f32) -> bool {
+        f64::from(depth_m) > NEAR_M
+    }
+
     /// Pixel coordinates plus one half of a point of a [`Row`], so that the integer part is the pixel.
     pub fn project(&self, p: &Vector3<f32>) -> [f32; 2] {
         let inverse = 1.0 / p.z;

@@ -2,7 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::rows::RowCamera;
+use super::{
+    blocks::{BLOCK, DepthTiles, Sight, blocks},
+    rows::RowCamera,
+};
 use crate::{
     capture::{NoiseConfig, RgbdFrame},
     geometry::Grid3,
@@ -92,23 +95,50 @@ fn views_in_front<T>(
     reach: impl Fn(&RgbdFrame) -> Vec<f32> + Sync,
 ) -> Grid3<bool> {
     let (origin, spacing_m, [nx, ny, nz]) = (nodes.origin, nodes.spacing_m, nodes.dims);
-    let views: Vec<(RowCamera, Vec<f32>)> = frames
+    let views: Vec<(RowCamera, Vec<f32>, DepthTiles)> = frames
         .par_iter()
         .map(|f| {
-            (RowCamera::new(&f.intrinsics, &f.world_from_camera.inverse(), &origin, spacing_m), reach(f))
+            let (k, reach) = (&f.intrinsics, reach(f));
+            let tiles = DepthTiles::of(k.width, k.height, |i| (reach[i], 1.0));
+            (RowCamera::new(k, &f.world_from_camera.inverse(), &origin, spacing_m), reach, tiles)
         })
         .collect();
     let mut votes = vec![0u8; nx * ny * nz];
-    votes.par_chunks_mut((nx * ny).max(1)).enumerate().for_each(|(z, plane)| {
-        for (y, votes) in plane.chunks_mut(nx).enumerate() {
-            for (camera, reach) in &views {
-                let row = camera.row(y, z, nx);
-                for x in row.range.clone() {
-                    // Nothing is asked about a node that has its votes, and a byte cannot run over.
-                    if votes[x] < min_views {
-                        let p = row.at(x);
-                        votes[x] += u8::from(p.z < reach[camera.pixel(&p)]);
+    votes.par_chunks_mut((nx * ny * BLOCK).max(1)).enumerate().for_each(|(slab, votes)| {
+        let layers = slab * BLOCK..((slab + 1) * BLOCK).min(nz);
+        for lines in blocks(ny) {
+            // Of each block of the row: views that see all of it.
+            let mut all = vec![0u8; nx.div_ceil(BLOCK)];
+            for (camera, reach, tiles) in &views {
+                let mut mixed = Vec::new();
+                for (all, range) in all.iter_mut().zip(blocks(nx)).filter(|(all, _)| **all < min_views) {
+                    match tiles.sight(camera, &[range.clone(), lines.clone(), layers.clone()], 0.0, 0.0) {
+                        Sight::Nothing => {}
+                        // Nothing is asked about a node that has its votes, and a byte cannot run over.
+                        Sight::InFront(_) => *all += 1,
+                        Sight::Mixed => mixed.push((range, min_views - *all)),
                     }
+                }
+                for (z, y) in layers.clone().flat_map(|z| lines.clone().map(move |y| (z, y))) {
+                    if mixed.is_empty() {
+                        break;
+                    }
+                    let row = camera.row(y, z, nx);
+                    let votes = &mut votes[((z - layers.start) * ny + y) * nx..][..nx];
+                    for (range, needed) in &mixed {
+                        for x in range.start.max(row.range.start)..range.end.min(row.range.end) {
+                            if votes[x] < *needed {
+                                let p = row.at(x);
+                                votes[x] += u8::from(p.z < reach[camera.pixel(&p)]);
+                            }
+                        }
+                    }
+                }
+            }
+            for (z, y) in layers.clone().flat_map(|z| lines.clone().map(move |y| (z, y))) {
+                let votes = &mut votes[((z - layers.start) * ny + y) * nx..][..nx];
+                for (votes, all) in votes.chunks_mut(BLOCK).zip(&all) {
+                    votes.iter_mut().for_each(|v| *v = v.saturating_add(*all));
                 }
             }
         }
