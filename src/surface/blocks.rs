@@ -12,9 +12,9 @@ use super::rows::RowCamera;
 /// measured: shared/bags/laptop, 224 and 128 nodes: 4 and 16 take longer
 pub(super) const BLOCK: usize = 8;
 /// Pixels along a side of a tile.
-const TILE: usize = 8;
+const TILE: usize = 4;
 /// A block that covers more tiles is looked at node by node: that is as quick.
-const MOST_TILES: usize = 64;
+const MOST_TILES: usize = 144;
 /// Rounding of a node's depth in single precision, as a share of it and of what it is compared with.
 /// derived: eight roundings of 2^-24
 const ROUNDING: f32 = 5e-7;

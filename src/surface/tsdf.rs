@@ -163,9 +163,10 @@ impl<'a> Exposure<'a> {
         let readings = readings(view, noise);
         let volume_from_camera = view.volume_from_world * view.frame.world_from_camera;
         let (k, grid) = (&view.frame.intrinsics, &volume.sums);
+        // A reading that is not used, as at an edge, still says where no surface is.
         let known = |i: usize| match readings[i] {
             Reading { weight, depth_m, .. } if weight > 0.0 => (depth_m, weight),
-            _ => (0.0, 0.0),
+            _ => (view.frame.depth_m[i], 0.0),
         };
         Self {
             view,
