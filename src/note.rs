@@ -58,6 +58,8 @@ const DOUBTS: &[NoteCode] = &[
 /// What a user has to know though nobody asked: what became of files, and how the run went on.
 const OF_RUN: &[NoteCode] = &[
     NoteCode::EngineReplaced,
+    NoteCode::RecordingGrows,
+    NoteCode::RecordingStill,
     NoteCode::StageKept,
     NoteCode::StageNotKept,
     NoteCode::StageComputedAgain,
@@ -112,6 +114,8 @@ codes! {
     FilesMissing = "files_missing", "Files that a bag lists are not there.";
     RecordingDamaged = "recording_damaged", "A file of a bag is damaged or cut; what can be read of it is \
         used.";
+    RecordingGrows = "recording_grows", "A recording that is followed has more views than before.";
+    RecordingStill = "recording_still", "A recording that is followed does not grow, and is not closed.";
     MessagesUndecodable = "messages_undecodable", "Messages of a topic cannot be decoded.";
     TransformsSurplus = "transforms_surplus", "Transforms name more frames than are kept.";
     TransformsInvalid = "transforms_invalid", "Transforms hold NaN or no unit quaternion.";

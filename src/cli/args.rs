@@ -402,6 +402,11 @@ pub struct ReconstructArgs {
     /// with other settings, only the stages run that these change. Some 500 MB an object, for you to delete
     #[arg(long, value_name = "DIR")]
     pub stages: Option<PathBuf>,
+    /// Begin while the recordings are still written, or not there yet: wait until their recorder closes them,
+    /// one state after the other, and work out meanwhile what the run needs. One folder that is no recording
+    /// is where state0 and state1 will stand
+    #[arg(long, conflicts_with = "jobs")]
+    pub follow: bool,
     /// Print events as JSON lines to stdout, and nothing else
     #[arg(long)]
     pub json: bool,

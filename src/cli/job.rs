@@ -119,10 +119,10 @@ pub fn reconstruct(args: &ReconstructArgs) -> Result<Exit, CliError> {
         resolved?;
         return print_estimate(&request);
     }
-    if args.jobs.is_some() || args.rerun.is_some() || args.output.force {
+    if args.jobs.is_some() || args.rerun.is_some() || args.output.force || args.follow {
         return Err(CliError::Usage(
-            "--jobs, --rerun and --force are for paths; a store takes one object a command, and replaces \
-             nothing",
+            "--jobs, --rerun, --follow and --force are for paths; a store takes one object a command, and \
+             replaces nothing",
         ));
     }
     let mut made = None;
@@ -175,6 +175,7 @@ fn local_reconstruction(
         resume: if local.is_store { local.out.is_dir() } else { args.resume },
         keep: true,
         stages: args.stages.clone(),
+        ahead: None,
         force: false,
         rerun: None,
         beside: args.settings.config.iter().cloned().collect(),

@@ -67,6 +67,7 @@ fn reconstruct(
         resume: args.resume,
         keep: true,
         stages: args.stages.clone(),
+        ahead: None,
         force: args.output.force,
         rerun: args.rerun.clone(),
         // Of other objects too.
@@ -88,8 +89,12 @@ fn reconstruct(
                  out one or the other",
             ));
         }
+        let mut request = request(args.bags.clone());
+        if args.follow {
+            request.ahead = Some(Arc::new(run::follow(&request, &monitor)?));
+        }
         // The error of a single run is that of the command, with its own exit code.
-        return Ok(vec![Ok(run::reconstruct(&request(args.bags.clone()), &monitor)?)]);
+        return Ok(vec![Ok(run::reconstruct(&request, &monitor)?)]);
     };
     let requests: Vec<ReconstructRequest> = args.bags.iter().map(|bag| request(vec![bag.clone()])).collect();
     Ok(run::reconstruct_all(&requests, usize::from(jobs), &monitor)?)

@@ -48,6 +48,7 @@ pub mod image_codec;
 pub mod ros2msg;
 pub mod rvl;
 
+mod ahead;
 mod bag;
 mod bag_index;
 mod bag_metadata;
@@ -62,6 +63,7 @@ mod depth_noise;
 mod excerpt;
 mod expansion;
 mod glimpse;
+mod growing;
 mod image_files;
 mod imu;
 mod inspect;
@@ -99,11 +101,13 @@ mod upright;
 mod urdf_conformance_tests;
 mod views;
 
+pub use ahead::Ahead;
 pub use bag_writer::{BagWriteError, BagWriter};
 pub use camera::pinhole;
 pub use dataset::{JointTransform, JointTransforms, STATES};
 pub use excerpt::{Wanted, excerpts};
 pub use glimpse::{Glimpse, glimpse, glimpse_bag, glimpse_paths};
+pub use growing::{GrowingState, Grown};
 pub use inspect::{inspect, inspect_with, printable};
 pub use live_view::LiveEye;
 pub use mcap_file::is_whole_mcap;
@@ -114,11 +118,11 @@ pub use onnx::{MAX_MODEL_BYTES, OnnxError};
 #[cfg(feature = "onnx")]
 pub use onnx_matcher::OnnxMatcher;
 pub use ranges::{Piece, Ranges, stored_bytes};
-pub use recording::{object_name, open, state_count, track_camera};
+pub use recording::{object_name, open, open_ahead, state_count, track_camera};
 pub use remembered::Remembered;
 #[cfg(feature = "rerun")]
 pub use rerun::{Seen, write_rerun};
-pub use source::name_of;
+pub use source::{is_recording, name_of};
 pub use synth_dataset::{DatasetLayout, write_synth_dataset};
 pub use synth_error::SynthError;
 pub use synth_folder::{write_synth, write_synth_bag, write_true_twin};

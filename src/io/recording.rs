@@ -7,6 +7,7 @@ use std::{
 };
 
 use super::{
+    ahead::{Ahead, TrackedOf},
     bag::Bag,
     bag_index::BagIndex,
     dataset,
@@ -20,8 +21,8 @@ use super::{
 };
 use crate::{
     capture::{
-        Capture, CaptureConfig, CaptureError, PoseAgreement, PoseCorrection, PoseFindings, RefinePoses,
-        RgbdFrame, Split, TrackCamera, cameras, denoise, fill_from_color, isolate, refine_poses,
+        Capture, CaptureConfig, CaptureError, KnownFeatures, PoseAgreement, PoseCorrection, PoseFindings,
+        RefinePoses, RgbdFrame, Split, TrackCamera, cameras, denoise, fill_from_color, isolate, refine_poses,
         spread_views, stretched,
     },
     geometry::Pose,
@@ -36,11 +37,24 @@ use crate::{
 /// # Errors
 /// [`CaptureError`]; see its variants. What is merely degraded stands in [`Capture::warnings`].
 pub fn open(sources: &[PathBuf], config: &CaptureConfig, seed: u64) -> Result<Capture, CaptureError> {
+    open_ahead(sources, config, seed, &Ahead::default())
+}
+
+/// [`open`], with what was worked out ahead. It changes the time alone.
+///
+/// # Errors
+/// Those of [`open`].
+pub fn open_ahead(
+    sources: &[PathBuf],
+    config: &CaptureConfig,
+    seed: u64,
+    ahead: &Ahead,
+) -> Result<Capture, CaptureError> {
     config.check()?;
     let source = Source::of(sources)?;
     let mut capture = match &source {
-        Source::States(paths) => open_states(paths, config, seed)?,
-        Source::Both(path) => open_both(path, config, seed)?,
+        Source::States(paths) => open_states(paths, config, seed, ahead)?,
+        Source::Both(path) => open_both(path, config, seed, ahead)?,
         Source::Keyframes(path) => dataset::open_keyframes(path, config)?,
         Source::StartEnd(path) => dataset::open_start_end(path, config)?,
     };
@@ -52,7 +66,7 @@ pub fn open(sources: &[PathBuf], config: &CaptureConfig, seed: u64) -> Result<Ca
     measure_noise(&mut capture, config);
     // Poses before isolation, which puts the points of all frames together.
     if config.refine_poses == RefinePoses::Auto {
-        correct_poses(&mut capture);
+        correct_poses(&mut capture, &ahead.features);
         place_on_board(&mut capture);
     }
     let had_masks = capture.states.iter().flatten().all(|frame| frame.mask.is_some());
@@ -102,7 +116,7 @@ pub fn track_camera(
         }
     };
     let mut capture = Capture::of_states(paths.len());
-    let recordings = posed_states(&mut capture, &paths, config, seed)?;
+    let recordings = posed_states(&mut capture, &paths, config, seed, &Ahead::default())?;
     let trajectory = |(_, views): &(Bag, Views)| -> Trajectory {
         views.views.iter().filter_map(|v| Some((v.stamp_nanos, v.world_from_camera?))).collect()
     };
@@ -117,7 +131,12 @@ pub fn state_count(sources: &[PathBuf]) -> Result<usize, CaptureError> {
     Ok(Source::of(sources)?.states())
 }
 
-fn open_states(paths: &[PathBuf], config: &CaptureConfig, seed: u64) -> Result<Capture, CaptureError> {
+fn open_states(
+    paths: &[PathBuf],
+    config: &CaptureConfig,
+    seed: u64,
+    ahead: &Ahead,
+) -> Result<Capture, CaptureError> {
     // Refused, not ignored: somebody meant one of the two.
     if !config.split_secs.is_empty() || config.topics.marker.is_some() {
         return Err(CaptureError::Split {
@@ -128,7 +147,7 @@ fn open_states(paths: &[PathBuf], config: &CaptureConfig, seed: u64) -> Result<C
         });
     }
     let mut capture = Capture::of_states(paths.len());
-    let recordings = posed_states(&mut capture, paths, config, seed)?;
+    let recordings = posed_states(&mut capture, paths, config, seed, ahead)?;
     let mut found = Vec::new();
     for (state, (bag, views)) in recordings.into_iter().enumerate() {
         let all: Vec<usize> = (0..views.views.len()).collect();
@@ -159,6 +178,7 @@ fn posed_states(
     paths: &[PathBuf],
     config: &CaptureConfig,
     seed: u64,
+    ahead: &Ahead,
 ) -> Result<Vec<(Bag, Views)>, CaptureError> {
     let mut recordings = Vec::new();
     for (state, path) in paths.iter().enumerate() {
@@ -179,7 +199,11 @@ fn posed_states(
         let mut tracked = Vec::new();
         for (state, (bag, views)) in recordings.iter().enumerate() {
             let all: Vec<usize> = (0..views.views.len()).collect();
-            tracked.push(track(bag, views, &all, config, (state, seed))?);
+            let known = TrackedOf::now(bag, config, (state, seed)).and_then(|of| ahead.take(&of));
+            tracked.push(match known {
+                Some(known) => known,
+                None => track(bag, views, &all, config, (state, seed), ahead)?,
+            });
         }
         let worlds = worlds(&tracked, seed, &mut capture.notes, &mut capture.warnings)?;
         capture.board = worlds.board;
@@ -190,7 +214,7 @@ fn posed_states(
     Ok(recordings)
 }
 
-fn open_both(path: &Path, config: &CaptureConfig, seed: u64) -> Result<Capture, CaptureError> {
+fn open_both(path: &Path, config: &CaptureConfig, seed: u64, ahead: &Ahead) -> Result<Capture, CaptureError> {
     let bag = Bag::open(path)?;
     let mut index = BagIndex::read(&bag)?;
     let topics = choose(&index.summaries(), &config.topics, &bag.path)?;
@@ -223,7 +247,7 @@ fn open_both(path: &Path, config: &CaptureConfig, seed: u64) -> Result<Capture, 
     if views.are_untracked() {
         let mut tracked = Vec::new();
         for (state, of_state) in of_states.iter().enumerate() {
-            tracked.push(track(&bag, &views, of_state, config, (state, seed))?);
+            tracked.push(track(&bag, &views, of_state, config, (state, seed), ahead)?);
         }
         let worlds = worlds(&tracked, seed, &mut capture.notes, &mut capture.warnings)?;
         capture.board = worlds.board;
@@ -266,7 +290,7 @@ fn give_poses(
 }
 
 /// The views kept of those given that have a pose, in time order.
-fn spread(views: &[View], of_state: &[usize], config: &CaptureConfig) -> Vec<usize> {
+pub(super) fn spread(views: &[View], of_state: &[usize], config: &CaptureConfig) -> Vec<usize> {
     // Farthest views first (2.4): neighbors in time show nearly the same.
     let (posed, poses): (Vec<usize>, Vec<Pose>) =
         of_state.iter().filter_map(|&v| Some((v, views[v].world_from_camera?))).unzip();
@@ -358,9 +382,9 @@ fn fill_holes(capture: &mut Capture, config: &CaptureConfig, seed: u64) {
 }
 
 /// Corrects the camera poses of each state, and reports it.
-fn correct_poses(capture: &mut Capture) {
+fn correct_poses(capture: &mut Capture, known: &KnownFeatures) {
     let tracked = !capture.tracking.is_empty();
-    capture.poses = refine_poses(&mut capture.states, &capture.noise, tracked);
+    capture.poses = refine_poses(&mut capture.states, &capture.noise, tracked, known);
     for (state, found) in capture.poses.states.iter().enumerate() {
         capture.notes.extend(found.iter().map(|found| poses_checked(state, found)));
     }

@@ -116,6 +116,12 @@ impl Source {
     }
 }
 
+/// Whether a path is a recording: a rosbag2 folder or an MCAP file.
+#[must_use]
+pub fn is_recording(path: &Path) -> bool {
+    Bag::is_at(path)
+}
+
 /// The name of the object that recordings at these paths show, by the paths alone: `[A-Za-z][A-Za-z0-9_]*`.
 #[must_use]
 pub fn name_of(paths: &[PathBuf]) -> String {

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::{
+    ahead::Ahead,
     bag::Bag,
     board_world::{board_worlds, places},
     depth_noise::noise_of,
@@ -35,15 +36,9 @@ pub(super) fn track(
     of_state: &[usize],
     config: &CaptureConfig,
     (state, seed): (usize, u64),
+    ahead: &Ahead,
 ) -> Result<TrackedState, CaptureError> {
-    // Masks are of the object; what stands around it shows the camera's motion, too.
-    let unmasked = Views {
-        views: views.views.iter().map(|v| View { mask: None, ..v.clone() }).collect(),
-        ..views.clone()
-    };
-    let (_, width, height) = views.sizes(1);
-    let of_view = (width * height) as u64 * BYTES_PER_PIXEL;
-    let block = (BLOCK_BYTES / of_view.max(1)).max(1) as usize;
+    let (unmasked, block) = (unmasked(views), views_at_a_time(views));
     let mut tracker = Tracker::new(seed ^ state as u64);
     let (mut seen, mut boards, mut reasons, mut noise) = (Vec::new(), Vec::new(), Vec::new(), None);
     for some in of_state.chunks(block) {
@@ -54,7 +49,7 @@ pub(super) fn track(
             *noise.get_or_insert_with(|| noise_of(frames.iter().map(|(_, f)| f), config));
         let look = |(view, frame): (usize, RgbdFrame)| {
             let board = if config.board == UseBoard::Auto { find_board(&frame) } else { None };
-            (view, board, Observation::of(frame, &noise))
+            (view, board, Observation::of(frame, &noise, &ahead.features))
         };
         let observations: Vec<_> = frames.into_par_iter().map(look).collect();
         for (view, board, observation) in observations {
@@ -86,6 +81,19 @@ pub(super) fn track(
         warnings.push(Note::new(NoteCode::ViewsLost, text));
     }
     Ok(TrackedState { track, views: seen, boards, notes, warnings })
+}
+
+/// Views as they are tracked. Masks are of the object; what stands around it shows the camera's motion, too.
+pub(super) fn unmasked(views: &Views) -> Views {
+    let unmasked = views.views.iter().map(|v| View { mask: None, ..v.clone() }).collect();
+    Views { views: unmasked, ..views.clone() }
+}
+
+/// Views that are decoded at a time.
+pub(super) fn views_at_a_time(views: &Views) -> usize {
+    let (_, width, height) = views.sizes(1);
+    let of_view = (width * height) as u64 * BYTES_PER_PIXEL;
+    (BLOCK_BYTES / of_view.max(1)).max(1) as usize
 }
 
 /// The world in which the twin stands: a board's, where one is seen often enough, or state 0's, upright.

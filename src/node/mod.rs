@@ -51,6 +51,7 @@ mod track_status;
 mod twin;
 mod twin_messages;
 mod view;
+mod work_ahead;
 
 pub use error::NodeError;
 pub use recorder::record;

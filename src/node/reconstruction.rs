@@ -15,7 +15,7 @@ use super::{
 use crate::{
     config::{Config, Origins},
     io::{
-        SummaryJoint, read_run_summary,
+        Ahead, SummaryJoint, read_run_summary,
         ros2msg::status::{ReconstructFeedback, ReconstructGoal, ReconstructResult},
     },
     run::{self, Outcome, ReconstructRequest, RunError, RunProgress},
@@ -35,6 +35,8 @@ pub struct Reconstructor {
     pub name: String,
     /// What the core shares.
     pub shared: Arc<Shared>,
+    /// What was worked out while states were collected.
+    pub ahead: Arc<Ahead>,
     /// Gets the twin of every run that succeeds.
     pub twins: watch::Sender<Option<Arc<Twin>>>,
 }
@@ -93,6 +95,7 @@ impl Reconstructor {
             resume: false,
             keep: false,
             stages: None,
+            ahead: Some(Arc::clone(&self.ahead)),
             force: false,
             rerun: None,
             beside: Vec::new(),

@@ -31,7 +31,7 @@ use super::{
     services::{self, ServiceContext},
     session_folder::free_folder,
     session_lock::SessionLock,
-    settings,
+    settings, work_ahead,
 };
 
 /// Name of the node where none is given.
@@ -170,7 +170,10 @@ async fn live(start: &Start) -> Result<(), NodeError> {
 
     // What clients can call. Only the last twin and report count, hence channels of one value.
     let (twins, twin) = watch::channel(None);
+    let ahead = work_ahead::start(&shared, resolved.config.capture.clone(), resolved.config.run.seed)
+        .map_err(|source| NodeError::System { what: "starting the work ahead", source })?;
     let reconstructor = Arc::new(Reconstructor {
+        ahead,
         config: resolved.config,
         origins: resolved.origins,
         name: p.twin_name.clone(),

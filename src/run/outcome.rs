@@ -1,11 +1,11 @@
 //! What is asked of a run and what it gives back.
 
-use std::path::PathBuf;
+use std::{path::PathBuf, sync::Arc};
 
 use super::{Cancelled, CheckpointError};
 use crate::{
     config::{Config, ConfigError, Origins},
-    io::Place,
+    io::{Ahead, Place},
     model::{ArticulatedModel, JointKind},
     note::Note,
 };
@@ -34,6 +34,8 @@ pub struct ReconstructRequest {
     pub keep: bool,
     /// Folder that keeps what every stage finds, also for runs of the same recordings with other settings.
     pub stages: Option<PathBuf>,
+    /// What was worked out while the recordings grew.
+    pub ahead: Option<Arc<Ahead>>,
     /// Whether what may not be replaced is moved to `NAME.bak`.
     pub force: bool,
     /// File that gets what was seen and found as a recording of rerun; needs the feature `rerun`.
@@ -62,6 +64,7 @@ impl ReconstructRequest {
             resume: false,
             keep: false,
             stages: None,
+            ahead: None,
             force: false,
             rerun: None,
             beside: Vec::new(),
@@ -226,18 +229,10 @@ mod tests {
         let mut config = Config::default();
         config.matching.onnx = Some("matcher.onnx".into());
         let request = ReconstructRequest {
-            sources: vec!["state0".into(), "state1".into()],
-            out: "runs".into(),
-            name: None,
             config,
-            origins: Origins::default(),
-            resume: false,
-            keep: false,
-            stages: None,
             force: true,
-            rerun: None,
             beside: vec!["mine.yaml".into()],
-            shown: Vec::new(),
+            ..ReconstructRequest::new(["state0", "state1"], "runs")
         };
         let (place, rejected) = (request.place("box"), request.rejected_place("box"));
         assert_eq!(place.inputs, ["state0", "state1", "mine.yaml", "matcher.onnx"].map(PathBuf::from));

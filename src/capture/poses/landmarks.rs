@@ -4,24 +4,24 @@
 //! object do not show how far a camera slid over both. Texture does (bundle adjustment).
 //! See docs/method.md 2.7.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
 use super::{pairs::Matches, surfels::Surfels};
 use crate::capture::{
     NoiseConfig, RgbdFrame,
-    features::{Feature, FeatureConfig, features, frame_pairs, mutual_matches},
+    features::{Feature, KnownFeatures, frame_pairs, mutual_matches},
 };
 
 /// Frames that every frame is matched with: those seen from nearest by.
 const NEIGHBORS: usize = 8;
 /// Lowe's ratio.
 const RATIO: f32 = 0.8;
-/// Most features of a frame.
-const MOST: usize = 600;
 
 /// The features of a frame.
 pub(in crate::capture) struct FrameLandmarks {
-    features: Vec<Feature>,
+    features: Arc<Vec<Feature>>,
     /// Number of each among the landmarks of the frame's surfels, where its depth is known.
     numbers: Vec<Option<u32>>,
 }
@@ -31,13 +31,13 @@ pub(super) struct Landmarks(Vec<Vec<FrameLandmarks>>);
 
 impl FrameLandmarks {
     /// Finds features, under a mask or not, and gives them to the surfels of their frame.
-    pub fn find(frame: &RgbdFrame, surfels: &mut Surfels, noise: &NoiseConfig) -> Self {
-        // At the size of the image: features of less than two pixels are noise in a view by hand.
-        let config = FeatureConfig { upsample: false, limit: MOST, ..FeatureConfig::default() };
-        let features = match &frame.mask {
-            None => features(frame, &config),
-            Some(_) => features(&RgbdFrame { mask: None, ..frame.clone() }, &config),
-        };
+    pub fn find(
+        frame: &RgbdFrame,
+        surfels: &mut Surfels,
+        noise: &NoiseConfig,
+        known: &KnownFeatures,
+    ) -> Self {
+        let features = known.of(frame);
         let numbers = surfels.set_landmarks(frame, noise, features.iter().map(|f| f.pixel.map(f64::from)));
         Self { features, numbers }
     }
@@ -56,10 +56,15 @@ impl FrameLandmarks {
 
 impl Landmarks {
     /// Those of all frames; see [`FrameLandmarks::find`].
-    pub fn find(states: &[Vec<RgbdFrame>], surfels: &mut [Vec<Surfels>], noise: &NoiseConfig) -> Self {
+    pub fn find(
+        states: &[Vec<RgbdFrame>],
+        surfels: &mut [Vec<Surfels>],
+        noise: &NoiseConfig,
+        known: &KnownFeatures,
+    ) -> Self {
         let of_state = |(frames, surfels): (&Vec<RgbdFrame>, &mut Vec<Surfels>)| {
             let pairs = frames.par_iter().zip(surfels.par_iter_mut());
-            pairs.map(|(frame, surfels)| FrameLandmarks::find(frame, surfels, noise)).collect()
+            pairs.map(|(frame, surfels)| FrameLandmarks::find(frame, surfels, noise, known)).collect()
         };
         Self(states.iter().zip(surfels).map(of_state).collect())
     }

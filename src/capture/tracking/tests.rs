@@ -3,7 +3,7 @@ use rand_core::Rng;
 
 use super::{lost::Lost, *};
 use crate::{
-    capture::{NoiseConfig, RgbdFrame},
+    capture::{KnownFeatures, NoiseConfig, RgbdFrame},
     geometry::{Intrinsics, Pose},
     random::stage_rng,
     surface::shapes::{cuboid, looking_at_origin, view_of},
@@ -65,7 +65,10 @@ fn views(scene: &dyn Fn(&Point3<f64>) -> f64, count: usize) -> Vec<RgbdFrame> {
 fn track(frames: &[RgbdFrame]) -> (Track, Vec<Option<Lost>>) {
     let mut tracker = Tracker::new(3);
     let hidden = |f: &RgbdFrame| RgbdFrame { world_from_camera: Pose::identity(), ..f.clone() };
-    let lost = frames.iter().map(|f| tracker.add(Observation::of(hidden(f), &NOISE)).err()).collect();
+    let lost = frames
+        .iter()
+        .map(|f| tracker.add(Observation::of(hidden(f), &NOISE, &KnownFeatures::default())).err())
+        .collect();
     (tracker.finish(), lost)
 }
 
@@ -196,7 +199,10 @@ fn a_view_that_shows_nothing_is_lost_with_its_reason() {
         let mut frames = views(&boxes(Vector3::zeros()), 5);
         spoil(&mut frames[3]);
         let mut tracker = Tracker::new(0);
-        frames.into_iter().map(|f| tracker.add(Observation::of(f, &NOISE)).err()).collect::<Vec<_>>()
+        frames
+            .into_iter()
+            .map(|f| tracker.add(Observation::of(f, &NOISE, &KnownFeatures::default())).err())
+            .collect::<Vec<_>>()
     };
     let black = |f: &mut RgbdFrame| f.rgb.fill([2; 3]);
     let unread = |f: &mut RgbdFrame| f.depth_m.fill(0.0);
@@ -215,7 +221,10 @@ fn a_view_that_shows_nothing_is_lost_with_its_reason() {
     let wall: Vec<RgbdFrame> =
         (0..3).map(|i| view(&|p: &Point3<f64>| p.z - FLOOR_M, eye(i), false, i)).collect();
     let mut tracker = Tracker::new(0);
-    let found: Vec<_> = wall.into_iter().map(|f| tracker.add(Observation::of(f, &NOISE)).err()).collect();
+    let found: Vec<_> = wall
+        .into_iter()
+        .map(|f| tracker.add(Observation::of(f, &NOISE, &KnownFeatures::default())).err())
+        .collect();
     assert_eq!(found[1..], [Some(Lost::Blank); 2]);
 }
 
@@ -223,7 +232,10 @@ fn a_view_that_shows_nothing_is_lost_with_its_reason() {
 fn live(frames: &[RgbdFrame], most: usize) -> (LiveTracker, Vec<Result<LiveView, Lost>>) {
     let mut tracker = LiveTracker::new(3, most);
     let hidden = |f: &RgbdFrame| RgbdFrame { world_from_camera: Pose::identity(), ..f.clone() };
-    let seen = frames.iter().map(|f| tracker.see(Observation::of(hidden(f), &NOISE))).collect();
+    let seen = frames
+        .iter()
+        .map(|f| tracker.see(Observation::of(hidden(f), &NOISE, &KnownFeatures::default())))
+        .collect();
     (tracker, seen)
 }
 

@@ -1,0 +1,220 @@
+//! A recording that grows: whether it is closed, and what can be worked out of it so far.
+
+use std::{
+    collections::BTreeSet,
+    fs::{self, File},
+    io::{Read, Seek, SeekFrom},
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use super::{
+    ahead::{Ahead, TrackedOf},
+    bag::Bag,
+    bag_index::BagIndex,
+    pixels::decode_views,
+    recording::spread,
+    tracking::{track, unmasked, views_at_a_time},
+    views::Views,
+};
+use crate::capture::{CaptureConfig, CaptureError, RgbdFrame};
+
+/// A growing recording is read for one part of the time in so many and one, as all of it is read again.
+const REST: u32 = 3;
+
+/// The recording of one state, which may still be written.
+pub struct GrowingState {
+    path: PathBuf,
+    state: usize,
+    /// Stamps of the views whose images were looked at, nanoseconds.
+    seen: BTreeSet<i64>,
+    /// Bytes when it was looked at last.
+    bytes: u64,
+    /// Whether all was worked out that can be.
+    done: bool,
+    /// When it may be read again while it grows.
+    rest: Option<Instant>,
+}
+
+/// What is known of a growing recording.
+#[derive(Clone, Debug, Default)]
+pub struct Grown {
+    /// Views so far.
+    pub views: usize,
+    /// Those that a run would take now.
+    pub taken: usize,
+    /// Frames of it that were not looked at before, without pose where the camera is to be tracked.
+    pub frames: Vec<RgbdFrame>,
+}
+
+impl GrowingState {
+    /// The recording of a state, which need not be there yet.
+    #[must_use]
+    pub fn new(path: &Path, state: usize) -> Self {
+        Self { path: path.to_owned(), state, seen: BTreeSet::new(), bytes: 0, done: false, rest: None }
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Whether its recorder has closed it.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        match self.path.is_dir() {
+            true => self.path.join("metadata.yaml").is_file(),
+            false => ends_as_mcap(&self.path).unwrap_or(false),
+        }
+    }
+
+    /// Bytes of its files; 0 where there are none.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        if !Bag::is_at(&self.path) {
+            return 0;
+        }
+        let files = Bag::open(&self.path).map(|bag| bag.files).unwrap_or_default();
+        files.iter().filter_map(|f| fs::metadata(f).ok()).map(|m| m.len()).sum()
+    }
+
+    /// Works out what a run would have to, of what is new: features of the images that it would take, and of
+    /// a closed recording without poses the camera's way. `None` where nothing is new, or it was read just now.
+    ///
+    /// # Errors
+    /// [`CaptureError`]: of a recording that has only begun, nothing to mind.
+    pub fn work_ahead(
+        &mut self,
+        config: &CaptureConfig,
+        seed: u64,
+        ahead: &Ahead,
+    ) -> Result<Option<Grown>, CaptureError> {
+        let (closed, bytes) = (self.is_closed(), self.bytes());
+        let rests = self.rest.is_some_and(|rest| Instant::now() < rest) && !closed;
+        if self.done || rests || bytes == 0 || (bytes == self.bytes && !closed) {
+            return Ok(None);
+        }
+        let begun = Instant::now();
+        let grown = self.read(closed, bytes, config, seed, ahead);
+        self.rest = Some(Instant::now() + REST * begun.elapsed());
+        grown.map(Some)
+    }
+
+    fn read(
+        &mut self,
+        closed: bool,
+        bytes: u64,
+        config: &CaptureConfig,
+        seed: u64,
+        ahead: &Ahead,
+    ) -> Result<Grown, CaptureError> {
+        let bag = Bag::open(&self.path)?;
+        let views = Views::find(&bag, &BagIndex::read(&bag)?, config, self.state)?;
+        let all: Vec<usize> = (0..views.views.len()).collect();
+        let untracked = views.are_untracked();
+        if untracked && closed {
+            let state = (self.state, seed);
+            let of = TrackedOf::now(&bag, config, state);
+            if let Some(of) = of.filter(|of| !ahead.knows(of)) {
+                ahead.keep(of, track(&bag, &views, &all, config, state, ahead)?);
+            }
+            self.done = true;
+            return Ok(Grown { views: all.len(), taken: all.len(), frames: Vec::new() });
+        }
+        let taken = if untracked { all.clone() } else { spread(&views.views, &all, config) };
+        let new: Vec<(usize, usize)> = taken
+            .iter()
+            .filter(|v| self.seen.insert(views.views[**v].stamp_nanos))
+            .map(|v| (self.state, *v))
+            // Not more at once than the tracker would take: memory stays bounded.
+            .take(views_at_a_time(&views))
+            .collect();
+        if new.len() < views_at_a_time(&views) {
+            (self.bytes, self.done) = (bytes, closed);
+        }
+        let decoded = decode_views(&bag, &if untracked { unmasked(&views) } else { views }, &new, config)?;
+        let frames: Vec<RgbdFrame> = decoded.frames.into_iter().map(|(_, frame)| frame).collect();
+        frames.iter().for_each(|frame| ahead.features.look_at(frame));
+        Ok(Grown { views: all.len(), taken: taken.len(), frames })
+    }
+}
+
+/// Whether a file ends as a closed MCAP file does.
+fn ends_as_mcap(path: &Path) -> std::io::Result<bool> {
+    let mut file = File::open(path)?;
+    let magic = mcap::MAGIC.len() as u64;
+    if !file.metadata()?.is_file() || file.metadata()?.len() < 2 * magic {
+        return Ok(false);
+    }
+    file.seek(SeekFrom::End(-(magic as i64)))?;
+    let mut end = Vec::new();
+    file.take(magic).read_to_end(&mut end)?;
+    Ok(end == mcap::MAGIC)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::{open, open_ahead};
+
+    /// What a run reads of a recording is the same with what was worked out while it grew, and it looks at no
+    /// image again.
+    #[test]
+    fn a_recording_that_grew_is_read_as_any_other() {
+        let shipped = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("bags/drawer");
+        let folder = crate::temp::Temp::new("growing");
+        let config = CaptureConfig { frames_per_state: 8, ..CaptureConfig::default() };
+        let ahead = Ahead::new();
+        let paths = ["state0", "state1"].map(|s| folder.0.join(s));
+        for (state, path) in paths.iter().enumerate() {
+            let mut growing = GrowingState::new(path, state);
+            assert!(!growing.is_closed() && growing.work_ahead(&config, 0, &ahead).unwrap().is_none());
+            let from = shipped.join(format!("state{state}"));
+            let name = format!("state{state}.mcap");
+            let bytes = fs::read(from.join(&name)).unwrap();
+            fs::create_dir(path).unwrap();
+            let mut views = 0;
+            for share in [4, 7, 10] {
+                fs::write(path.join(&name), &bytes[..bytes.len() * share / 10]).unwrap();
+                growing.rest = None;
+                let grown = growing.work_ahead(&config, 0, &ahead).unwrap().unwrap();
+                assert!(grown.views > views && grown.taken <= 8, "{} {}", grown.views, grown.taken);
+                views = grown.views;
+                assert!(growing.work_ahead(&config, 0, &ahead).unwrap().is_none(), "nothing is new");
+            }
+            fs::copy(from.join("metadata.yaml"), path.join("metadata.yaml")).unwrap();
+            assert!(growing.is_closed());
+            growing.work_ahead(&config, 0, &ahead).unwrap().unwrap();
+            assert!(growing.work_ahead(&config, 0, &ahead).unwrap().is_none());
+        }
+        let known = ahead.features.len();
+        let with = open_ahead(&paths, &config, 0, &ahead).unwrap();
+        assert_eq!(ahead.features.len(), known, "an image was looked at again");
+        let without = open(&paths, &config, 0).unwrap();
+        assert_eq!(with.poses, without.poses);
+        for (a, b) in with.states.iter().flatten().zip(without.states.iter().flatten()) {
+            assert!(a.depth_m == b.depth_m && a.mask == b.mask && a.world_from_camera == b.world_from_camera);
+        }
+    }
+
+    /// A closed recording without poses is tracked ahead, and not by the run.
+    #[test]
+    fn the_way_of_a_camera_is_found_ahead_once() {
+        let config =
+            CaptureConfig { tracking: crate::capture::TrackCamera::Always, ..CaptureConfig::default() };
+        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("bags/drawer/state0");
+        let ahead = Ahead::new();
+        let mut growing = GrowingState::new(&path, 0);
+        assert!(growing.work_ahead(&config, 3, &ahead).unwrap().is_some());
+        let bag = Bag::open(&path).unwrap();
+        let of = |seed| TrackedOf::now(&bag, &config, (0, seed)).unwrap();
+        assert!(ahead.knows(&of(3)) && !ahead.knows(&of(4)));
+        let views = Views::find(&bag, &BagIndex::read(&bag).unwrap(), &config, 0).unwrap();
+        let all: Vec<usize> = (0..views.views.len()).collect();
+        let again = track(&bag, &views, &all, &config, (0, 3), &Ahead::default()).unwrap();
+        let found = ahead.take(&of(3)).unwrap();
+        assert_eq!((found.track.poses, found.views), (again.track.poses, again.views));
+        assert!(ahead.take(&of(3)).is_none());
+    }
+}

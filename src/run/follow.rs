@@ -1,0 +1,133 @@
+//! Recordings followed while they are written: what a run needs of them is worked out as it comes.
+
+use std::{
+    path::PathBuf,
+    thread::sleep,
+    time::{Duration, Instant},
+};
+
+use super::{Event, Monitor, ReconstructRequest, RunError};
+use crate::{
+    io::{Ahead, GrowingState, is_recording},
+    note::{Note, NoteCode},
+};
+
+/// How often a recording is looked at.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+/// A recording that has not grown for so long may never be closed.
+/// derived: recorders write their caches every few seconds
+const STILL: Duration = Duration::from_secs(30);
+
+/// How often is said how much there is.
+const SAY_EVERY: Duration = Duration::from_secs(2);
+
+/// Waits until the recordings of a request are closed, one state after the other, and works ahead on one
+/// thread. Those of a folder are its `state0` and `state1`, where it is no recording itself.
+///
+/// # Errors
+/// A stop request; a system without another thread.
+pub fn follow(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ahead, RunError> {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .map_err(|error| RunError::stage("follow", error.to_string()))?;
+    let ahead = Ahead::new();
+    let paths = followed(&request.sources);
+    for (state, path) in paths.iter().enumerate() {
+        let stage = format!("follow/state{state}");
+        monitor.report(Event::StageStarted { stage: stage.clone(), steps: None });
+        let begun = Instant::now();
+        let mut follower = Follower {
+            growing: GrowingState::new(path, state),
+            state,
+            request,
+            ahead: &ahead,
+            monitor,
+            said: None,
+        };
+        pool.install(|| follower.until_closed())?;
+        // What is left of the last one the run does on all threads.
+        if state + 1 < paths.len() {
+            pool.install(|| follower.look());
+        }
+        monitor.report(Event::StageFinished { stage, seconds: begun.elapsed().as_secs_f64() });
+    }
+    Ok(ahead)
+}
+
+/// The recordings to be followed.
+fn followed(sources: &[PathBuf]) -> Vec<PathBuf> {
+    match sources {
+        [one] if !is_recording(one) => ["state0", "state1"].map(|s| one.join(s)).into(),
+        all => all.to_vec(),
+    }
+}
+
+/// Follows one recording.
+struct Follower<'a> {
+    growing: GrowingState,
+    state: usize,
+    request: &'a ReconstructRequest,
+    ahead: &'a Ahead,
+    monitor: &'a Monitor,
+    /// When it was said last how many views there are, and how many.
+    said: Option<(Instant, usize)>,
+}
+
+impl Follower<'_> {
+    /// Looks at the recording until it is closed.
+    fn until_closed(&mut self) -> Result<(), RunError> {
+        let (mut grown, mut bytes) = (Some(Instant::now()), 0);
+        while !self.growing.is_closed() {
+            self.monitor.check()?;
+            self.look();
+            let now = self.growing.bytes();
+            if now != bytes {
+                (bytes, grown) = (now, Some(Instant::now()));
+            } else if grown.is_some_and(|since| since.elapsed() > STILL) {
+                // Said once, until it grows again.
+                grown = None;
+                let what = if bytes == 0 { "is not there yet" } else { "does not grow, and is not closed" };
+                let text = format!(
+                    "`{}` {what}; where its recorder has ended, stop this and run it without --follow",
+                    self.growing.path().display()
+                );
+                self.monitor.note(&Note::new(NoteCode::RecordingStill, text));
+            }
+            sleep(LOOK_EVERY);
+        }
+        Ok(())
+    }
+
+    /// Looks at the recording once.
+    fn look(&mut self) {
+        let config = &self.request.config;
+        // Of a recording that has only begun there is not enough. Of one that is closed the run says it.
+        let Ok(Some(grown)) = self.growing.work_ahead(&config.capture, config.run.seed, self.ahead) else {
+            return;
+        };
+        if self.said.is_none_or(|(when, views)| when.elapsed() > SAY_EVERY && views != grown.views) {
+            self.said = Some((Instant::now(), grown.views));
+            let text =
+                format!("state {}: {} views, of which a run takes {}", self.state, grown.views, grown.taken);
+            self.monitor.note(&Note::new(NoteCode::RecordingGrows, text));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_that_is_no_recording_holds_two_that_come() {
+        let folder = crate::temp::Temp::new("follow");
+        let one = folder.0.join("session");
+        assert_eq!(followed(std::slice::from_ref(&one)), ["state0", "state1"].map(|s| one.join(s)));
+        std::fs::create_dir_all(&one).unwrap();
+        std::fs::write(one.join("metadata.yaml"), "").unwrap();
+        assert_eq!(followed(std::slice::from_ref(&one)), std::slice::from_ref(&one));
+        let two = [one.join("a"), one.join("b")];
+        assert_eq!(followed(&two), two);
+    }
+}
