@@ -17,6 +17,7 @@ mod inspect;
 mod job;
 mod job_args;
 mod machine;
+mod memory;
 #[cfg(feature = "node")]
 mod node;
 mod progress;
@@ -45,6 +46,7 @@ use terminal::{print_line, written};
 /// Parses the arguments, runs the command, gives its exit code.
 #[must_use]
 pub fn main() -> ExitCode {
+    memory::keep_freed();
     // Not `parse`, which would end the process by itself, with a code of its own.
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,

@@ -7,7 +7,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6};
 use serde::{Deserialize, Serialize};
 
-use super::pose_noise::PoseNoise;
+use super::{inverse::inverse, pose_noise::PoseNoise};
 use crate::geometry::Pose;
 
 /// Sizes of the errors.
@@ -83,7 +83,7 @@ impl Drift {
         let mut covariance = &scaled * scaled.transpose();
         jitter.iter().enumerate().for_each(|(k, square)| covariance[(k, k)] += square);
         let factor = covariance.cholesky()?;
-        Some((factor.inverse(), -half_log_determinant(&factor)))
+        Some((inverse(&factor), -half_log_determinant(&factor)))
     }
 
     /// Sizes nearer to the most likely ones, by the corrections and their covariance; as expected at most.

@@ -17,6 +17,7 @@ mod correction;
 pub(super) mod depth_warp;
 pub(super) mod drift;
 mod error_draw;
+mod inverse;
 pub(super) mod landmarks;
 pub(super) mod observed;
 pub(super) mod pairs;

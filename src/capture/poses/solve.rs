@@ -10,6 +10,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use super::{
     drift::{Drift, PoseErrors, growth, half_log_determinant},
     error_draw::{Drawn, drawn},
+    inverse::inverse,
     pairs::{Comparison, Matches, PairSums, SensorSums, Sums, Views},
     sensor_errors::SensorErrors,
     surfels::Surfels,
@@ -220,7 +221,7 @@ fn step(
         own_gradient += &pull;
         let factor = own.cholesky()?;
         log_likelihood += half_log - half_log_determinant(&factor) - 0.5 * away.dot(&pull);
-        let covariance = factor.inverse();
+        let covariance = inverse(&factor);
         let own_step = &covariance * &own_gradient;
         let follow = match &sums.sensor {
             Some(of_state) => {
@@ -241,7 +242,7 @@ fn step(
     let sensor_covariance = if sensor.is_some() {
         let factor = information.cholesky()?;
         log_likelihood -= half_log_determinant(&factor);
-        factor.inverse()
+        inverse(&factor)
     } else {
         information
     };
@@ -319,7 +320,7 @@ fn pose_equations(pairs: &[PairSums], poses: usize) -> (DMatrix<f64>, DVector<f6
 /// the logarithm of its determinant.
 fn sensor_information(errors: &SensorErrors, size: f64) -> Option<(DMatrix<f64>, f64)> {
     let factor = errors.expected(size).cholesky()?;
-    Some((factor.inverse(), -half_log_determinant(&factor)))
+    Some((inverse(&factor), -half_log_determinant(&factor)))
 }
 
 /// The most likely sizes of the errors by the last equations, about the place that they were made at: with

@@ -1,0 +1,62 @@
+//! The inverse of a large matrix from its Cholesky factor, by products of matrices: nalgebra's solves for one
+//! column after the other, several times as long.
+
+use nalgebra::{Cholesky, DMatrix, Dyn};
+
+/// Rows of a triangle that is inverted column by column.
+const SMALL: usize = 24;
+
+/// The inverse of the matrix that a factor is of.
+pub(super) fn inverse(factor: &Cholesky<f64, Dyn>) -> DMatrix<f64> {
+    let triangle = triangle_inverse(&factor.l());
+    triangle.tr_mul(&triangle)
+}
+
+/// The inverse of a lower triangle, by halves: that of [A 0; B C] is [a 0; -c B a, c], where a and c are those
+/// of A and C.
+fn triangle_inverse(lower: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = lower.nrows();
+    let mut inverse = DMatrix::zeros(n, n);
+    if n <= SMALL {
+        for column in 0..n {
+            inverse[(column, column)] = 1.0 / lower[(column, column)];
+            for row in column + 1..n {
+                let known = (column..row).map(|k| lower[(row, k)] * inverse[(k, column)]).sum::<f64>();
+                inverse[(row, column)] = -known / lower[(row, row)];
+            }
+        }
+        return inverse;
+    }
+    let half = n / 2;
+    let part = |rows: std::ops::Range<usize>, columns: std::ops::Range<usize>| {
+        lower.view((rows.start, columns.start), (rows.len(), columns.len())).into_owned()
+    };
+    let (above, below) =
+        (triangle_inverse(&part(0..half, 0..half)), triangle_inverse(&part(half..n, half..n)));
+    let beside = -(&below * part(half..n, 0..half) * &above);
+    inverse.view_mut((0, 0), (half, half)).copy_from(&above);
+    inverse.view_mut((half, 0), (n - half, half)).copy_from(&beside);
+    inverse.view_mut((half, half), (n - half, n - half)).copy_from(&below);
+    inverse
+}
+
+#[cfg(test)]
+mod tests {
+    use rand_core::Rng;
+
+    use super::*;
+    use crate::random::stage_rng;
+
+    #[test]
+    fn it_is_the_inverse_at_every_size() {
+        let mut rng = stage_rng(1, "inverse", 0);
+        for n in [0, 1, 5, SMALL, SMALL + 1, 100, 187] {
+            let roots = DMatrix::from_fn(n, n, |_, _| rng.next_u64() as f64 / u64::MAX as f64 - 0.5);
+            let matrix = &roots * roots.transpose() + DMatrix::identity(n, n);
+            let found = inverse(&matrix.clone().cholesky().unwrap());
+            let off = (&matrix * &found - DMatrix::identity(n, n)).amax();
+            assert!(n == 0 || off < 1e-12, "{n}: {off}");
+            assert!(n == 0 || (&found - found.transpose()).amax() < 1e-14);
+        }
+    }
+}

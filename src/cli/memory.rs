@@ -1,0 +1,16 @@
+//! How the allocator gives memory back.
+
+/// Keeps what was freed for what comes next, up to a limit: a run allocates and frees the same megabytes
+/// thousands of times, and every page that the system gives anew costs a fault.
+/// measured: shared/bags/laptop, preset default, 2 cores of an AMD EPYC: 0.8 s of 2.9 s in the system, 3 %
+/// more memory (docs/figures.md)
+pub fn keep_freed() {
+    // Blocks above this are given back at once, as the volumes are, and what is free above the second at the
+    // heap's end.
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    // SAFETY: sets two numbers of the allocator, before any other thread runs.
+    unsafe {
+        libc::mallopt(libc::M_MMAP_THRESHOLD, 32 << 20);
+        libc::mallopt(libc::M_TRIM_THRESHOLD, 64 << 20);
+    }
+}
