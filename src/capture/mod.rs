@@ -36,6 +36,7 @@ pub(crate) use features::luma;
 pub use features::{Correspondence, MatchConfig, PixelMatch, frame_pairs, match_states, on_object};
 pub use frame::{RgbdFrame, cameras, median_over_object};
 pub use isolate::isolate;
+pub(crate) use isolate::{cell, clusters};
 pub use mask::dilated;
 pub use noise::{GRAZING_COSINE, NoiseConfig};
 pub use noise_estimate::noise_factor;

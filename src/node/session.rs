@@ -19,6 +19,8 @@ use super::{
     error::NodeError,
     inputs::{self, Outbox},
     last_results::{last_report, last_twin},
+    live_map::{self, LiveQueue},
+    live_outputs::LiveOutputs,
     live_tracking, logger,
     motion_watch::MotionWatch,
     outputs::{News, Outputs},
@@ -33,6 +35,7 @@ use super::{
     session_lock::SessionLock,
     settings,
 };
+use crate::config::Config;
 
 /// Name of the node where none is given.
 const DEFAULT_NAME: &str = "artitwin";
@@ -154,6 +157,8 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let (queue, tracked) =
         live_tracking::start(settings::track_settings(p, topics.clone(), &resolved.config))
             .map_err(|source| NodeError::System { what: "starting the tracker", source })?;
+    let live = start_live(p, &resolved.config, &shared)?;
+    let live_results = live.as_ref().map(LiveQueue::results);
     let (sender, poses) = mpsc::channel(POSE_QUEUE);
     let core = Core::new(
         (collector, lock),
@@ -162,6 +167,7 @@ async fn live(start: &Start) -> Result<(), NodeError> {
         Arc::clone(&clock),
         Arc::clone(&shared),
         Tracking { queue, tracked, poses: sender },
+        live,
     );
     let (outbox, inbox) = queues(IMAGE_QUEUE);
     let commands = outbox.commands.clone();
@@ -181,6 +187,9 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let (reports, report) = watch::channel(None);
     let diagnoser = Arc::new(Diagnoser { shared: Arc::clone(&shared), twins: twin.clone(), reports });
     let outputs = Outputs::new(&mut participant, p, Arc::clone(&clock))?;
+    let live_outputs = live_results
+        .map(|results| LiveOutputs::new(&mut participant).map(|outputs| (outputs, results)))
+        .transpose()?;
     let context = ServiceContext { commands: commands.clone(), shared: Arc::clone(&shared), next_session };
     services::offer(&mut participant, mapping, &context)?;
     action::offer(&mut participant, mapping, Arc::clone(&reconstructor))?;
@@ -197,6 +206,9 @@ async fn live(start: &Start) -> Result<(), NodeError> {
         diagnoser.reports.send_replace(Some(Arc::new(report)));
     }
     tokio::spawn(outputs.run(News { twin, report, poses }, shared, diagnostics));
+    if let Some((outputs, results)) = live_outputs {
+        tokio::spawn(outputs.run(results));
+    }
     log::info!("{} in domain {}, session {}", identity.full(), environment.domain, first.display());
 
     end_requested().await?;
@@ -208,6 +220,16 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     tokio::time::timeout(END_WAIT, ended).await.ok();
     tokio::time::timeout(END_WAIT, core).await.ok();
     Ok(())
+}
+
+/// Starts the live map, where it is asked for.
+fn start_live(p: &Parameters, config: &Config, shared: &Arc<Shared>) -> Result<Option<LiveQueue>, NodeError> {
+    let start = |settings| {
+        let shared = Arc::clone(shared);
+        live_map::start(settings, move || shared.is_read())
+    };
+    let started = settings::live_settings(p, config).map(start).transpose();
+    started.map_err(|source| NodeError::System { what: "starting the live map", source })
 }
 
 /// Queues with room for so many images.

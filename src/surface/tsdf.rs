@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::{TriangleMesh, marching_cubes, rows::RowCamera};
 use crate::{
     capture::{NoiseConfig, RgbdFrame},
-    geometry::{Grid3, Pose},
+    geometry::{Grid3, Intrinsics, Pose},
 };
 
 /// Depth at which a reading has weight 1, meters.
@@ -17,7 +17,7 @@ const REFERENCE_DEPTH_M: f64 = 1.0;
 /// Weight of a node seen through, against one near a surface: rays that pass close by an edge would otherwise
 /// push its zero crossing inwards. (On a sphere of 20 node spacings the mean error is 0.11 spacings at weight
 /// 1 and 0.01 at 0.05.)
-const FREE_WEIGHT: f32 = 0.1;
+pub(super) const FREE_WEIGHT: f32 = 0.1;
 
 /// What a pixel says about the volume.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,10 +89,31 @@ pub struct TsdfVolume {
 
 /// A pixel prepared for fusion.
 #[derive(Clone, Copy)]
-struct Reading {
-    depth_m: f32,
-    weight: f32,
-    is_surface: bool,
+pub(super) struct Reading {
+    /// z-depth, meters; infinite where nothing but free space is known.
+    pub depth_m: f32,
+    /// 1 for a pixel of weight 1 at the reference depth; 0: it says nothing.
+    pub weight: f32,
+    /// Whether the depth is a surface of the volume's object.
+    pub is_surface: bool,
+}
+
+/// What a view says about a node.
+pub(super) enum Said {
+    /// It lies in front of the truncation: no distance is measured, only that space is free.
+    Free {
+        /// Weight of the reading.
+        weight: f32,
+    },
+    /// It lies near a surface.
+    Near {
+        /// Projective distance in truncations, above -1.
+        s: f32,
+        /// Weight of the reading.
+        weight: f32,
+        /// The reading's pixel.
+        pixel: usize,
+    },
 }
 
 impl TsdfVolume {
@@ -167,30 +188,17 @@ impl TsdfVolume {
                             continue;
                         }
                         let p = row.at(x);
-                        let pixel = camera.pixel(&p);
-                        let reading = readings[pixel];
-                        let ahead_m = reading.depth_m - p.z;
-                        if reading.weight <= 0.0 || ahead_m <= -truncation_m {
-                            continue;
-                        }
                         let i = y * nx + x;
-                        // In front of the truncation no distance is measured, only that space is free.
-                        if ahead_m >= truncation_m {
-                            sums[i] += FREE_WEIGHT * reading.weight;
-                            weights[i] += FREE_WEIGHT * reading.weight;
-                        } else if reading.is_surface {
-                            let depth_m = interpolated_depth(
-                                &readings,
-                                &view.frame.intrinsics,
-                                camera.project(&p),
-                                truncation_m,
-                            );
-                            // docs/method.md (3.2).
-                            let s = (depth_m.unwrap_or(reading.depth_m) - p.z) / truncation_m;
-                            if s > -1.0 && first.is_none_or(|f| faces(f, [x, y, z], &eye)) {
-                                // Falls to zero behind the surface, so that both sides of a thin wall
-                                // survive.
-                                let w = reading.weight * (steepness * (1.0 + s)).min(1.0);
+                        match said(&readings, &view.frame.intrinsics, &camera, &p, truncation_m) {
+                            None => {}
+                            Some(Said::Free { weight }) => {
+                                sums[i] += FREE_WEIGHT * weight;
+                                weights[i] += FREE_WEIGHT * weight;
+                            }
+                            Some(Said::Near { s, weight, pixel })
+                                if first.is_none_or(|f| faces(f, [x, y, z], &eye)) =>
+                            {
+                                let w = weight * behind_weight(s, steepness);
                                 sums[i] += w * s.min(1.0);
                                 weights[i] += w;
                                 add_color(
@@ -199,6 +207,7 @@ impl TsdfVolume {
                                     w * (1.0 - s.abs()).max(0.0),
                                 );
                             }
+                            Some(Said::Near { .. }) => {}
                         }
                     }
                 }
@@ -283,8 +292,40 @@ fn faces(distance: &Grid3<f32>, node: [usize; 3], eye: &Vector3<f32>) -> bool {
     slope.dot(&(eye - position)) >= 0.0
 }
 
+/// What readings say about a node at a place in the optical frame, inside the image.
+pub(super) fn said(
+    readings: &[Reading],
+    intrinsics: &Intrinsics,
+    camera: &RowCamera,
+    p: &Vector3<f32>,
+    truncation_m: f32,
+) -> Option<Said> {
+    let pixel = camera.pixel(p);
+    let Reading { depth_m, weight, is_surface } = readings[pixel];
+    let ahead_m = depth_m - p.z;
+    if weight <= 0.0 || ahead_m <= -truncation_m {
+        return None;
+    }
+    if ahead_m >= truncation_m {
+        return Some(Said::Free { weight });
+    }
+    if !is_surface {
+        return None;
+    }
+    let between = interpolated_depth(readings, intrinsics, camera.project(p), truncation_m);
+    // docs/method.md (3.2).
+    let s = (between.unwrap_or(depth_m) - p.z) / truncation_m;
+    (s > -1.0).then_some(Said::Near { s, weight, pixel })
+}
+
+/// Share of a reading's weight at a distance in truncations: falls to zero behind the surface, so that both
+/// sides of a thin wall survive.
+pub(super) fn behind_weight(s: f32, steepness: f32) -> f32 {
+    (steepness * (1.0 + s)).min(1.0)
+}
+
 /// Depth and weight of each pixel as fusion uses them.
-fn readings(view: &TsdfView, noise: &NoiseConfig) -> Vec<Reading> {
+pub(super) fn readings(view: &TsdfView, noise: &NoiseConfig) -> Vec<Reading> {
     let frame = view.frame;
     assert!(
         view.weights.len() == frame.depth_m.len() && view.roles.len() == frame.depth_m.len(),
@@ -312,7 +353,7 @@ fn readings(view: &TsdfView, noise: &NoiseConfig) -> Vec<Reading> {
 /// `shifted` is the pixel position plus one half.
 fn interpolated_depth(
     readings: &[Reading],
-    k: &crate::geometry::Intrinsics,
+    k: &Intrinsics,
     shifted: [f32; 2],
     truncation_m: f32,
 ) -> Option<f32> {

@@ -1,0 +1,63 @@
+//! What moved between two states: surface of one where the other saw nothing.
+//!
+//! The idea of `capture::isolate`, for views that come one by one: two views of the other state read something
+//! clearly behind a piece of surface, and none read anything about it.
+
+use std::collections::BTreeSet;
+
+use super::{live_mesh::MeshChunk, sight_map::SightMap};
+use crate::{
+    capture::{cell, clusters},
+    surface::{TriangleMesh, merge},
+};
+
+/// Fewest cells that hang together and count.
+/// derived: a patch of three by three, less one, as `capture::isolate` asks for
+const LEAST_PATCH: usize = 8;
+
+/// What moved since the state before.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Moved {
+    /// Surface of the present state where the one before was empty.
+    pub appeared: TriangleMesh,
+    /// Surface of the state before where the present one is empty.
+    pub gone: TriangleMesh,
+}
+
+impl Moved {
+    /// Areas of what appeared and of what is gone, square meters.
+    #[must_use]
+    pub fn areas_m2(&self) -> [f64; 2] {
+        [self.appeared.area_m2(), self.gone.area_m2()]
+    }
+}
+
+/// Triangles of one state's surface that are in space which the other state saw empty.
+pub(super) fn changed<'a>(
+    surface: impl Iterator<Item = &'a MeshChunk>,
+    own: &SightMap,
+    other: &SightMap,
+) -> TriangleMesh {
+    let size_m = other.cell_m();
+    let mut found = Vec::new();
+    for chunk in surface {
+        for triangle in 0..chunk.mesh.triangles.len() {
+            let middle = chunk.mesh.middle(triangle);
+            let there = other.at(&middle);
+            // Two views of each state agree, so that no single reading lights up.
+            if there.empty_again && !there.filled && own.at(&middle).filled_again {
+                found.extend(cell(&middle, size_m).map(|c| (c, chunk, triangle)));
+            }
+        }
+    }
+    let cells: BTreeSet<[i32; 3]> = found.iter().map(|f| f.0).collect();
+    let cells: Vec<[i32; 3]> = cells.into_iter().collect();
+    let kept: BTreeSet<[i32; 3]> =
+        clusters(&cells, 1).into_iter().filter(|patch| patch.len() >= LEAST_PATCH).flatten().collect();
+    let pieces = found.iter().filter(|f| kept.contains(&f.0)).map(|(_, chunk, triangle)| {
+        let vertices = chunk.mesh.corners(*triangle).to_vec();
+        TriangleMesh { vertices, triangles: vec![[0, 1, 2]], colors: Vec::new() }
+    });
+    let pieces: Vec<TriangleMesh> = pieces.collect();
+    merge(&pieces.iter().collect::<Vec<_>>())
+}
