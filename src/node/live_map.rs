@@ -318,3 +318,142 @@ impl Mapper {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::image_codec::Raster;
+
+    fn view(frame: &RgbdFrame, key: MapKey) -> KeptView {
+        let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+        KeptView {
+            key,
+            stamp_nanos: frame.stamp_nanos,
+            kept: Instant::now(),
+            world_frame: "map".into(),
+            pixels: Pixels {
+                intrinsics: frame.intrinsics,
+                color: Raster { width, height, pixels: frame.rgb.clone() },
+                depth: Raster { width, height, pixels: frame.depth_m.clone() },
+                mask: frame.mask.clone().map(|pixels| Raster { width, height, pixels }),
+            },
+            world_from_camera: frame.world_from_camera,
+        }
+    }
+
+    /// A wall at 1 m.
+    fn wall() -> RgbdFrame {
+        let intrinsics = Intrinsics { width: 64, height: 48, fx: 60.0, fy: 60.0, cx: 31.5, cy: 23.5 };
+        RgbdFrame {
+            id: String::new(),
+            stamp_nanos: 7,
+            intrinsics,
+            world_from_camera: Pose::identity(),
+            rgb: vec![[1, 2, 3]; 64 * 48],
+            depth_m: vec![1.0; 64 * 48],
+            mask: None,
+            readings: Vec::new(),
+        }
+    }
+
+    const SETTINGS: LiveSettings = LiveSettings { noise: NOISE, most_bytes: 64 << 20 };
+    const NOISE: crate::capture::NoiseConfig = crate::capture::NoiseConfig {
+        constant_m: 0.0005,
+        quadratic_per_m: 0.0025,
+        edge_sigmas: 6.0,
+        grazing_cosine: 0.15,
+    };
+
+    #[test]
+    fn states_are_compared_in_one_world_alone() {
+        let key = |session, begun, state, tracked| MapKey { session, begun, state, tracked };
+        let compared = |keys: &[MapKey]| {
+            let mut mapper = Mapper::new(SETTINGS);
+            keys.iter().for_each(|k| mapper.add(view(&wall(), *k)));
+            mapper.map.moved().is_some()
+        };
+        assert!(compared(&[key(0, 1, 0, None), key(0, 2, 1, None)]));
+        assert!(compared(&[key(0, 1, 0, None), key(0, 2, 1, None), key(0, 3, 1, None)]));
+        assert!(!compared(&[key(0, 1, 0, None), key(0, 2, 0, None)]));
+        assert!(!compared(&[key(0, 1, 0, None), key(1, 2, 1, None)]));
+        assert!(!compared(&[key(0, 1, 0, Some(1)), key(0, 2, 1, Some(2))]));
+        assert!(compared(&[key(0, 1, 0, Some(1)), key(0, 2, 1, Some(1))]));
+        assert!(!compared(&[key(0, 2, 1, None)]));
+    }
+
+    #[test]
+    fn a_view_that_finds_no_room_is_counted_and_a_run_stops_the_map() {
+        let (views, inbox) = sync_channel(1);
+        let (begun, begun_receiver) = watch::channel(0);
+        let (_sender, products) = watch::channel(None);
+        let counts = Arc::new(LiveCounts::default());
+        let results = LiveResults { products, begun: begun_receiver, counts: Arc::clone(&counts) };
+        let queue = LiveQueue { views, begun, results };
+        queue.offer(view(&wall(), MapKey::default()));
+        queue.offer(view(&wall(), MapKey::default()));
+        assert_eq!(queue.status().left_out, 1);
+        let mut mapper = Mapper::new(SETTINGS);
+        let found = mapper.next(&inbox, &|| false, &counts).unwrap().unwrap();
+        assert_eq!((found.fused, found.stamp_nanos), (1, 7));
+        assert!(found.chunks.iter().any(|c| !c.mesh.is_empty()));
+        queue.offer(view(&wall(), MapKey::default()));
+        assert!(mapper.next(&inbox, &|| true, &counts).unwrap().is_none());
+        assert_eq!((queue.status().left_out, mapper.map.views()), (2, 1));
+        drop(queue);
+        assert!(mapper.next(&inbox, &|| false, &counts).is_none());
+    }
+
+    #[test]
+    #[ignore = "measures: needs a recording, named by ARTITWIN_BAG"]
+    fn what_a_view_of_a_recording_takes() {
+        let bag = std::path::PathBuf::from(std::env::var_os("ARTITWIN_BAG").unwrap());
+        let config = crate::capture::CaptureConfig::default();
+        let states = [bag.join("state0"), bag.join("state1")];
+        let capture = crate::io::open(&states, &config, 0).unwrap();
+        let work = || {
+            for with_mask in [true, false] {
+                let mut mapper = Mapper::new(SETTINGS);
+                for (state, frames) in capture.states.iter().enumerate() {
+                    let mut millis = Vec::new();
+                    for frame in frames {
+                        let key = MapKey { begun: state as u64, state, ..MapKey::default() };
+                        let mut view = view(frame, key);
+                        view.pixels.mask = view.pixels.mask.filter(|_| with_mask);
+                        let start = Instant::now();
+                        mapper.add(view);
+                        let fused = start.elapsed();
+                        mapper.map.refresh();
+                        let drawn = start.elapsed();
+                        let _ = mapper.map.look();
+                        let looked = start.elapsed();
+                        let _ = mapper.map.moved();
+                        millis.push([fused, drawn - fused, looked - drawn, start.elapsed() - looked]);
+                    }
+                    let of = |k: usize| {
+                        let mut all: Vec<f64> = millis.iter().map(|m| m[k].as_secs_f64() * 1e3).collect();
+                        all.sort_by(f64::total_cmp);
+                        (all[all.len() / 2].round(), all[all.len() - 1].round())
+                    };
+                    let (unseen, next) = mapper.map.look().unwrap();
+                    eprintln!(
+                        "mask {with_mask} state {state}: fuse {:?} draw {:?} look {:?} moved {:?} ms (median, \
+                         most); {} triangles at {:.1} mm, {:.1} MB, unseen {:.3} m2 ({:.2}), next {:.4} m2, \
+                         moved {:?}",
+                        of(0),
+                        of(1),
+                        of(2),
+                        of(3),
+                        mapper.map.mesh().triangles.len(),
+                        mapper.map.spacing_m() * 1e3,
+                        mapper.map.bytes() as f64 / 1e6,
+                        unseen.area_m2,
+                        unseen.share(),
+                        next.map_or(0.0, |n| n.gain_m2),
+                        mapper.map.moved().map(|m| m.areas_m2()),
+                    );
+                }
+            }
+        };
+        rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(work);
+    }
+}

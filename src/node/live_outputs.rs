@@ -152,14 +152,15 @@ impl Sent {
         order.sort_unstable();
         let delay = order.first().map_or(Duration::ZERO, |(at, _)| at.elapsed());
         let mut ids: Vec<i32> = order.into_iter().map(|(_, id)| id).collect();
-        if ids.is_empty() {
+        let is_again = ids.is_empty();
+        if is_again {
             let (last, pause) = self.again;
             self.again.1 = (pause + 1) % PAUSE;
             let rounds = AGAIN.as_millis() / (TICK * PAUSE).as_millis();
             let count = if pause == 0 { there.len().div_ceil(rounds as usize) } else { 0 };
             ids = there.range(last + 1..).map(|(id, _)| *id).take(count).collect();
-            if pause == 0 {
-                self.again.0 = ids.last().copied().unwrap_or(0);
+            if pause == 0 && ids.is_empty() {
+                self.again.0 = 0;
             }
         }
         let (mut markers, mut bytes) = (Vec::new(), 0);
@@ -168,6 +169,9 @@ impl Sent {
                 break;
             }
             self.waiting.remove(&id);
+            if is_again {
+                self.again.0 = id;
+            }
             if let Some(chunk) = there.get(&id) {
                 self.versions.insert(id, chunk.version);
                 bytes += chunk_bytes(chunk);
@@ -185,7 +189,7 @@ fn by_number(products: &LiveProducts) -> BTreeMap<i32, &Arc<MeshChunk>> {
     products.chunks.iter().map(|c| (c.id, c)).collect()
 }
 
-/// Stamp of the newest view in it.
+/// Stamp of the newest view in it, and its frame.
 fn header(products: &LiveProducts) -> Header {
     Header { stamp: Time::from_nanos(products.stamp_nanos), frame_id: products.world_frame.clone() }
 }
@@ -193,5 +197,111 @@ fn header(products: &LiveProducts) -> Header {
 fn log_failure(failed: bool, what: &str) {
     if failed {
         log::debug!("{what} could not be published");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        geometry::{Intrinsics, Pose},
+        io::ros2msg::markers::action,
+        node::live_map::MapKey,
+        surface::{TriangleMesh, Unseen},
+    };
+
+    fn products(chunks: &[(i32, u64, usize)]) -> LiveProducts {
+        let mesh = |triangles: usize| TriangleMesh {
+            vertices: vec![nalgebra::Point3::origin(); 3],
+            triangles: vec![[0, 1, 2]; triangles],
+            colors: vec![[9; 3]; 3],
+        };
+        let chunk = |&(id, version, triangles): &(i32, u64, usize)| {
+            Arc::new(MeshChunk { id, version, mesh: mesh(triangles) })
+        };
+        LiveProducts {
+            key: MapKey::default(),
+            stamp_nanos: 5,
+            kept: Instant::now(),
+            world_frame: "map".into(),
+            chunks: chunks.iter().map(chunk).collect(),
+            unseen: Unseen::default(),
+            next_view: None,
+            moved: None,
+            intrinsics: Intrinsics { width: 4, height: 3, fx: 4.0, fy: 4.0, cx: 1.5, cy: 1.0 },
+            fused: 1,
+            unusable: 0,
+            spacing_m: 0.01,
+            bytes: 1,
+            secs: 0.1,
+        }
+    }
+
+    /// Numbers and actions of the markers of the next messages until nothing waits.
+    fn all(sent: &mut Sent, products: &LiveProducts) -> Vec<Vec<(i32, i32)>> {
+        let mut messages = Vec::new();
+        while !sent.waiting.is_empty() {
+            let (message, _) = sent.next(products, &header(products)).unwrap();
+            messages.push(message.markers.iter().map(|m| (m.id, m.action)).collect());
+        }
+        messages
+    }
+
+    #[test]
+    fn what_changed_is_sent_once_and_what_is_gone_is_taken_away() {
+        let mut sent = Sent::default();
+        let first = products(&[(1, 1, 2), (2, 1, 2), (3, 1, 2)]);
+        sent.note(&first);
+        assert_eq!(all(&mut sent, &first), [[(1, 0), (2, 0), (3, 0)]]);
+        let second = products(&[(1, 1, 2), (2, 2, 0), (4, 2, 1)]);
+        sent.note(&second);
+        assert_eq!(all(&mut sent, &second), [[(2, action::DELETE), (3, action::DELETE), (4, 0)]]);
+        sent.note(&second);
+        assert!(sent.waiting.is_empty());
+    }
+
+    #[test]
+    fn messages_are_small_and_all_is_sent_again() {
+        let mut sent = Sent::default();
+        let many: Vec<(i32, u64, usize)> = (1..=100).map(|id| (id, 1, 300)).collect();
+        let products = products(&many);
+        sent.note(&products);
+        let messages = all(&mut sent, &products);
+        let largest = messages.iter().map(Vec::len).max().unwrap() * chunk_bytes(&products.chunks[0]);
+        assert!(messages.len() > 20 && largest < 2 * MESSAGE_BYTES, "{} {largest}", messages.len());
+        // One tick after the other for as long as all of it may take.
+        let ticks = (AGAIN.as_millis() / TICK.as_millis()) as usize;
+        let again = (0..ticks).filter_map(|_| sent.next(&products, &header(&products)));
+        let ids: std::collections::BTreeSet<i32> = again.flat_map(|(m, _)| m.markers).map(|m| m.id).collect();
+        assert_eq!(ids.len(), 100);
+    }
+
+    #[test]
+    fn what_is_drawn_is_drawn_whole() {
+        let mut p = products(&[(1, 1, 2)]);
+        let header = header(&p);
+        let marker = chunk_marker(&p.chunks[0], &header);
+        assert_eq!((marker.points.len(), marker.colors.len(), marker.header.stamp.nanosec), (6, 6, 5));
+        assert_eq!(moved_markers(&p, &header), None);
+        assert!(next_view(&p, &header).is_none());
+        // Without points a marker would be refused.
+        let nothing = unseen_markers(&p, &header).markers;
+        assert!(nothing.iter().all(|m| m.action == action::DELETE));
+        p.unseen.patches.push(crate::surface::UnseenPatch {
+            center: nalgebra::Point3::new(1.0, 0.0, 0.0),
+            normal: nalgebra::Vector3::x(),
+            area_m2: 0.04,
+        });
+        p.next_view = Some(crate::surface::NextView {
+            world_from_camera: Pose::translation(0.0, 0.0, 1.0),
+            gain_m2: 0.1,
+        });
+        p.moved = Some(crate::surface::Moved::default());
+        let shown = unseen_markers(&p, &header).markers;
+        assert_eq!(shown.iter().map(|m| m.points.len()).collect::<Vec<_>>(), [6, 16]);
+        let corner = &shown[0].points[0];
+        assert!((corner.y.abs() - 0.1).abs() < 1e-12 && (corner.z.abs() - 0.1).abs() < 1e-12);
+        assert!((next_view(&p, &header).unwrap().pose.translation.z - 1.0).abs() < 1e-12);
+        assert!(moved_markers(&p, &header).unwrap().markers.iter().all(|m| m.action == action::DELETE));
     }
 }

@@ -11,9 +11,6 @@ const TILE: usize = 8;
 /// Standard deviations, of reading and pose together, that a cell lies before what is read, to be empty.
 /// derived: 0.13 % of normal readings, one-sided
 const GATE_SIGMAS: f64 = 3.0;
-/// Least cosine by which a cell's size is spread along a ray.
-/// derived: `GRAZING_COSINE`, below which readings hold no height
-const LEAST_COSINE: f64 = crate::capture::GRAZING_COSINE;
 
 /// What a view says of a piece of space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,10 +57,12 @@ impl Clearance {
                 _ if r.weight <= 0.0 => [0.0, 0.0],
                 depth_m if depth_m.is_finite() => {
                     let z = f64::from(depth_m);
-                    let off_m = view.noise.sigma_m(z).hypot(PoseNoise::EXPECTED.displacement_m(z));
-                    // A cell that is as wide reaches further along a ray that meets the surface at a slant.
-                    let slant_m = half_m / f64::from(*cosine).max(LEAST_COSINE);
-                    let gate_m = (GATE_SIGMAS * off_m).hypot(slant_m) as f32;
+                    // Along a ray that meets the surface at a slant a cell, and an error of the pose, reach
+                    // further.
+                    let cosine = f64::from(*cosine).max(view.noise.grazing_cosine);
+                    let pose_m = PoseNoise::EXPECTED.displacement_m(z) / cosine;
+                    let off_m = GATE_SIGMAS * view.noise.sigma_m(z).hypot(pose_m);
+                    let gate_m = off_m.hypot(half_m / cosine) as f32;
                     [(depth_m - gate_m).max(0.0), depth_m + gate_m]
                 }
                 _ => [MAX_DEPTH_M, MAX_DEPTH_M],

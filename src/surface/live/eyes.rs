@@ -30,7 +30,7 @@ pub(super) struct Focus {
     pub point: Point3<f64>,
     /// Median distance of them to it, meters.
     pub distance_m: f64,
-    /// Upwards, as the cameras were held.
+    /// Upwards: the axis of the world that is nearest to how the cameras were held (REP 103 makes it z).
     pub up: Vector3<f64>,
     /// Sine of the lowest elevation of a camera as seen from there.
     pub lowest: f64,
@@ -73,7 +73,8 @@ impl Eyes {
         let out = |p: &Pose| p.translation.vector - point.coords;
         let distance_m = median(poses.iter().map(|p| out(p).norm()).collect())?.max(1e-3);
         let sum: Vector3<f64> = poses.iter().map(|p| p.rotation * -Vector3::y()).sum();
-        let up = sum.try_normalize(1e-6).unwrap_or_else(Vector3::z);
+        let axis = sum.iamax();
+        let up = Vector3::ith(axis, if sum[axis] < 0.0 { -1.0 } else { 1.0 });
         let lowest = poses.iter().map(|p| out(p).normalize().dot(&up)).fold(1.0, f64::min);
         Some(Focus { point, distance_m, up, lowest })
     }

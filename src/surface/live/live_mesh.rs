@@ -11,8 +11,8 @@ use crate::surface::{TriangleMesh, marching_cubes};
 /// Blocks along a side of a chunk.
 const BLOCKS: i32 = 2;
 /// Triangles in all; with more, nodes are left out.
-/// derived: 2.4 MB as markers, which a local network carries in half a second beside the images
-const MOST_TRIANGLES: usize = 20_000;
+/// derived: 3 MB as markers, which a local network carries within a second beside the images
+const MOST_TRIANGLES: usize = 25_000;
 /// Every so many nodes count at most.
 /// derived: behind a surface four spacings are known, which a cell must not be wider than
 const LARGEST_STRIDE: usize = 4;

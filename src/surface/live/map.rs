@@ -20,8 +20,8 @@ use crate::{
 };
 
 /// Least and largest first distance between nodes, meters.
-/// tuned: finer than 4 mm shows the eye no more of an object; with 20 mm a drawer still has its front
-const SPACING_M: [f64; 2] = [0.004, 0.02];
+/// tuned: finer than 5 mm shows the eye no more of an object; with 20 mm a drawer still has its front
+const SPACING_M: [f64; 2] = [0.005, 0.02];
 /// Truncation in spacings and in standard deviations of a reading, at least.
 /// derived: that of the pipeline's fusion (`SurfaceConfig::truncation_m`), and two cells on each side for
 /// marching cubes of every second node

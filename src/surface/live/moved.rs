@@ -1,7 +1,7 @@
 //! What moved between two states: surface of one where the other saw nothing.
 //!
 //! The idea of `capture::isolate`, for views that come one by one: two views of the other state read something
-//! clearly behind a piece of surface, and none read anything about it.
+//! clearly behind a piece of surface, and no two read anything about it.
 
 use std::collections::BTreeSet;
 
@@ -44,8 +44,8 @@ pub(super) fn changed<'a>(
         for triangle in 0..chunk.mesh.triangles.len() {
             let middle = chunk.mesh.middle(triangle);
             let there = other.at(&middle);
-            // Two views of each state agree, so that no single reading lights up.
-            if there.empty_again && !there.filled && own.at(&middle).filled_again {
+            // Two views of each state agree, so that no single reading lights up, or takes light away.
+            if there.empty_again && !there.filled_again && own.at(&middle).filled_again {
                 found.extend(cell(&middle, size_m).map(|c| (c, chunk, triangle)));
             }
         }
