@@ -354,7 +354,7 @@ fn what_is_collected_is_shown_as_it_comes() {
 }
 
 /// Distance of points to a shipped mesh, meters.
-fn distance_to(mesh: &str) -> impl Fn(&nalgebra::Point3<f32>) -> f32 {
+fn distance_to(mesh: &str) -> impl Fn(&nalgebra::Point3<f32>) -> f32 + use<> {
     let mesh = artitwin::internal::io::read_mesh(&shipped(mesh)).unwrap();
     let distance = artitwin::internal::surface::MeshDistance::new(&mesh).unwrap();
     move |p| distance.distances_m(&[*p])[0]

@@ -1,6 +1,6 @@
 //! The map of a state while it is collected, on a thread of its own: kept views go in, and what is seen so
-//! far, what is not, the next view and what moved come out. Nothing waits for it: a view that finds no room is
-//! left out of the map, not of the recording.
+//! far, what is not, the next view and what moved come out. Nothing waits for it: a view that finds no room
+//! is left out of the map, not of the recording.
 
 use std::{
     sync::{
@@ -236,8 +236,8 @@ impl Mapper {
         Self { settings, map: LiveMap::new(settings), key: MapKey::default(), unusable: 0 }
     }
 
-    /// Waits for views and fuses those that are there; what they show, `None` within while none could be used.
-    /// `None` when nobody sends views any more.
+    /// Waits for views and fuses those that are there; what they show, `None` within while none could be
+    /// used. `None` when nobody sends views any more.
     fn next(
         &mut self,
         inbox: &Receiver<KeptView>,
@@ -436,9 +436,9 @@ mod tests {
                     };
                     let (unseen, next) = mapper.map.look().unwrap();
                     eprintln!(
-                        "mask {with_mask} state {state}: fuse {:?} draw {:?} look {:?} moved {:?} ms (median, \
-                         most); {} triangles at {:.1} mm, {:.1} MB, unseen {:.3} m2 ({:.2}), next {:.4} m2, \
-                         moved {:?}",
+                        "mask {with_mask} {state}: fuse {:?} draw {:?} look {:?} moved {:?} ms (median, \
+                         most); {} triangles at {:.1} mm, {:.1} MB, unseen {:.3} m2 ({:.2}), next {:.3}, \
+                         moved {:?} m2",
                         of(0),
                         of(1),
                         of(2),

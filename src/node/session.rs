@@ -158,7 +158,7 @@ async fn live(start: &Start) -> Result<(), NodeError> {
         live_tracking::start(settings::track_settings(p, topics.clone(), &resolved.config))
             .map_err(|source| NodeError::System { what: "starting the tracker", source })?;
     let live = start_live(p, &resolved.config, &shared)?;
-    let live_results = live.as_ref().map(LiveQueue::results);
+    let shown = live.as_ref().map(LiveQueue::results);
     let (sender, poses) = mpsc::channel(POSE_QUEUE);
     let core = Core::new(
         (collector, lock),
@@ -187,9 +187,8 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let (reports, report) = watch::channel(None);
     let diagnoser = Arc::new(Diagnoser { shared: Arc::clone(&shared), twins: twin.clone(), reports });
     let outputs = Outputs::new(&mut participant, p, Arc::clone(&clock))?;
-    let live_outputs = live_results
-        .map(|results| LiveOutputs::new(&mut participant).map(|outputs| (outputs, results)))
-        .transpose()?;
+    let show = |results| LiveOutputs::new(&mut participant).map(|outputs| outputs.run(results));
+    let live_outputs = shown.map(show).transpose()?;
     let context = ServiceContext { commands: commands.clone(), shared: Arc::clone(&shared), next_session };
     services::offer(&mut participant, mapping, &context)?;
     action::offer(&mut participant, mapping, Arc::clone(&reconstructor))?;
@@ -198,17 +197,9 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let inputs = inputs::subscribe(&mut participant, p, &topics, &outbox, &clock)?;
     let diagnostics = Diagnostics::new(&identity.full(), inputs);
     participant.spin()?;
-    // Latched topics go with their publisher: what an earlier node made is published again.
-    if let Some(twin) = last_twin(&first) {
-        reconstructor.twins.send_replace(Some(Arc::new(twin)));
-    }
-    if let Some(report) = last_report(&first) {
-        diagnoser.reports.send_replace(Some(Arc::new(report)));
-    }
+    publish_again(&first, &reconstructor, &diagnoser);
     tokio::spawn(outputs.run(News { twin, report, poses }, shared, diagnostics));
-    if let Some((outputs, results)) = live_outputs {
-        tokio::spawn(outputs.run(results));
-    }
+    live_outputs.into_iter().for_each(|task| _ = tokio::spawn(task));
     log::info!("{} in domain {}, session {}", identity.full(), environment.domain, first.display());
 
     end_requested().await?;
@@ -220,6 +211,16 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     tokio::time::timeout(END_WAIT, ended).await.ok();
     tokio::time::timeout(END_WAIT, core).await.ok();
     Ok(())
+}
+
+/// Latched topics go with their publisher: what an earlier node made is published again.
+fn publish_again(session: &Path, reconstructor: &Reconstructor, diagnoser: &Diagnoser) {
+    if let Some(twin) = last_twin(session) {
+        reconstructor.twins.send_replace(Some(Arc::new(twin)));
+    }
+    if let Some(report) = last_report(session) {
+        diagnoser.reports.send_replace(Some(Arc::new(report)));
+    }
 }
 
 /// Starts the live map, where it is asked for.

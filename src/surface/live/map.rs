@@ -26,7 +26,7 @@ const SPACING_M: [f64; 2] = [0.005, 0.02];
 /// derived: that of the pipeline's fusion (`SurfaceConfig::truncation_m`), and two cells on each side for
 /// marching cubes of every second node
 const TRUNCATION: f64 = 4.0;
-/// Side of a cell of seen space in spacings.
+/// Side of a cell of seen space in spacings, at first.
 const CELL: f64 = 2.0;
 
 /// Settings of a map.
@@ -63,8 +63,8 @@ struct Before {
 /// The map of the state that is collected, and what is kept of the first one.
 ///
 /// The same views in the same order give the same bytes. Memory is bounded: where the bound is reached the
-/// spacing doubles, and what was seen stays. Rayon's pool of the thread that asks does the work; a pool of one
-/// keeps it on that thread.
+/// spacing doubles, and what was seen stays. Rayon's pool of the thread that asks does the work; a pool of
+/// one keeps it on that thread.
 pub struct LiveMap {
     settings: LiveSettings,
     now: Option<StateMap>,
@@ -110,7 +110,11 @@ impl LiveMap {
             let (keys, new_blocks) = map.blocks.about(&view);
             let sight_bytes = map.sight.bytes() + SightMap::bytes_of(new_sight);
             let block_bytes = map.blocks.bytes() + BlockMap::bytes_of(new_blocks);
-            if sight_bytes > most_sight || block_bytes > most_blocks {
+            if sight_bytes > most_sight {
+                map.sight.coarsen();
+                continue;
+            }
+            if block_bytes > most_blocks {
                 map.coarsen();
                 continue;
             }
@@ -219,7 +223,6 @@ impl StateMap {
 
     fn coarsen(&mut self) {
         self.blocks.coarsen(truncation_m(2.0 * self.blocks.spacing_m(), self.sigma_m));
-        self.sight.coarsen();
         self.mesh.begin_coarser(&self.blocks);
     }
 }

@@ -1,7 +1,7 @@
 //! What moved between two states: surface of one where the other saw nothing.
 //!
-//! The idea of `capture::isolate`, for views that come one by one: two views of the other state read something
-//! clearly behind a piece of surface, and no two read anything about it.
+//! The idea of `capture::isolate`, for views that come one by one: two views of the other state read
+//! something clearly behind a piece of surface, four times as many as read anything about it.
 
 use std::collections::BTreeSet;
 
@@ -14,6 +14,13 @@ use crate::{
 /// Fewest cells that hang together and count.
 /// derived: a patch of three by three, less one, as `capture::isolate` asks for
 const LEAST_PATCH: usize = 8;
+
+/// Views of each state that must agree, as there.
+/// derived: one reading may be wrong
+const LEAST_VIEWS: u8 = 2;
+/// Space is empty if it was seen so this many times as often as something was seen there, as there.
+/// derived: readings at depth edges take either side about as often
+const CLEARLY: u8 = 4;
 
 /// What moved since the state before.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -44,8 +51,8 @@ pub(super) fn changed<'a>(
         for triangle in 0..chunk.mesh.triangles.len() {
             let middle = chunk.mesh.middle(triangle);
             let there = other.at(&middle);
-            // Two views of each state agree, so that no single reading lights up, or takes light away.
-            if there.empty_again && !there.filled_again && own.at(&middle).filled_again {
+            let is_empty = there.empty >= LEAST_VIEWS && there.empty >= CLEARLY * there.filled;
+            if is_empty && own.at(&middle).filled >= LEAST_VIEWS {
                 found.extend(cell(&middle, size_m).map(|c| (c, chunk, triangle)));
             }
         }

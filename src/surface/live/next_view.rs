@@ -85,7 +85,7 @@ fn can_stand(eye: &Point3<f64>, region: &Region, sight: &SightMap) -> bool {
     let steps = (free_m / sight.cell_m()).ceil().clamp(1.0, 1e4);
     (0..=steps as usize).all(|i| {
         let seen = sight.at(&(eye + to.normalize() * (free_m * i as f64 / steps)));
-        !seen.filled || seen.empty_again
+        seen.filled == 0 || seen.empty >= 2
     })
 }
 

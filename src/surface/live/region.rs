@@ -64,8 +64,8 @@ impl Region {
             let at = [0, 1, 2].map(|k| (cell[k] - low[k]).div_euclid(per));
             if at.iter().all(|a| (0..side as i32).contains(a)) {
                 let i = index(at.map(|a| a as usize), side);
-                empty[i] = empty[i].saturating_add(u16::from(seen.empty));
-                filled[i] |= seen.filled && !seen.empty_again;
+                empty[i] = empty[i].saturating_add(u16::from(seen.empty > 0));
+                filled[i] |= seen.filled > 0 && seen.empty < 2;
             }
         });
         let enough = per.pow(3).div_euclid(2).max(1) as u16;

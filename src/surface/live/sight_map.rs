@@ -1,5 +1,5 @@
-//! Space that was seen empty, and space where something was seen: two bits and whether a second view agreed,
-//! in blocks of cells.
+//! Space that was seen empty, and space where something was seen: how many views saw it so, in blocks of
+//! cells.
 
 use std::collections::BTreeMap;
 
@@ -18,37 +18,47 @@ type Key = [i32; 3];
 /// A bit for every cell of a block: words by z, bits by `x + 8 y`.
 type Bits = [u64; SIDE];
 
-/// What was seen of the cells of a block.
+/// How often the cells of a block were seen empty, and filled: counts whose digits are bits, the lowest
+/// first.
 #[derive(Clone, Default)]
 struct Sight {
-    empty: Bits,
-    empty_again: Bits,
-    filled: Bits,
-    filled_again: Bits,
+    empty: [Bits; 3],
+    filled: [Bits; 2],
 }
 
-/// What was seen of one cell.
+/// How often a cell was seen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Seen {
-    /// A view saw it empty.
-    pub empty: bool,
-    /// Two views did.
-    pub empty_again: bool,
-    /// A view saw something about it.
-    pub filled: bool,
-    /// Two views did.
-    pub filled_again: bool,
+    /// Views that saw it empty, 7 for more.
+    pub empty: u8,
+    /// Views that saw something about it, 3 for more.
+    pub filled: u8,
 }
 
 impl Sight {
     fn at(&self, [x, y, z]: [usize; 3]) -> Seen {
-        let is_set = |bits: &Bits| bits[z] >> (x + SIDE * y) & 1 == 1;
-        Seen {
-            empty: is_set(&self.empty),
-            empty_again: is_set(&self.empty_again),
-            filled: is_set(&self.filled),
-            filled_again: is_set(&self.filled_again),
-        }
+        let digit = |bits: &Bits| (bits[z] >> (x + SIDE * y) & 1) as u8;
+        let number = |digits: &[Bits]| digits.iter().rev().fold(0, |n, bits| 2 * n + digit(bits));
+        Seen { empty: number(&self.empty), filled: number(&self.filled) }
+    }
+
+    fn set(&mut self, [x, y, z]: [usize; 3], seen: Seen) {
+        let put = |digits: &mut [Bits], number: u8| {
+            for (k, bits) in digits.iter_mut().enumerate() {
+                bits[z] |= u64::from(number >> k & 1) << (x + SIDE * y);
+            }
+        };
+        put(&mut self.empty, seen.empty);
+        put(&mut self.filled, seen.filled);
+    }
+}
+
+/// Counts one more where bits are set and the count is not full.
+fn count(digits: &mut [Bits], z: usize, more: u64) {
+    let full = digits.iter().fold(u64::MAX, |all, bits| all & bits[z]);
+    let mut carry = more & !full;
+    for bits in digits {
+        (bits[z], carry) = (bits[z] ^ carry, bits[z] & carry);
     }
 }
 
@@ -91,7 +101,7 @@ impl SightMap {
     pub fn looks(&self, view: &ViewDepth, clearance: &Clearance) -> (Vec<Look>, usize) {
         let block_m = self.cell_m * SIDE as f64;
         let radius_m = (0.5 * 3f64.sqrt() * block_m) as f32;
-        let [low, high] = self.bounds(view, f64::from(clearance.farthest_m));
+        let [low, high] = self.bounds(view, f64::from(clearance.sight_m));
         let first = Point3::from(low.map(|k| (f64::from(k) + 0.5) * block_m));
         let intrinsics = &view.frame.intrinsics;
         let camera = RowCamera::new(intrinsics, &view.camera_from_world, &first, block_m);
@@ -103,6 +113,9 @@ impl SightMap {
             let range = row.range.start.saturating_sub(1)..(row.range.end + 1).min(count[0]);
             for x in range.filter(|_| !row.range.is_empty()) {
                 let middle = row.at(x);
+                if middle.z - radius_m > clearance.sight_m {
+                    continue;
+                }
                 let key = [low[0] + x as i32, low[1] + y as i32, low[2] + z as i32];
                 match clearance.piece(&middle, radius_m, 0.0) {
                     Piece::Nothing => {}
@@ -120,10 +133,8 @@ impl SightMap {
         for look in looks {
             let sight = self.blocks.entry(look.key).or_default();
             for z in 0..SIDE {
-                sight.empty_again[z] |= sight.empty[z] & look.empty[z];
-                sight.empty[z] |= look.empty[z];
-                sight.filled_again[z] |= sight.filled[z] & look.filled[z];
-                sight.filled[z] |= look.filled[z];
+                count(&mut sight.empty, z, look.empty[z]);
+                count(&mut sight.filled, z, look.filled[z]);
             }
         }
     }
@@ -200,7 +211,7 @@ impl SightMap {
         }
     }
 
-    /// Doubles the cells: one is empty where all of its eight were, and filled where one was.
+    /// Doubles the cells: one was seen empty as often as all of its eight were, and filled as one was.
     pub fn coarsen(&mut self) {
         let old = std::mem::take(&mut self.blocks);
         for (key, fine) in old {
@@ -209,19 +220,9 @@ impl SightMap {
             for i in 0..SIDE * SIDE * SIDE / 8 {
                 let half = [i % 4, i / 4 % 4, i / 16];
                 let eight = (0..8).map(|c| fine.at([0, 1, 2].map(|k| 2 * half[k] + (c >> k & 1))));
-                let begin = Seen { empty: true, empty_again: true, ..Seen::default() };
-                let seen = eight.fold(begin, |a, b| Seen {
-                    empty: a.empty && b.empty,
-                    empty_again: a.empty_again && b.empty_again,
-                    filled: a.filled || b.filled,
-                    filled_again: a.filled_again || b.filled_again,
-                });
-                let [x, y, z] = [0, 1, 2].map(|k| at[k] + half[k]);
-                let bit = |is_set: bool| u64::from(is_set) << (x + SIDE * y);
-                coarse.empty[z] |= bit(seen.empty);
-                coarse.empty_again[z] |= bit(seen.empty_again);
-                coarse.filled[z] |= bit(seen.filled);
-                coarse.filled_again[z] |= bit(seen.filled_again);
+                let seen =
+                    eight.reduce(|a, b| Seen { empty: a.empty.min(b.empty), filled: a.filled.max(b.filled) });
+                coarse.set([0, 1, 2].map(|k| at[k] + half[k]), seen.unwrap_or_default());
             }
         }
         self.cell_m *= 2.0;
