@@ -326,7 +326,7 @@ fn what_is_collected_is_shown_as_it_comes() {
         let delays: Vec<f64> = found["delays"].as_array().unwrap().iter().map(number).collect();
         assert_eq!(delays.len(), 16);
         assert!(delays.iter().all(|d| (0.0..1.0).contains(d)), "{delays:?}");
-        assert!(number(&found["behind"][0]) < 1.0, "{short}");
+        assert!((1e-3..1.0).contains(&number(&found["behind"])), "{short}");
         assert_eq!(found["frames"], serde_json::json!(["world"]), "{short}");
         assert!(number(&found["largest"]) < 300_000.0 && number(&found["map_bytes"]) < 64e6, "{short}");
         let truth = distance_to(&format!("drawer/truth/state{state}/whole.ply"));

@@ -70,7 +70,7 @@ def live(args):
     states = []
     for state in range(2):
         expect(start.call(state).success, "a state begins")
-        sent, arrived, frames, behind, poses = {}, [], set(), [], []
+        sent, arrived, frames, behind, view_secs, poses = {}, [], set(), [], [], []
 
         def look():
             for at, stamp, frame in mesh.take():
@@ -79,6 +79,11 @@ def live(args):
             unseen.take()
             moved.take()
             poses.extend(peer.unpack(p, POSE) for p in next_view.take())
+            for payload in diagnostics.take():
+                report = peer.unpack(payload, "diagnostic_msgs/msg/DiagnosticArray")
+                found = {v.key: v.value for s in report.status if s.name.endswith(": live_map") for v in s.values}
+                behind.append(float(found["seconds_behind"]))
+                view_secs.append(float(found["seconds_a_view"]))
 
         # Before every message, so that what came is timed to the pause between two.
         def change(message):
@@ -97,7 +102,6 @@ def live(args):
             look()
             time.sleep(0.01)
         found = values(peer, diagnostics, "live_map")
-        behind.append(float(found["seconds_behind"]))
         logged = {stamp: m[2] for m in replay.bags[state] if m[0].startswith("/camera/camera/color/image_raw")
                   for stamp in [int.from_bytes(m[3][4:8], "little") * 1_000_000_000 + int.from_bytes(m[3][8:12], "little")]}
         delays = []
@@ -110,13 +114,13 @@ def live(args):
         expect(done.success, done.message)
         states.append({
             "kept": int(done.keyframes), "fused": int(found["views_fused"]), "left_out": int(found["left_out_busy"]),
-            "delays": delays, "behind": behind, "frames": sorted(frames), "mesh": mesh.points("live_mesh")[::3],
+            "delays": delays, "behind": max(behind), "frames": sorted(frames), "mesh": mesh.points("live_mesh")[::3],
             "largest": max(mesh.largest, unseen.largest, moved.largest),
             "unseen_m2": area_m2(unseen.points("unseen")) if unseen.points("unseen") else 0.0,
             "unseen_share": float(found["unseen_share"]), "next_views": len(poses),
             "next_view": None if not poses else [poses[-1].pose.position.x, poses[-1].pose.position.y, poses[-1].pose.position.z],
             "moved": moved.points("moved"), "appeared_m2": found["appeared_m2"], "gone_m2": found["gone_m2"],
-            "map_bytes": int(found["map_bytes"]), "seconds_a_view": float(found["seconds_a_view"]), "cleared": mesh.cleared,
+            "map_bytes": int(found["map_bytes"]), "seconds_a_view": max(view_secs), "cleared": mesh.cleared,
         })
     # A late subscriber gets all of it within some ten seconds.
     late = Screen(peer, "live_mesh")
