@@ -21,14 +21,14 @@ use crate::{
 };
 
 /// Time between two messages of the surface.
-const TICK: Duration = Duration::from_millis(25);
+const TICK: Duration = Duration::from_millis(20);
 /// Bytes of the surface in a message: with a large chunk as much again.
-/// derived: a stock Linux receives 212992 bytes ahead; 4.8 MB a second are twice the largest surface
+/// derived: a stock Linux receives 212992 bytes ahead; 6 MB a second are more than the largest surface
 const MESSAGE_BYTES: usize = 120_000;
 /// Time between two messages of all else.
 const REST_EVERY: Duration = Duration::from_millis(250);
 /// Messages of the surface between two of what was sent before.
-const PAUSE: u32 = 10;
+const PAUSE: u32 = 12;
 /// Time in which all is sent again.
 const AGAIN: Duration = Duration::from_secs(10);
 /// Time over which the longest delay is kept.

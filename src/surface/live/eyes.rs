@@ -57,7 +57,7 @@ impl Eyes {
     }
 
     /// What the views look at; `None` without any.
-    pub fn focus(&self) -> Option<Focus> {
+    fn focus(&self) -> Option<Focus> {
         let poses: Vec<Pose> = self.views.iter().map(|v| v.0).collect();
         let ahead: Vec<Point3<f64>> = self.views.iter().map(|(p, z)| p * Point3::new(0.0, 0.0, *z)).collect();
         // Where all axes meet far from what is seen, e.g. those of a walk, that is nothing to look at.
@@ -77,6 +77,16 @@ impl Eyes {
         let up = Vector3::ith(axis, if sum[axis] < 0.0 { -1.0 } else { 1.0 });
         let lowest = poses.iter().map(|p| out(p).normalize().dot(&up)).fold(1.0, f64::min);
         Some(Focus { point, distance_m, up, lowest })
+    }
+
+    /// A ball about what the views look at, as large as fits into the image from their median distance: its
+    /// middle with all that goes with it, and its radius in meters.
+    pub fn ball(&self) -> Option<(Focus, f64)> {
+        let focus = self.focus()?;
+        let k = &self.intrinsics;
+        let half = (0.5 * k.width as f64 / k.fx).min(0.5 * k.height as f64 / k.fy);
+        let radius_m = focus.distance_m * half.atan().sin();
+        Some((focus, radius_m))
     }
 
     /// Whether at least half of the views have a point in their image.

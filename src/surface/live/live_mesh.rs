@@ -5,14 +5,22 @@ use std::{
     sync::Arc,
 };
 
+use nalgebra::Point3;
+
 use super::block_map::{self, BlockMap, Key};
 use crate::surface::{TriangleMesh, marching_cubes};
 
 /// Blocks along a side of a chunk.
 const BLOCKS: i32 = 2;
-/// Triangles in all; with more, nodes are left out.
-/// derived: 3 MB as markers, which a local network carries within a second beside the images
-const MOST_TRIANGLES: usize = 25_000;
+/// Triangles in all; with more, nodes are left out, at first beside what the views look at.
+/// derived: 3.6 MB as markers, which a local network carries within a second beside the images
+const MOST_TRIANGLES: usize = 30_000;
+/// With so many times fewer, nodes are taken in again.
+/// derived: half the spacing makes four times the triangles, and noise some more
+const FEWER: usize = 6;
+/// The ball that the views look at is another one where it moved or grew by this part of its radius.
+/// derived: a tenth of an image
+const OTHER_BALL: f64 = 0.1;
 /// Every so many nodes count at most.
 /// derived: behind a surface four spacings are known, which a cell must not be wider than
 const LARGEST_STRIDE: usize = 4;
@@ -33,7 +41,10 @@ pub struct MeshChunk {
 /// The surface of a map.
 #[derive(Default)]
 pub(super) struct LiveMesh {
-    stride: usize,
+    /// Every so many nodes count: about what the views look at, and beside it.
+    strides: [usize; 2],
+    /// Middle and radius of what the views look at.
+    ball: Option<(Point3<f64>, f64)>,
     chunks: BTreeMap<Key, Arc<MeshChunk>>,
     stale: BTreeSet<Key>,
     next_id: i32,
@@ -44,7 +55,7 @@ pub(super) struct LiveMesh {
 impl LiveMesh {
     /// Without a surface.
     pub fn new() -> Self {
-        Self { stride: 1, ..Self::default() }
+        Self { strides: [1, 1], ..Self::default() }
     }
 
     /// Says that the surface in some blocks changed.
@@ -68,18 +79,41 @@ impl LiveMesh {
 
     /// The same where the map's spacing doubled: as many nodes count as before, or more.
     pub fn begin_coarser(&mut self, map: &BlockMap) {
-        self.stride = (self.stride / 2).max(1);
+        self.strides = self.strides.map(|s| (s / 2).max(1));
         self.begin_again(map);
     }
 
-    /// Makes the stale chunks again.
-    pub fn refresh(&mut self, map: &BlockMap) {
+    /// Makes the stale chunks again; views look at a ball.
+    pub fn refresh(&mut self, map: &BlockMap, ball: Option<(Point3<f64>, f64)>) {
+        let is_other = match (self.ball, ball) {
+            (Some((a, r)), Some((b, s))) => (a - b).norm().max((r - s).abs()) > OTHER_BALL * r,
+            (a, b) => a.is_some() != b.is_some(),
+        };
+        if is_other {
+            self.ball = ball;
+            self.begin_again(map);
+        }
         self.remake(map);
-        while self.triangles > MOST_TRIANGLES && self.stride < LARGEST_STRIDE {
-            self.stride *= 2;
+        let coarsest = self.strides.iter().position(|s| *s > 1);
+        if let Some(finer) = coarsest.filter(|_| FEWER * self.triangles < MOST_TRIANGLES) {
+            self.strides[finer] /= 2;
             self.begin_again(map);
             self.remake(map);
         }
+        while self.triangles > MOST_TRIANGLES {
+            let Some(coarser) = [1, 0].into_iter().find(|k| self.strides[*k] < LARGEST_STRIDE) else { break };
+            self.strides[coarser] *= 2;
+            self.begin_again(map);
+            self.remake(map);
+        }
+    }
+
+    /// Every so many nodes count in a chunk.
+    fn stride_of(&self, map: &BlockMap, key: Key) -> usize {
+        let side_m = f64::from(BLOCKS) * block_map::SIDE as f64 * map.spacing_m();
+        let middle = Point3::from(key.map(|k| (f64::from(k) + 0.5) * side_m));
+        let is_near = self.ball.is_none_or(|(center, radius_m)| (middle - center).norm() < radius_m + side_m);
+        self.strides[usize::from(!is_near)]
     }
 
     fn remake(&mut self, map: &BlockMap) {
@@ -103,7 +137,7 @@ impl LiveMesh {
     }
 
     fn made(&self, map: &BlockMap, key: Key) -> TriangleMesh {
-        let (grid, colors) = map.grid(key.map(|k| k * BLOCKS), BLOCKS as usize, self.stride);
+        let (grid, colors) = map.grid(key.map(|k| k * BLOCKS), BLOCKS as usize, self.stride_of(map, key));
         let mut mesh = marching_cubes(&grid, 0.0);
         let last = grid.dims[0] - 1;
         mesh.colors = mesh
@@ -133,9 +167,9 @@ impl LiveMesh {
         self.chunks.values()
     }
 
-    /// Width of the cells that the surface is made of, in spacings of the map.
+    /// Width of the cells about what the views look at, in spacings of the map.
     pub fn stride(&self) -> usize {
-        self.stride
+        self.strides[0]
     }
 }
 

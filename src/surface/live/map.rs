@@ -57,6 +57,7 @@ struct StateMap {
 /// What is kept of the state before.
 struct Before {
     chunks: Vec<Arc<MeshChunk>>,
+    spacing_m: f64,
     sight: SightMap,
 }
 
@@ -84,11 +85,12 @@ impl LiveMap {
         if self.before.is_some() {
             return;
         }
-        map.mesh.refresh(&map.blocks);
+        map.draw();
         while map.sight.bytes() > self.share(8) {
             map.sight.coarsen();
         }
-        self.before = Some(Before { chunks: map.mesh.chunks().cloned().collect(), sight: map.sight });
+        let chunks = map.mesh.chunks().cloned().collect();
+        self.before = Some(Before { chunks, spacing_m: map.spacing_m(), sight: map.sight });
     }
 
     /// A part of the memory, bytes.
@@ -130,7 +132,7 @@ impl LiveMap {
     /// Makes the surface again where it changed since the last time.
     pub fn refresh(&mut self) {
         if let Some(map) = &mut self.now {
-            map.mesh.refresh(&map.blocks);
+            map.draw();
         }
     }
 
@@ -157,7 +159,7 @@ impl LiveMap {
             .flat_map(|c| (0..c.mesh.triangles.len()).map(|t| (&c.mesh, t)))
             .filter(|(mesh, t)| region.holds(&mesh.middle(*t)))
             .map(|(mesh, t)| 0.5 * f64::from(mesh.area_normal(t).norm()))
-            .sum();
+            .fold(0.0, |sum, area| sum + area);
         let unseen = unseen(&region, seen_m2);
         let next = next_view(&region, &map.sight, unseen.area_m2 + seen_m2);
         Some((unseen, next))
@@ -168,8 +170,18 @@ impl LiveMap {
     pub fn moved(&self) -> Option<Moved> {
         let (map, before) = (self.now.as_ref()?, self.before.as_ref()?);
         Some(Moved {
-            appeared: changed(map.mesh.chunks().map(AsRef::as_ref), &map.sight, &before.sight),
-            gone: changed(before.chunks.iter().map(AsRef::as_ref), &before.sight, &map.sight),
+            appeared: changed(
+                map.mesh.chunks().map(AsRef::as_ref),
+                map.spacing_m(),
+                &map.sight,
+                &before.sight,
+            ),
+            gone: changed(
+                before.chunks.iter().map(AsRef::as_ref),
+                before.spacing_m,
+                &before.sight,
+                &map.sight,
+            ),
         })
     }
 
@@ -189,7 +201,7 @@ impl LiveMap {
     /// Distance between the nodes that the surface is made of, meters; 0 before the first view.
     #[must_use]
     pub fn spacing_m(&self) -> f64 {
-        self.now.as_ref().map_or(0.0, |map| map.blocks.spacing_m() * map.mesh.stride() as f64)
+        self.now.as_ref().map_or(0.0, StateMap::spacing_m)
     }
 
     /// Memory of what was seen, bytes.
@@ -219,6 +231,16 @@ impl StateMap {
             eyes: Eyes::new(view.frame.intrinsics),
             sigma_m,
         }
+    }
+
+    /// Distance between the nodes that the surface is made of about what the views look at, meters.
+    fn spacing_m(&self) -> f64 {
+        self.blocks.spacing_m() * self.mesh.stride() as f64
+    }
+
+    fn draw(&mut self) {
+        let ball = self.eyes.ball().map(|(focus, radius_m)| (focus.point, radius_m));
+        self.mesh.refresh(&self.blocks, ball);
     }
 
     fn coarsen(&mut self) {

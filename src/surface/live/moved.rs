@@ -39,13 +39,15 @@ impl Moved {
     }
 }
 
-/// Triangles of one state's surface that are in space which the other state saw empty.
+/// Triangles of one state's surface, of cells so wide, that are in space which the other state saw empty.
 pub(super) fn changed<'a>(
     surface: impl Iterator<Item = &'a MeshChunk>,
+    spacing_m: f64,
     own: &SightMap,
     other: &SightMap,
 ) -> TriangleMesh {
-    let size_m = other.cell_m();
+    // No finer than the surface, whose neighboring triangles would not hang together.
+    let size_m = other.cell_m().max(spacing_m);
     let mut found = Vec::new();
     for chunk in surface {
         for triangle in 0..chunk.mesh.triangles.len() {

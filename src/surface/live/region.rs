@@ -25,8 +25,7 @@ pub(super) enum Cell {
     Filled,
 }
 
-/// A ball about what the views look at, as large as fits into the image from their median distance, and in it
-/// what at least half of the views have in their image.
+/// The ball that the views look at, and in it what at least half of them have in their image.
 pub(super) struct Region {
     /// What the views look at.
     pub focus: Focus,
@@ -44,10 +43,7 @@ pub(super) struct Region {
 impl Region {
     /// Of the views so far; `None` without any.
     pub fn new(eyes: &Eyes, sight: &SightMap) -> Option<Self> {
-        let focus = eyes.focus()?;
-        let k = &eyes.intrinsics;
-        let half = (0.5 * k.width as f64 / k.fx).min(0.5 * k.height as f64 / k.fy);
-        let radius_m = focus.distance_m * half.atan().sin();
+        let (focus, radius_m) = eyes.ball()?;
         let fine_m = sight.cell_m();
         let per = (2.0 * radius_m / fine_m / MOST_CELLS as f64).ceil().max(1.0);
         let (cell_m, per) = (per * fine_m, per as i32);

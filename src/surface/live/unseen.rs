@@ -89,7 +89,7 @@ pub(super) fn unseen(region: &Region, seen_m2: f64) -> Unseen {
         })
     };
     let mut patches: Vec<UnseenPatch> = sums.values().filter_map(patch).collect();
-    let area_m2 = patches.iter().map(|p| p.area_m2).sum();
+    let area_m2 = patches.iter().fold(0.0, |sum, p| sum + p.area_m2);
     if patches.len() > MOST_PATCHES {
         let mut areas: Vec<f64> = patches.iter().map(|p| p.area_m2).collect();
         areas.sort_unstable_by(|a, b| b.total_cmp(a));
