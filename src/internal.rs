@@ -125,8 +125,9 @@ pub mod run {
 }
 pub mod surface {
     pub use crate::surface::{
-        DistanceOptions, MeshDistance, Paint, PixelRole, RenderItem, TriangleMesh, TsdfView, TsdfVolume,
-        marching_cubes, merge, render, sample_surface, signed_distance, simplify,
+        DistanceOptions, LiveMap, LiveSettings, MeshChunk, MeshDistance, Moved, NextView, Paint, PixelRole,
+        RenderItem, TriangleMesh, TsdfView, TsdfVolume, Unseen, UnseenPatch, marching_cubes, merge, render,
+        sample_surface, signed_distance, simplify,
     };
 }
 pub mod synth {

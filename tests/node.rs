@@ -176,13 +176,18 @@ fn three_hundred_frames_at_30_hz_arrive() {
     let parameters =
         ["image_qos:=default".to_owned(), format!("out_folder:={}", folder.join("out").display())];
     let node = Node::start(43, &parameters);
-    let told = scenario(&python, 43, &["rate", "--reliable", "--frames", "300"]);
+    // While a state is collected, and mapped as it comes.
+    let told = scenario(&python, 43, &["rate", "--reliable", "--collect", "--frames", "300"]);
     let log = node.end();
     for part in ["color", "depth"] {
         assert_eq!(told[part]["received"], 300, "{told}\n{log}");
         assert_eq!(told[part]["lost"], 0, "{told}");
     }
     assert_eq!(told["matched"], 300, "{told}");
+    // 3 mm from image to image, a view kept every 2 cm; what the map cannot take is left out of it alone.
+    assert!((40..=45).contains(&told["kept"].as_u64().unwrap()), "{told}");
+    let live = |key: &str| told["live_map"][key].as_str().unwrap().parse::<u64>().unwrap();
+    assert_eq!(live("views_fused") + live("left_out_busy"), told["kept"].as_u64().unwrap(), "{told}");
 }
 
 #[test]
@@ -292,6 +297,67 @@ fn a_camera_without_transforms_is_followed_and_its_poses_come_back() {
     let expected = by_poses.joints[0].states[1] - by_poses.joints[0].states[0];
     assert!((motion.abs() - expected.abs()).abs() < 0.01, "{motion} m, by poses {expected} m");
     assert!(by_poses.object_box_m.is_some());
+}
+
+/// The live map while the drawer is replayed: there in time, where the drawer is, and lit where it moved.
+#[test]
+fn what_is_collected_is_shown_as_it_comes() {
+    let Some(python) = venv::ros_python() else { return };
+    let _serial = serial();
+    let folder = TempDir::new("node-live");
+    let node = Node::start(67, &small_run(&folder, false));
+    let states = [0, 1].map(|s| shipped(&format!("drawer/state{s}")).display().to_string());
+    let told = scenario(&python, 67, &["live", &states[0], &states[1]]);
+    let log = node.end();
+    assert!(!log.contains("panicked"), "{log}");
+    let number = |v: &serde_json::Value| v.as_f64().unwrap();
+    let points = |v: &serde_json::Value| -> Vec<nalgebra::Point3<f32>> {
+        let point = |p: &serde_json::Value| [0, 1, 2].map(|k| p[k].as_f64().unwrap() as f32).into();
+        v.as_array().unwrap().iter().map(point).collect()
+    };
+    for (state, found) in told["states"].as_array().unwrap().iter().enumerate() {
+        let mut short = found.clone();
+        ["mesh", "moved"].iter().for_each(|k| short[k] = found[k].as_array().unwrap().len().into());
+        eprintln!("state {state}: {short}");
+        assert_eq!((number(&found["kept"]), number(&found["fused"])), (16.0, 16.0), "{short}\n{log}");
+        assert_eq!(found["left_out"], 0, "{short}");
+        // From an image that is sent to the surface that holds it, and from a kept view to all of its
+        // surface.
+        let delays: Vec<f64> = found["delays"].as_array().unwrap().iter().map(number).collect();
+        assert_eq!(delays.len(), 16);
+        assert!(delays.iter().all(|d| (0.0..1.0).contains(d)), "{delays:?}");
+        assert!((1e-3..1.0).contains(&number(&found["behind"])), "{short}");
+        assert_eq!(found["frames"], serde_json::json!(["world"]), "{short}");
+        assert!(number(&found["largest"]) < 300_000.0 && number(&found["map_bytes"]) < 64e6, "{short}");
+        let truth = distance_to(&format!("drawer/truth/state{state}/whole.ply"));
+        let errors = points(&found["mesh"]).iter().map(&truth).collect::<Vec<f32>>();
+        let near = errors.iter().filter(|e| **e < 0.01).count() as f64 / errors.len() as f64;
+        let mean = errors.iter().sum::<f32>() / errors.len() as f32;
+        assert!(errors.len() > 500 && near > 0.95 && mean < 0.003, "{} {near} {mean}", errors.len());
+        assert!(number(&found["unseen_m2"]) > 0.0 && number(&found["next_views"]) > 0.0, "{short}");
+        assert!((0.0..1.0).contains(&number(&found["unseen_share"])), "{short}");
+        // Nothing was there to compare state 0 with.
+        if state == 0 {
+            assert_eq!((found["moved"].as_array().unwrap().len(), &found["gone_m2"]), (0, &"unknown".into()));
+        }
+    }
+    let last = &told["states"][1];
+    let lit = points(&last["moved"]);
+    let (before, after) =
+        (distance_to("drawer/truth/state0/part_1.ply"), distance_to("drawer/truth/state1/part_1.ply"));
+    let off = lit.iter().filter(|p| before(p).min(after(p)) > 0.01).count();
+    // The front of the drawer, which is out by 0.16 m.
+    assert!(lit.len() > 300 && off * 50 < lit.len(), "{off} of {}", lit.len());
+    assert!(last["appeared_m2"].as_str().unwrap().parse::<f64>().unwrap() > 0.01, "{}", last["appeared_m2"]);
+    assert!(number(&last["cleared"]) >= 2.0, "the markers of state 0 went");
+    assert!(number(&told["late_secs"]) < 12.0 && told["left_after_reset"] == 0, "{}", told["late_secs"]);
+}
+
+/// Distance of points to a shipped mesh, meters.
+fn distance_to(mesh: &str) -> impl Fn(&nalgebra::Point3<f32>) -> f32 + use<> {
+    let mesh = artitwin::internal::io::read_mesh(&shipped(mesh)).unwrap();
+    let distance = artitwin::internal::surface::MeshDistance::new(&mesh).unwrap();
+    move |p| distance.distances_m(&[*p])[0]
 }
 
 /// Starts a node on the drawer's topics, runs a scenario with its first state and ends the node.

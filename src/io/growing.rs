@@ -43,7 +43,9 @@ pub struct Grown {
     pub views: usize,
     /// Those that a run would take now.
     pub taken: usize,
-    /// Frames of it that were not looked at before, without pose where the camera is to be tracked.
+    /// Whether its poses were recorded.
+    pub is_posed: bool,
+    /// Frames of it that were not looked at before.
     pub frames: Vec<RgbdFrame>,
 }
 
@@ -120,7 +122,7 @@ impl GrowingState {
                 ahead.keep(of, track(&bag, &views, &all, config, state, ahead)?);
             }
             self.done = true;
-            return Ok(Grown { views: all.len(), taken: all.len(), frames: Vec::new() });
+            return Ok(Grown { views: all.len(), taken: all.len(), is_posed: false, frames: Vec::new() });
         }
         let taken = if untracked { all.clone() } else { spread(&views.views, &all, config) };
         let new: Vec<(usize, usize)> = taken
@@ -136,7 +138,7 @@ impl GrowingState {
         let decoded = decode_views(&bag, &if untracked { unmasked(&views) } else { views }, &new, config)?;
         let frames: Vec<RgbdFrame> = decoded.frames.into_iter().map(|(_, frame)| frame).collect();
         frames.iter().for_each(|frame| ahead.features.look_at(frame));
-        Ok(Grown { views: all.len(), taken: taken.len(), frames })
+        Ok(Grown { views: all.len(), taken: taken.len(), is_posed: !untracked, frames })
     }
 }
 

@@ -107,7 +107,7 @@ pub use camera::pinhole;
 pub use dataset::{JointTransform, JointTransforms, STATES};
 pub use excerpt::{Wanted, excerpts};
 pub use glimpse::{Glimpse, glimpse, glimpse_bag, glimpse_paths};
-pub use growing::{GrowingState, Grown};
+pub use growing::GrowingState;
 pub use inspect::{inspect, inspect_with, printable};
 pub use live_view::LiveEye;
 pub use mcap_file::is_whole_mcap;

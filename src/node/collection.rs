@@ -14,12 +14,14 @@ use super::{
     collect_error::CollectError,
     collector::{Collector, Phase, Seen},
     counts::Counts,
+    live_map::{KeptView, LiveQueue, LiveStatus, MapKey},
     live_tracking::{Outcome, ToTrack, TrackQueue, Tracked},
     motion_watch::{MotionWatch, Turn},
     preview_cloud::PreviewCloud,
     sample::Sample,
     session_lock::SessionLock,
     track_status::{TrackStatus, TrackWatch},
+    view::Pixels,
 };
 use crate::io::ros2msg::TransformStamped;
 
@@ -81,6 +83,8 @@ pub struct Snapshot {
     pub problem: Option<String>,
     /// Number of changes of the cloud.
     pub cloud_version: u64,
+    /// The map of what is collected, where there is one.
+    pub live: Option<LiveStatus>,
 }
 
 impl Snapshot {
@@ -165,6 +169,8 @@ pub struct Core {
     flushed: Instant,
     tracking: Tracking,
     track_watch: TrackWatch,
+    live: Option<LiveQueue>,
+    live_key: MapKey,
 }
 
 /// Where views are tracked, and where their poses are published.
@@ -198,6 +204,7 @@ impl Core {
         clock: Arc<NodeClock>,
         shared: Arc<Shared>,
         tracking: Tracking,
+        live: Option<LiveQueue>,
     ) -> Self {
         let cloud = PreviewCloud::new(cloud_points);
         Self {
@@ -213,6 +220,8 @@ impl Core {
             flushed: Instant::now(),
             tracking,
             track_watch: TrackWatch::default(),
+            live,
+            live_key: MapKey::default(),
         }
     }
 
@@ -305,6 +314,8 @@ impl Core {
         self.track_watch.begin();
         let reset = self.collector.reset(session);
         self.lock = lock;
+        self.live_key.session += 1;
+        self.begin_live(0);
         Ok(reset?)
     }
 
@@ -312,7 +323,29 @@ impl Core {
         self.collector.start(state)?;
         self.last_state = state;
         self.cloud = PreviewCloud::new(self.cloud_points);
+        self.begin_live(state);
         Ok(())
+    }
+
+    /// What the map showed is of an earlier state, or session.
+    fn begin_live(&mut self, state: usize) {
+        if let Some(live) = &self.live {
+            self.live_key = MapKey { begun: live.begin(), state, ..self.live_key };
+        }
+    }
+
+    /// Hands a kept view to the map, unless a run needs the processor.
+    fn map_live(&self, seen: &Seen, pixels: &Pixels) {
+        if let Some(live) = self.live.as_ref().filter(|_| !self.shared.is_read()) {
+            live.offer(KeptView {
+                key: MapKey { tracked: self.collector.tracked_map(), ..self.live_key },
+                stamp_nanos: seen.stamp_nanos,
+                kept: Instant::now(),
+                world_frame: self.collector.world_frame.clone().unwrap_or_default(),
+                pixels: pixels.clone(),
+                world_from_camera: seen.world_from_camera,
+            });
+        }
     }
 
     fn accept(&mut self, sample: Sample) {
@@ -366,6 +399,7 @@ impl Core {
     fn see(&mut self, seen: &Seen) {
         let Some(pixels) = &seen.pixels else { return };
         if seen.kept {
+            self.map_live(seen, pixels);
             self.cloud.add(pixels, &seen.world_from_camera);
             self.cloud_version += 1;
             // A copy for the publisher, which then never waits for the core.
@@ -434,6 +468,7 @@ impl Core {
             tracking,
             problem: c.problem.clone(),
             cloud_version: self.cloud_version,
+            live: self.live.as_ref().map(LiveQueue::status),
         };
     }
 }

@@ -2,7 +2,10 @@
 
 use std::time::Duration;
 
-use super::{collection::Snapshot, input_count::InputSnapshot, inputs::Input, track_status::TrackStatus};
+use super::{
+    collection::Snapshot, input_count::InputSnapshot, inputs::Input, live_map::LiveStatus,
+    track_status::TrackStatus,
+};
 use crate::{
     field::InstructionSet,
     io::ros2msg::{
@@ -44,6 +47,7 @@ impl Diagnostics {
         }
         status.push(self.collection(snapshot));
         status.extend(snapshot.tracking.as_ref().map(|t| self.tracking(t)));
+        status.extend(snapshot.live.as_ref().map(|l| self.live_map(l)));
         status.push(self.machine());
         DiagnosticArray { header: Header { stamp, frame_id: String::new() }, status }
     }
@@ -95,6 +99,28 @@ impl Diagnostics {
             false => (WARN, t.hint.clone()),
         };
         status(&self.node, "tracking", level, message, &values)
+    }
+
+    fn live_map(&self, l: &LiveStatus) -> DiagnosticStatus {
+        let area = |k: usize| l.moved_m2.map_or_else(|| "unknown".to_owned(), |m| format!("{:.4}", m[k]));
+        let values = [
+            ("views_fused", l.fused.to_string()),
+            ("left_out_busy", l.left_out.to_string()),
+            ("views_unusable", l.unusable.to_string()),
+            ("seconds_behind", format!("{:.3}", l.behind_secs)),
+            ("seconds_a_view", format!("{:.3}", l.secs)),
+            ("unseen_share", l.unseen.map_or_else(|| "unknown".into(), |s| format!("{s:.3}"))),
+            ("unseen_m2", format!("{:.4}", l.unseen_m2)),
+            ("appeared_m2", area(0)),
+            ("gone_m2", area(1)),
+            ("spacing_m", format!("{:.4}", l.spacing_m)),
+            ("map_bytes", l.bytes.to_string()),
+        ];
+        let message = match l.unseen {
+            Some(share) => format!("{} views, {:.0} % unseen", l.fused, 100.0 * share),
+            None => "no view yet".into(),
+        };
+        status(&self.node, "live_map", OK, message, &values)
     }
 
     fn machine(&self) -> DiagnosticStatus {

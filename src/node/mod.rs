@@ -4,6 +4,7 @@
 //! ```text
 //! subscriptions -> [queues] -> collection (collector: pairs, poses, keyframes -> session/state0, state1)
 //! views without a pose -> [queue] -> live_tracking (a thread of its own) -> collection -> outputs
+//! views that are kept -> [queue] -> live_map (a thread of its own) -> live_outputs
 //! services -> collection
 //! actions -> run::reconstruct(session), run::diagnose -> outputs
 //! ```
@@ -24,6 +25,9 @@ mod inputs;
 mod job;
 mod keyframes;
 mod last_results;
+mod live_map;
+mod live_messages;
+mod live_outputs;
 mod live_tf;
 mod live_tracking;
 mod logger;

@@ -243,7 +243,7 @@ mod tests {
     /// The layouts for RViz and Foxglove name topics of the node that are published.
     #[test]
     fn shipped_layouts_show_what_is_published() {
-        let published = include_str!("outputs.rs");
+        let published = [include_str!("outputs.rs"), include_str!("live_outputs.rs")].concat();
         for layout in [
             include_str!("../../launch_configs/ros/twin.rviz"),
             include_str!("../../launch_configs/ros/twin.foxglove.json"),

@@ -83,6 +83,10 @@ pub struct Parameters {
     pub joint_state_rate_hz: f64,
     /// Most points of the point cloud.
     pub cloud_points: i64,
+    /// Whether what is collected is mapped and shown as it comes.
+    pub live_map: bool,
+    /// Memory of that map, megabytes.
+    pub live_map_megabytes: i64,
     /// Prefix of the link frames.
     pub frame_prefix: String,
     /// Whether the parts are published on `/tf`.
@@ -132,6 +136,8 @@ impl Default for Parameters {
             enough_keyframes: 30,
             joint_state_rate_hz: 10.0,
             cloud_points: 5000,
+            live_map: true,
+            live_map_megabytes: 64,
             frame_prefix: String::new(),
             publish_tf: true,
             mesh_uri: "file".into(),
@@ -250,6 +256,7 @@ impl Parameters {
             ("min_keyframes", self.min_keyframes, 1, 5000),
             ("enough_keyframes", self.enough_keyframes, 1, 5000),
             ("cloud_points", self.cloud_points, 0, 100_000),
+            ("live_map_megabytes", self.live_map_megabytes, 8, 1024),
             ("receive_buffer_bytes", self.receive_buffer_bytes, 1 << 16, 1 << 30),
         ];
         for (name, value, low, high) in ranges {

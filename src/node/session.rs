@@ -19,6 +19,8 @@ use super::{
     error::NodeError,
     inputs::{self, Outbox},
     last_results::{last_report, last_twin},
+    live_map::{self, LiveQueue},
+    live_outputs::LiveOutputs,
     live_tracking, logger,
     motion_watch::MotionWatch,
     outputs::{News, Outputs},
@@ -33,6 +35,7 @@ use super::{
     session_lock::SessionLock,
     settings, work_ahead,
 };
+use crate::config::Config;
 
 /// Name of the node where none is given.
 const DEFAULT_NAME: &str = "artitwin";
@@ -154,6 +157,8 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let (queue, tracked) =
         live_tracking::start(settings::track_settings(p, topics.clone(), &resolved.config))
             .map_err(|source| NodeError::System { what: "starting the tracker", source })?;
+    let live = start_live(p, &resolved.config, &shared)?;
+    let shown = live.as_ref().map(LiveQueue::results);
     let (sender, poses) = mpsc::channel(POSE_QUEUE);
     let core = Core::new(
         (collector, lock),
@@ -162,6 +167,7 @@ async fn live(start: &Start) -> Result<(), NodeError> {
         Arc::clone(&clock),
         Arc::clone(&shared),
         Tracking { queue, tracked, poses: sender },
+        live,
     );
     let (outbox, inbox) = queues(IMAGE_QUEUE);
     let commands = outbox.commands.clone();
@@ -184,6 +190,8 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let (reports, report) = watch::channel(None);
     let diagnoser = Arc::new(Diagnoser { shared: Arc::clone(&shared), twins: twin.clone(), reports });
     let outputs = Outputs::new(&mut participant, p, Arc::clone(&clock))?;
+    let show = |results| LiveOutputs::new(&mut participant).map(|outputs| outputs.run(results));
+    let live_outputs = shown.map(show).transpose()?;
     let context = ServiceContext { commands: commands.clone(), shared: Arc::clone(&shared), next_session };
     services::offer(&mut participant, mapping, &context)?;
     action::offer(&mut participant, mapping, Arc::clone(&reconstructor))?;
@@ -192,14 +200,9 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let inputs = inputs::subscribe(&mut participant, p, &topics, &outbox, &clock)?;
     let diagnostics = Diagnostics::new(&identity.full(), inputs);
     participant.spin()?;
-    // Latched topics go with their publisher: what an earlier node made is published again.
-    if let Some(twin) = last_twin(&first) {
-        reconstructor.twins.send_replace(Some(Arc::new(twin)));
-    }
-    if let Some(report) = last_report(&first) {
-        diagnoser.reports.send_replace(Some(Arc::new(report)));
-    }
+    publish_again(&first, &reconstructor, &diagnoser);
     tokio::spawn(outputs.run(News { twin, report, poses }, shared, diagnostics));
+    live_outputs.into_iter().for_each(|task| _ = tokio::spawn(task));
     log::info!("{} in domain {}, session {}", identity.full(), environment.domain, first.display());
 
     end_requested().await?;
@@ -211,6 +214,26 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     tokio::time::timeout(END_WAIT, ended).await.ok();
     tokio::time::timeout(END_WAIT, core).await.ok();
     Ok(())
+}
+
+/// Latched topics go with their publisher: what an earlier node made is published again.
+fn publish_again(session: &Path, reconstructor: &Reconstructor, diagnoser: &Diagnoser) {
+    if let Some(twin) = last_twin(session) {
+        reconstructor.twins.send_replace(Some(Arc::new(twin)));
+    }
+    if let Some(report) = last_report(session) {
+        diagnoser.reports.send_replace(Some(Arc::new(report)));
+    }
+}
+
+/// Starts the live map, where it is asked for.
+fn start_live(p: &Parameters, config: &Config, shared: &Arc<Shared>) -> Result<Option<LiveQueue>, NodeError> {
+    let start = |settings| {
+        let shared = Arc::clone(shared);
+        live_map::start(settings, move || shared.is_read())
+    };
+    let started = settings::live_settings(p, config).map(start).transpose();
+    started.map_err(|source| NodeError::System { what: "starting the live map", source })
 }
 
 /// Queues with room for so many images.

@@ -6,7 +6,10 @@ use super::{
     collector::CollectorSettings, keyframes::KeyframeRule, live_tracking::TrackSettings,
     motion_watch::WatchRule, parameters::Parameters, state_bag::Topics,
 };
-use crate::config::{Config, ConfigError, Layers, Resolved};
+use crate::{
+    config::{Config, ConfigError, Layers, Resolved},
+    surface::LiveSettings,
+};
 
 /// Views held back while states end by themselves: motion is noticed a few views after it began.
 const HELD_VIEWS: usize = 4;
@@ -83,6 +86,13 @@ pub fn track_settings(p: &Parameters, topics: Topics, config: &Config) -> TrackS
         seed: config.run.seed,
         most: usize::try_from(p.max_keyframes).unwrap_or(1),
     }
+}
+
+/// Settings of the live map, where there is one.
+#[must_use]
+pub fn live_settings(p: &Parameters, config: &Config) -> Option<LiveSettings> {
+    let megabytes = usize::try_from(p.live_map_megabytes).unwrap_or(0);
+    p.live_map.then(|| LiveSettings { noise: config.capture.noise, most_bytes: megabytes << 20 })
 }
 
 /// Settings of the watch, where states begin and end by themselves.

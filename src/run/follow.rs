@@ -10,6 +10,7 @@ use super::{Event, Monitor, ReconstructRequest, RunError};
 use crate::{
     io::{Ahead, GrowingState, is_recording},
     note::{Note, NoteCode},
+    surface::{LiveMap, LiveSettings},
 };
 
 /// How often a recording is looked at.
@@ -20,6 +21,8 @@ const STILL: Duration = Duration::from_secs(30);
 
 /// How often is said how much there is.
 const SAY_EVERY: Duration = Duration::from_secs(2);
+/// Memory of the map of what was seen.
+const MAP_BYTES: usize = 64 << 20;
 
 /// Waits until the recordings of a request are closed, one state after the other, and works ahead on one
 /// thread. Those of a folder are its `state0` and `state1`, where it is no recording itself.
@@ -33,6 +36,8 @@ pub fn follow(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ahead, 
         .map_err(|error| RunError::stage("follow", error.to_string()))?;
     let ahead = Ahead::new();
     let paths = followed(&request.sources);
+    let noise = request.config.capture.noise;
+    let mut map = LiveMap::new(LiveSettings { noise, most_bytes: MAP_BYTES });
     for (state, path) in paths.iter().enumerate() {
         let stage = format!("follow/state{state}");
         monitor.report(Event::StageStarted { stage: stage.clone(), steps: None });
@@ -44,7 +49,9 @@ pub fn follow(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ahead, 
             ahead: &ahead,
             monitor,
             said: None,
+            map: &mut map,
         };
+        follower.map.begin_state();
         pool.install(|| follower.until_closed())?;
         // What is left of the last one the run does on all threads.
         if state + 1 < paths.len() {
@@ -72,6 +79,7 @@ struct Follower<'a> {
     monitor: &'a Monitor,
     /// When it was said last how many views there are, and how many.
     said: Option<(Instant, usize)>,
+    map: &'a mut LiveMap,
 }
 
 impl Follower<'_> {
@@ -106,12 +114,35 @@ impl Follower<'_> {
         let Ok(Some(grown)) = self.growing.work_ahead(&config.capture, config.run.seed, self.ahead) else {
             return;
         };
+        // Frames that were tracked have no place yet.
+        let frames = grown.frames.iter().filter(|_| grown.is_posed);
+        frames.for_each(|frame| _ = self.map.add(frame));
         if self.said.is_none_or(|(when, views)| when.elapsed() > SAY_EVERY && views != grown.views) {
             self.said = Some((Instant::now(), grown.views));
-            let text =
-                format!("state {}: {} views, of which a run takes {}", self.state, grown.views, grown.taken);
+            let map = self.map_text();
+            let text = format!(
+                "state {}: {} views, of which a run takes {}{map}",
+                self.state, grown.views, grown.taken
+            );
             self.monitor.note(&Note::new(NoteCode::RecordingGrows, text));
         }
+    }
+
+    /// What of the object was not seen yet, from where to look next, and what moved; empty without a map.
+    fn map_text(&mut self) -> String {
+        self.map.refresh();
+        let Some((unseen, next)) = self.map.look() else { return String::new() };
+        let mut text =
+            format!("; {:.0} % of the surface that they look at is unseen", 100.0 * unseen.share());
+        if let Some(next) = next {
+            let p = next.world_from_camera.translation.vector;
+            text += &format!(", most of it from ({:.2}, {:.2}, {:.2}) m", p.x, p.y, p.z);
+        }
+        if let Some(moved) = self.map.moved() {
+            let area_m2 = moved.areas_m2().iter().fold(0.0, |most: f64, a| most.max(*a));
+            text += &format!("; {:.0} cm2 of surface moved", 1e4 * area_m2);
+        }
+        text
     }
 }
 

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     capture::{NoiseConfig, RgbdFrame},
-    geometry::{Grid3, Pose},
+    geometry::{Grid3, Intrinsics, Pose},
 };
 
 /// Depth at which a reading has weight 1, meters.
@@ -24,7 +24,7 @@ const REFERENCE_DEPTH_M: f64 = 1.0;
 /// Weight of a node seen through, against one near a surface: rays that pass close by an edge would otherwise
 /// push its zero crossing inwards. (On a sphere of 20 node spacings the mean error is 0.11 spacings at weight
 /// 1 and 0.01 at 0.05.)
-const FREE_WEIGHT: f32 = 0.1;
+pub(super) const FREE_WEIGHT: f32 = 0.1;
 
 /// What a pixel says about the volume.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,10 +96,31 @@ pub struct TsdfVolume {
 
 /// A pixel prepared for fusion.
 #[derive(Clone, Copy)]
-struct Reading {
-    depth_m: f32,
-    weight: f32,
-    is_surface: bool,
+pub(super) struct Reading {
+    /// z-depth, meters; infinite where nothing but free space is known.
+    pub depth_m: f32,
+    /// 1 for a pixel of weight 1 at the reference depth; 0: it says nothing.
+    pub weight: f32,
+    /// Whether the depth is a surface of the volume's object.
+    pub is_surface: bool,
+}
+
+/// What a view says about a node.
+pub(super) enum Said {
+    /// It lies in front of the truncation: no distance is measured, only that space is free.
+    Free {
+        /// Weight of the reading.
+        weight: f32,
+    },
+    /// It lies near a surface.
+    Near {
+        /// Projective distance in truncations, above -1.
+        s: f32,
+        /// Weight of the reading.
+        weight: f32,
+        /// The reading's pixel.
+        pixel: usize,
+    },
 }
 
 /// Sums, weights and colors of some nodes.
@@ -194,32 +215,24 @@ impl<'a> Exposure<'a> {
     /// Adds what the view says of a node at `p` in its optical frame.
     fn fuse(&self, node: [usize; 3], p: &Vector3<f32>, sums: (&mut f32, &mut f32, &mut [f32; 4])) {
         let (sum, weight, color) = sums;
-        let truncation_m = self.truncation_m;
+        let (frame, truncation_m) = (self.view.frame, self.truncation_m);
         let distance = self.first.map(|first| &first.distance);
         if distance.is_some_and(|d| !is_near(d.values[d.index(node[0], node[1], node[2])], truncation_m)) {
             return;
         }
-        let pixel = self.camera.pixel(p);
-        let reading = self.readings[pixel];
-        let ahead_m = reading.depth_m - p.z;
-        if reading.weight <= 0.0 || ahead_m <= -truncation_m {
-            return;
-        }
-        // In front of the truncation no distance is measured, only that space is free.
-        if ahead_m >= truncation_m {
-            *sum += FREE_WEIGHT * reading.weight;
-            *weight += FREE_WEIGHT * reading.weight;
-        } else if reading.is_surface {
-            let frame = self.view.frame;
-            let depth_m =
-                interpolated_depth(&self.readings, &frame.intrinsics, self.camera.project(p), truncation_m);
-            // docs/method.md (3.2).
-            let s = (depth_m.unwrap_or(reading.depth_m) - p.z) / truncation_m;
-            if s > -1.0 && distance.is_none_or(|d| faces(d, node, &self.eye)) {
+        match said(&self.readings, &frame.intrinsics, &self.camera, p, truncation_m) {
+            None => {}
+            Some(Said::Free { weight: of_reading }) => {
+                *sum += FREE_WEIGHT * of_reading;
+                *weight += FREE_WEIGHT * of_reading;
+            }
+            Some(Said::Near { s, weight: of_reading, pixel }) => {
+                if distance.is_some_and(|d| !faces(d, node, &self.eye)) {
+                    return;
+                }
                 // Even weights about the surface leave it where noisy readings have their mean.
                 let steepness = if distance.is_some() { 2.0 } else { 1.0 };
-                // Falls to zero behind the surface, so that both sides of a thin wall survive.
-                let w = reading.weight * (steepness * (1.0 + s)).min(1.0);
+                let w = of_reading * behind_weight(s, steepness);
                 *sum += w * s.min(1.0);
                 *weight += w;
                 add_color(color, frame.rgb[pixel], w * (1.0 - s.abs()).max(0.0));
@@ -416,8 +429,40 @@ fn faces(distance: &Grid3<f32>, node: [usize; 3], eye: &Vector3<f32>) -> bool {
     slope.dot(&(eye - position)) >= 0.0
 }
 
+/// What readings say about a node at a place in the optical frame, inside the image.
+pub(super) fn said(
+    readings: &[Reading],
+    intrinsics: &Intrinsics,
+    camera: &RowCamera,
+    p: &Vector3<f32>,
+    truncation_m: f32,
+) -> Option<Said> {
+    let pixel = camera.pixel(p);
+    let Reading { depth_m, weight, is_surface } = readings[pixel];
+    let ahead_m = depth_m - p.z;
+    if weight <= 0.0 || ahead_m <= -truncation_m {
+        return None;
+    }
+    if ahead_m >= truncation_m {
+        return Some(Said::Free { weight });
+    }
+    if !is_surface {
+        return None;
+    }
+    let between = interpolated_depth(readings, intrinsics, camera.project(p), truncation_m);
+    // docs/method.md (3.2).
+    let s = (between.unwrap_or(depth_m) - p.z) / truncation_m;
+    (s > -1.0).then_some(Said::Near { s, weight, pixel })
+}
+
+/// Share of a reading's weight at a distance in truncations: falls to zero behind the surface, so that both
+/// sides of a thin wall survive.
+pub(super) fn behind_weight(s: f32, steepness: f32) -> f32 {
+    (steepness * (1.0 + s)).min(1.0)
+}
+
 /// Depth and weight of each pixel as fusion uses them.
-fn readings(view: &TsdfView, noise: &NoiseConfig) -> Vec<Reading> {
+pub(super) fn readings(view: &TsdfView, noise: &NoiseConfig) -> Vec<Reading> {
     let frame = view.frame;
     assert!(
         view.weights.len() == frame.depth_m.len() && view.roles.len() == frame.depth_m.len(),
@@ -445,7 +490,7 @@ fn readings(view: &TsdfView, noise: &NoiseConfig) -> Vec<Reading> {
 /// `shifted` is the pixel position plus one half.
 fn interpolated_depth(
     readings: &[Reading],
-    k: &crate::geometry::Intrinsics,
+    k: &Intrinsics,
     shifted: [f32; 2],
     truncation_m: f32,
 ) -> Option<f32> {

@@ -21,6 +21,7 @@ use nalgebra::Point3;
 use rand_core::Rng;
 use rayon::prelude::*;
 
+pub(crate) use self::voxels::{cell, clusters};
 use self::{
     background::{Background, in_box},
     change::{at_rest, changed},
@@ -28,7 +29,7 @@ use self::{
     plane::background_planes,
     select::{Object, Search, bounds, choose_object},
     support::find_support,
-    voxels::{Cell, cell, center, dilated, frames_needed, supported},
+    voxels::{Cell, center, dilated, frames_needed, supported},
 };
 use super::{At, Capture, CaptureConfig, CaptureError, RgbdFrame, common_focus, pixel_weights};
 use crate::{

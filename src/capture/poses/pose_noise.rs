@@ -19,7 +19,8 @@ impl PoseNoise {
     pub(in crate::capture) const LEAST: Self = Self { translation_m: 1e-6, rotation_rad: 1e-6 };
 
     /// By how much a point at some depth is off, one standard deviation, meters.
-    pub(in crate::capture) fn displacement_m(&self, depth_m: f64) -> f64 {
+    #[must_use]
+    pub fn displacement_m(&self, depth_m: f64) -> f64 {
         self.translation_m.hypot(self.rotation_rad * depth_m)
     }
 

@@ -46,10 +46,14 @@ pub mod kind {
     pub const LINE_LIST: i32 = 5;
     /// Text that faces the viewer.
     pub const TEXT: i32 = 9;
+    /// Triangles of three points each.
+    pub const TRIANGLE_LIST: i32 = 11;
 }
 
 /// Values of [`Marker::action`].
 pub mod action {
+    /// Removes the marker of the same group and number.
+    pub const DELETE: i32 = 2;
     /// Removes all markers of the topic.
     pub const DELETE_ALL: i32 = 3;
 }

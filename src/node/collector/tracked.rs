@@ -31,6 +31,12 @@ impl Collector {
         self.tracking.map
     }
 
+    /// That number, where the views kept of this state are tracked; `None`: their poses were given.
+    #[must_use]
+    pub fn tracked_map(&self) -> Option<u64> {
+        (self.tracking.kept == Some(true)).then_some(self.tracking.map)
+    }
+
     /// Begins another map: what was seen before says nothing any more.
     pub fn begin_map(&mut self) {
         self.tracking.map += 1;

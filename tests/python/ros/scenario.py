@@ -8,6 +8,7 @@ import numpy
 from peer import ActionClient, Peer, matched, service
 from datagrams import claims, large
 from faults import NODE, diagnose, jumps, resets, restart
+from live import live
 from replay import Replay, as_poses, expect, report, settled, values
 from tracking import tracked
 
@@ -156,6 +157,8 @@ def rate(args):
         return bytearray(peer.pack(peer.make("sensor_msgs/msg/Image", header, 480, 640, encoding, 0, step, data)))
 
     color, depth = image("rgb8", 1920), image("16UC1", 1280)
+    # A wall at 1 m, so that who maps what is collected has something to do.
+    depth[-1280 * 480:] = numpy.full(640 * 480, 1000, dtype="<u2").tobytes()
     writers = [
         peer.publisher("/camera/camera/color/image_raw", "sensor_msgs/msg/Image", reliable=args.reliable, depth=120),
         peer.publisher("/camera/camera/aligned_depth_to_color/image_raw", "sensor_msgs/msg/Image", reliable=args.reliable, depth=120),
@@ -184,7 +187,8 @@ def rate(args):
     print(json.dumps({"sent": args.frames, "seconds": seconds, "latest_secs": late,
                       **{p: {k: int(v[k]) for k in ("received", "lost", "malformed", "dropped_busy")} for p, v in found.items()},
                       "matched": int(collection["matched_sets"]), "resident_bytes": int(machine["resident_bytes"]),
-                      "resident_every_20_s": resident, "kept": int(collection["keyframes_state0"])}))
+                      "resident_every_20_s": resident, "kept": int(collection["keyframes_state0"]),
+                      "live_map": values(peer, diagnostics, "live_map")}))
 
 
 def hostile(args):
@@ -296,10 +300,10 @@ def main():
     parser = argparse.ArgumentParser()
     commands = parser.add_subparsers(required=True)
     for function in (session, rate, hostile, clock, discovery, automatic, play, restart, jumps, resets, diagnose, claims, large,
-                     taken_up, reported, tracked):
+                     taken_up, reported, tracked, live):
         command = commands.add_parser(function.__name__)
         command.set_defaults(function=function)
-        if function in (session, hostile, automatic, play, restart, jumps, resets, tracked):
+        if function in (session, hostile, automatic, play, restart, jumps, resets, tracked, live):
             command.add_argument("bags", nargs="+")
         if function is session:
             command.add_argument("--raw", action="store_true")

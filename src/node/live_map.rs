@@ -1,0 +1,459 @@
+//! The map of a state while it is collected, on a thread of its own: kept views go in, and what is seen so
+//! far, what is not, the next view and what moved come out. Nothing waits for it: a view that finds no room
+//! is left out of the map, not of the recording.
+
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+        mpsc::{Receiver, SyncSender, sync_channel},
+    },
+    time::{Duration, Instant},
+};
+
+use tokio::sync::watch;
+
+use super::view::Pixels;
+use crate::{
+    capture::RgbdFrame,
+    geometry::{Intrinsics, Pose},
+    surface::{LiveMap, LiveSettings, MeshChunk, Moved, NextView, Unseen},
+};
+
+/// Views that wait to be fused.
+/// derived: at a quarter of a second each, the last one of a burst is fused within a second
+const WAITING: usize = 3;
+
+/// Which map a view belongs to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MapKey {
+    /// Number of the session.
+    pub session: u64,
+    /// Number of states begun so far; a higher one is another state.
+    pub begun: u64,
+    /// The state.
+    pub state: usize,
+    /// Number of the world that poses are tracked in; `None`: they were given, in one world.
+    pub tracked: Option<u64>,
+}
+
+impl MapKey {
+    /// Whether a state that begins so can be compared with what was seen before.
+    fn goes_on(&self, next: &Self) -> bool {
+        self.session == next.session && self.tracked == next.tracked && next.state == 1
+    }
+}
+
+/// A view that was kept.
+pub struct KeptView {
+    /// Its map.
+    pub key: MapKey,
+    /// Stamp of the color image, nanoseconds.
+    pub stamp_nanos: i64,
+    /// When it was kept.
+    pub kept: Instant,
+    /// Frame of its pose.
+    pub world_frame: String,
+    /// Its pixels.
+    pub pixels: Pixels,
+    /// Its pose.
+    pub world_from_camera: Pose,
+}
+
+/// What the views so far show.
+pub struct LiveProducts {
+    /// Which map it is.
+    pub key: MapKey,
+    /// Stamp of the newest view in it, nanoseconds.
+    pub stamp_nanos: i64,
+    /// When the oldest view that is new in it was kept.
+    pub kept: Instant,
+    /// Frame that all stands in.
+    pub world_frame: String,
+    /// The surface.
+    pub chunks: Vec<Arc<MeshChunk>>,
+    /// What was not seen.
+    pub unseen: Unseen,
+    /// The view that would add most.
+    pub next_view: Option<NextView>,
+    /// What moved, where there is something to compare with.
+    pub moved: Option<Moved>,
+    /// The camera, for drawing it.
+    pub intrinsics: Intrinsics,
+    /// Views in the map.
+    pub fused: usize,
+    /// Views without depth that makes sense.
+    pub unusable: u64,
+    /// Spacing of the surface, meters.
+    pub spacing_m: f64,
+    /// Memory of the map, bytes.
+    pub bytes: usize,
+    /// How long the last view took, seconds.
+    pub secs: f64,
+}
+
+/// What `/diagnostics` says of the map.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LiveStatus {
+    /// Views in the map of the present state.
+    pub fused: usize,
+    /// Views left out because it was busy, since the start of the node.
+    pub left_out: u64,
+    /// Views without depth that makes sense.
+    pub unusable: u64,
+    /// Longest time from a kept view to its published surface during the last second, seconds.
+    pub behind_secs: f64,
+    /// Share of what the views look at that was not seen; `None` before a view.
+    pub unseen: Option<f64>,
+    /// Area that was not seen, square meters.
+    pub unseen_m2: f64,
+    /// Area that appeared, and that is gone, since state 0, square meters.
+    pub moved_m2: Option<[f64; 2]>,
+    /// Spacing of the surface, meters.
+    pub spacing_m: f64,
+    /// Memory of the map, bytes.
+    pub bytes: usize,
+    /// How long the last view took, seconds.
+    pub secs: f64,
+}
+
+/// What is counted.
+#[derive(Debug, Default)]
+pub struct LiveCounts {
+    left_out: AtomicU64,
+    behind_micros: AtomicU64,
+}
+
+impl LiveCounts {
+    /// The longest time from a kept view to its published surface.
+    pub fn set_behind(&self, time: Duration) {
+        self.behind_micros.store(u64::try_from(time.as_micros()).unwrap_or(u64::MAX), Ordering::Relaxed);
+    }
+}
+
+/// What comes out of the map.
+#[derive(Clone)]
+pub struct LiveResults {
+    /// What the views show; a higher `begun` than its key's says that it is of an earlier state.
+    pub products: watch::Receiver<Option<Arc<LiveProducts>>>,
+    /// States begun so far.
+    pub begun: watch::Receiver<u64>,
+    /// What is counted.
+    pub counts: Arc<LiveCounts>,
+}
+
+/// Where kept views go; without it, the thread ends.
+pub struct LiveQueue {
+    views: SyncSender<KeptView>,
+    begun: watch::Sender<u64>,
+    results: LiveResults,
+}
+
+impl LiveQueue {
+    /// Hands a view over, unless the map is busy.
+    pub fn offer(&self, view: KeptView) {
+        if self.views.try_send(view).is_err() {
+            self.results.counts.left_out.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Says that another state, or session, begins: what is shown is of an earlier one.
+    pub fn begin(&self) -> u64 {
+        self.begun.send_modify(|n| *n += 1);
+        *self.begun.borrow()
+    }
+
+    /// What comes out.
+    pub fn results(&self) -> LiveResults {
+        self.results.clone()
+    }
+
+    /// How it goes.
+    pub fn status(&self) -> LiveStatus {
+        let counts = &self.results.counts;
+        let status = LiveStatus {
+            left_out: counts.left_out.load(Ordering::Relaxed),
+            behind_secs: counts.behind_micros.load(Ordering::Relaxed) as f64 * 1e-6,
+            ..LiveStatus::default()
+        };
+        let products = self.results.products.borrow();
+        let Some(p) = products.as_ref().filter(|p| p.key.begun == *self.begun.borrow()) else {
+            return status;
+        };
+        LiveStatus {
+            fused: p.fused,
+            unusable: p.unusable,
+            unseen: Some(p.unseen.share()),
+            unseen_m2: p.unseen.area_m2,
+            moved_m2: p.moved.as_ref().map(Moved::areas_m2),
+            spacing_m: p.spacing_m,
+            bytes: p.bytes,
+            secs: p.secs,
+            ..status
+        }
+    }
+}
+
+/// Starts the thread; it is idle while `is_read` says that a run reads the session.
+///
+/// # Errors
+/// If the system has no thread.
+pub fn start(
+    settings: LiveSettings,
+    is_read: impl Fn() -> bool + Send + 'static,
+) -> std::io::Result<LiveQueue> {
+    let (views, inbox) = sync_channel(WAITING);
+    let (begun, begun_receiver) = watch::channel(0);
+    let (sender, products) = watch::channel(None);
+    let counts = Arc::new(LiveCounts::default());
+    let results = LiveResults { products, begun: begun_receiver, counts: Arc::clone(&counts) };
+    let work = move || {
+        // A pool of this thread alone: what is parallel elsewhere takes one core here.
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
+        if let Err(error) = &pool {
+            log::warn!("the live map takes all cores: {error}");
+        }
+        let mut mapper = Mapper::new(settings);
+        while let Some(found) = mapper.next(&inbox, &is_read, &counts) {
+            sender.send_replace(found.map(Arc::new));
+        }
+    };
+    std::thread::Builder::new().name("live_map".into()).spawn(work)?;
+    Ok(LiveQueue { views, begun, results })
+}
+
+/// Fuses views into the map that they belong to.
+pub struct Mapper {
+    settings: LiveSettings,
+    map: LiveMap,
+    key: MapKey,
+    unusable: u64,
+}
+
+impl Mapper {
+    /// Before the first view.
+    pub fn new(settings: LiveSettings) -> Self {
+        Self { settings, map: LiveMap::new(settings), key: MapKey::default(), unusable: 0 }
+    }
+
+    /// Waits for views and fuses those that are there; what they show, `None` within while none could be
+    /// used. `None` when nobody sends views any more.
+    fn next(
+        &mut self,
+        inbox: &Receiver<KeptView>,
+        is_read: &impl Fn() -> bool,
+        counts: &LiveCounts,
+    ) -> Option<Option<LiveProducts>> {
+        let first = inbox.recv().ok()?;
+        let start = Instant::now();
+        let kept = first.kept;
+        let mut views = 0;
+        let mut last = None;
+        // All that wait, so that what is drawn of them is drawn once; no more, so that it is drawn.
+        for view in std::iter::once(first).chain(inbox.try_iter().take(WAITING)) {
+            // A run needs the processor.
+            if is_read() {
+                counts.left_out.fetch_add(1, Ordering::Relaxed);
+                continue;
+            }
+            views += 1;
+            last = Some((view.stamp_nanos, view.world_frame.clone(), view.pixels.intrinsics));
+            self.add(view);
+        }
+        let Some((stamp_nanos, world_frame, intrinsics)) = last else { return Some(None) };
+        let secs = || start.elapsed().as_secs_f64() / f64::from(views);
+        Some(self.products(kept, stamp_nanos, world_frame, intrinsics, secs))
+    }
+
+    /// Fuses a view.
+    pub fn add(&mut self, view: KeptView) {
+        if view.key != self.key {
+            if self.key.goes_on(&view.key) && self.map.views() > 0 {
+                self.map.begin_state();
+            } else {
+                self.map = LiveMap::new(self.settings);
+            }
+            self.key = view.key;
+            self.unusable = 0;
+        }
+        let frame = RgbdFrame {
+            id: String::new(),
+            stamp_nanos: view.stamp_nanos,
+            intrinsics: view.pixels.intrinsics,
+            world_from_camera: view.world_from_camera,
+            rgb: view.pixels.color.pixels,
+            depth_m: view.pixels.depth.pixels,
+            mask: view.pixels.mask.map(|m| m.pixels),
+            readings: Vec::new(),
+        };
+        self.unusable += u64::from(!self.map.add(&frame));
+    }
+
+    /// What the views so far show; `None` without any.
+    fn products(
+        &mut self,
+        kept: Instant,
+        stamp_nanos: i64,
+        world_frame: String,
+        intrinsics: Intrinsics,
+        secs: impl Fn() -> f64,
+    ) -> Option<LiveProducts> {
+        self.map.refresh();
+        let (unseen, next_view) = self.map.look()?;
+        Some(LiveProducts {
+            key: self.key,
+            stamp_nanos,
+            kept,
+            world_frame,
+            chunks: self.map.chunks().cloned().collect(),
+            unseen,
+            next_view,
+            moved: self.map.moved(),
+            intrinsics,
+            fused: self.map.views(),
+            unusable: self.unusable,
+            spacing_m: self.map.spacing_m(),
+            bytes: self.map.bytes(),
+            secs: secs(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::image_codec::Raster;
+
+    fn view(frame: &RgbdFrame, key: MapKey) -> KeptView {
+        let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+        KeptView {
+            key,
+            stamp_nanos: frame.stamp_nanos,
+            kept: Instant::now(),
+            world_frame: "map".into(),
+            pixels: Pixels {
+                intrinsics: frame.intrinsics,
+                color: Raster { width, height, pixels: frame.rgb.clone() },
+                depth: Raster { width, height, pixels: frame.depth_m.clone() },
+                mask: frame.mask.clone().map(|pixels| Raster { width, height, pixels }),
+            },
+            world_from_camera: frame.world_from_camera,
+        }
+    }
+
+    /// A wall at 1 m.
+    fn wall() -> RgbdFrame {
+        let intrinsics = Intrinsics { width: 64, height: 48, fx: 60.0, fy: 60.0, cx: 31.5, cy: 23.5 };
+        RgbdFrame {
+            id: String::new(),
+            stamp_nanos: 7,
+            intrinsics,
+            world_from_camera: Pose::identity(),
+            rgb: vec![[1, 2, 3]; 64 * 48],
+            depth_m: vec![1.0; 64 * 48],
+            mask: None,
+            readings: Vec::new(),
+        }
+    }
+
+    const SETTINGS: LiveSettings = LiveSettings { noise: NOISE, most_bytes: 64 << 20 };
+    const NOISE: crate::capture::NoiseConfig = crate::capture::NoiseConfig {
+        constant_m: 0.0005,
+        quadratic_per_m: 0.0025,
+        edge_sigmas: 6.0,
+        grazing_cosine: 0.15,
+    };
+
+    #[test]
+    fn states_are_compared_in_one_world_alone() {
+        let key = |session, begun, state, tracked| MapKey { session, begun, state, tracked };
+        let compared = |keys: &[MapKey]| {
+            let mut mapper = Mapper::new(SETTINGS);
+            keys.iter().for_each(|k| mapper.add(view(&wall(), *k)));
+            mapper.map.moved().is_some()
+        };
+        assert!(compared(&[key(0, 1, 0, None), key(0, 2, 1, None)]));
+        assert!(compared(&[key(0, 1, 0, None), key(0, 2, 1, None), key(0, 3, 1, None)]));
+        assert!(!compared(&[key(0, 1, 0, None), key(0, 2, 0, None)]));
+        assert!(!compared(&[key(0, 1, 0, None), key(1, 2, 1, None)]));
+        assert!(!compared(&[key(0, 1, 0, Some(1)), key(0, 2, 1, Some(2))]));
+        assert!(compared(&[key(0, 1, 0, Some(1)), key(0, 2, 1, Some(1))]));
+        assert!(!compared(&[key(0, 2, 1, None)]));
+    }
+
+    #[test]
+    fn a_view_that_finds_no_room_is_counted_and_a_run_stops_the_map() {
+        let (views, inbox) = sync_channel(1);
+        let (begun, begun_receiver) = watch::channel(0);
+        let (_sender, products) = watch::channel(None);
+        let counts = Arc::new(LiveCounts::default());
+        let results = LiveResults { products, begun: begun_receiver, counts: Arc::clone(&counts) };
+        let queue = LiveQueue { views, begun, results };
+        queue.offer(view(&wall(), MapKey::default()));
+        queue.offer(view(&wall(), MapKey::default()));
+        assert_eq!(queue.status().left_out, 1);
+        let mut mapper = Mapper::new(SETTINGS);
+        let found = mapper.next(&inbox, &|| false, &counts).unwrap().unwrap();
+        assert_eq!((found.fused, found.stamp_nanos), (1, 7));
+        assert!(found.chunks.iter().any(|c| !c.mesh.is_empty()));
+        queue.offer(view(&wall(), MapKey::default()));
+        assert!(mapper.next(&inbox, &|| true, &counts).unwrap().is_none());
+        assert_eq!((queue.status().left_out, mapper.map.views()), (2, 1));
+        drop(queue);
+        assert!(mapper.next(&inbox, &|| false, &counts).is_none());
+    }
+
+    #[test]
+    #[ignore = "measures: needs a recording, named by ARTITWIN_BAG"]
+    fn what_a_view_of_a_recording_takes() {
+        let bag = std::path::PathBuf::from(std::env::var_os("ARTITWIN_BAG").unwrap());
+        let config = crate::capture::CaptureConfig::default();
+        let states = [bag.join("state0"), bag.join("state1")];
+        let capture = crate::io::open(&states, &config, 0).unwrap();
+        let work = || {
+            for with_mask in [true, false] {
+                let mut mapper = Mapper::new(SETTINGS);
+                for (state, frames) in capture.states.iter().enumerate() {
+                    let mut millis = Vec::new();
+                    for frame in frames {
+                        let key = MapKey { begun: state as u64, state, ..MapKey::default() };
+                        let mut view = view(frame, key);
+                        view.pixels.mask = view.pixels.mask.filter(|_| with_mask);
+                        let start = Instant::now();
+                        mapper.add(view);
+                        let fused = start.elapsed();
+                        mapper.map.refresh();
+                        let drawn = start.elapsed();
+                        let _ = mapper.map.look();
+                        let looked = start.elapsed();
+                        let _ = mapper.map.moved();
+                        millis.push([fused, drawn - fused, looked - drawn, start.elapsed() - looked]);
+                    }
+                    let of = |k: usize| {
+                        let mut all: Vec<f64> = millis.iter().map(|m| m[k].as_secs_f64() * 1e3).collect();
+                        all.sort_by(f64::total_cmp);
+                        (all[all.len() / 2].round(), all[all.len() - 1].round())
+                    };
+                    let (unseen, next) = mapper.map.look().unwrap();
+                    eprintln!(
+                        "mask {with_mask} {state}: fuse {:?} draw {:?} look {:?} moved {:?} ms (median, \
+                         most); {} triangles at {:.1} mm, {:.1} MB, unseen {:.3} m2 ({:.2}), next {:.3}, \
+                         moved {:?} m2",
+                        of(0),
+                        of(1),
+                        of(2),
+                        of(3),
+                        mapper.map.mesh().triangles.len(),
+                        mapper.map.spacing_m() * 1e3,
+                        mapper.map.bytes() as f64 / 1e6,
+                        unseen.area_m2,
+                        unseen.share(),
+                        next.map_or(0.0, |n| n.gain_m2),
+                        mapper.map.moved().map(|m| m.areas_m2()),
+                    );
+                }
+            }
+        };
+        rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(work);
+    }
+}

@@ -1,0 +1,157 @@
+//! The live map as messages: chunks of its surface, what is unseen, the next view, what moved.
+
+use nalgebra::{Point3, Vector3};
+
+use super::live_map::LiveProducts;
+use crate::{
+    geometry::{Intrinsics, Pose},
+    io::ros2msg::{
+        Header, PoseStamped, Transform, Vector3 as Point,
+        markers::{Color, Marker, MarkerArray, action, kind},
+    },
+    surface::{MeshChunk, TriangleMesh, UnseenPatch},
+};
+
+/// Group of the chunks of the surface.
+const SURFACE: &str = "live_mesh";
+/// Group of what is unseen.
+const UNSEEN: &str = "unseen";
+/// Group of the next view.
+const NEXT_VIEW: &str = "next_view";
+/// Group of what moved.
+const MOVED: &str = "moved";
+/// Triangles of what moved that are sent at most, each way; of more, some are left out.
+const MOST_MOVED: usize = 1500;
+/// Length of the pyramid that shows the next view, meters.
+const PYRAMID_M: f64 = 0.12;
+
+/// Bytes that a chunk takes on the wire: a triangle has three points and three colors.
+#[must_use]
+pub fn chunk_bytes(chunk: &MeshChunk) -> usize {
+    200 + chunk.mesh.triangles.len() * 3 * (24 + 16)
+}
+
+/// Removes all markers of a topic.
+#[must_use]
+pub fn clear(header: &Header) -> MarkerArray {
+    let marker = Marker { header: header.clone(), action: action::DELETE_ALL, ..Marker::default() };
+    MarkerArray { markers: vec![marker] }
+}
+
+/// A chunk of the surface in the place of an earlier one; without triangles it goes.
+#[must_use]
+pub fn chunk_marker(chunk: &MeshChunk, header: &Header) -> Marker {
+    if chunk.mesh.is_empty() {
+        return gone_chunk(chunk.id, header);
+    }
+    let corners = || chunk.mesh.triangles.iter().flatten().map(|i| *i as usize);
+    let color = |i: usize| {
+        let [r, g, b] = chunk.mesh.colors.get(i).copied().unwrap_or([128; 3]).map(|c| f32::from(c) / 255.0);
+        Color { r, g, b, a: 1.0 }
+    };
+    Marker {
+        id: chunk.id,
+        points: corners().map(|i| point(&chunk.mesh.vertices[i].cast())).collect(),
+        colors: corners().map(color).collect(),
+        ..triangles(SURFACE, header, Color { r: 0.5, g: 0.5, b: 0.5, a: 1.0 })
+    }
+}
+
+/// Takes a chunk away.
+#[must_use]
+pub fn gone_chunk(id: i32, header: &Header) -> Marker {
+    Marker { header: header.clone(), ns: SURFACE.into(), id, action: action::DELETE, ..Marker::default() }
+}
+
+/// What is unseen, as squares of its area, and the next view as a pyramid.
+#[must_use]
+pub fn unseen_markers(products: &LiveProducts, header: &Header) -> MarkerArray {
+    let squares = Marker {
+        points: products.unseen.patches.iter().flat_map(square).map(|p| point(&p)).collect(),
+        ..triangles(UNSEEN, header, Color { r: 0.9, g: 0.1, b: 0.8, a: 0.5 })
+    };
+    let next = match &products.next_view {
+        Some(next) => Marker {
+            header: header.clone(),
+            ns: NEXT_VIEW.into(),
+            kind: kind::LINE_LIST,
+            pose: upright(),
+            scale: [0.004, 0.0, 0.0].into(),
+            color: Color { r: 0.1, g: 0.9, b: 0.3, a: 1.0 },
+            points: pyramid(&next.world_from_camera, &products.intrinsics),
+            ..Marker::default()
+        },
+        None => Marker {
+            header: header.clone(),
+            ns: NEXT_VIEW.into(),
+            action: action::DELETE,
+            ..Marker::default()
+        },
+    };
+    MarkerArray { markers: vec![or_gone(squares), next] }
+}
+
+/// The next view; `None` where none is worth it.
+#[must_use]
+pub fn next_view(products: &LiveProducts, header: &Header) -> Option<PoseStamped> {
+    let next = products.next_view.as_ref()?;
+    Some(PoseStamped { header: header.clone(), pose: Transform::from_pose(&next.world_from_camera) })
+}
+
+/// What appeared and what is gone since state 0; `None` where there is nothing to compare with.
+#[must_use]
+pub fn moved_markers(products: &LiveProducts, header: &Header) -> Option<MarkerArray> {
+    let moved = products.moved.as_ref()?;
+    let marker = |id: i32, mesh: &TriangleMesh, color: Color| {
+        let every = mesh.triangles.len().div_ceil(MOST_MOVED).max(1);
+        let corners = (0..mesh.triangles.len()).step_by(every).flat_map(|t| mesh.corners(t));
+        let points = corners.map(|p| point(&p.cast())).collect();
+        or_gone(Marker { id, points, ..triangles(MOVED, header, color) })
+    };
+    let appeared = marker(0, &moved.appeared, Color { r: 1.0, g: 0.6, b: 0.0, a: 0.9 });
+    let gone = marker(1, &moved.gone, Color { r: 0.1, g: 0.6, b: 1.0, a: 0.6 });
+    Some(MarkerArray { markers: vec![appeared, gone] })
+}
+
+fn triangles(group: &str, header: &Header, color: Color) -> Marker {
+    Marker {
+        header: header.clone(),
+        ns: group.into(),
+        kind: kind::TRIANGLE_LIST,
+        pose: upright(),
+        scale: [1.0, 1.0, 1.0].into(),
+        color,
+        ..Marker::default()
+    }
+}
+
+/// A marker without points is refused by who shows it: then it goes.
+fn or_gone(marker: Marker) -> Marker {
+    if marker.points.is_empty() { Marker { action: action::DELETE, ..marker } } else { marker }
+}
+
+/// No turn: a quaternion of zeros is none.
+fn upright() -> Transform {
+    Transform::from_pose(&Pose::identity())
+}
+
+fn point(p: &Point3<f64>) -> Point {
+    <[f64; 3]>::from(p.coords).into()
+}
+
+/// Two triangles of a patch's area at right angles to its normal.
+fn square(patch: &UnseenPatch) -> [Point3<f64>; 6] {
+    let across = patch.normal.cross(&Vector3::ith(patch.normal.iamin(), 1.0)).normalize();
+    let half = 0.5 * patch.area_m2.sqrt();
+    let (u, v) = (across * half, patch.normal.cross(&across) * half);
+    let [a, b, c, d] = [-u - v, u - v, u + v, -u + v].map(|offset| patch.center + offset);
+    [a, b, c, a, c, d]
+}
+
+/// The edges of a camera's field of view.
+fn pyramid(world_from_camera: &Pose, k: &Intrinsics) -> Vec<Point> {
+    let ends = [(0, 0), (k.width, 0), (k.width, k.height), (0, k.height)]
+        .map(|(u, v)| world_from_camera * k.unproject(u as f64 - 0.5, v as f64 - 0.5, PYRAMID_M));
+    let eye = Point3::from(world_from_camera.translation.vector);
+    (0..4).flat_map(|i| [eye, ends[i], ends[i], ends[(i + 1) % 4]]).map(|p| point(&p)).collect()
+}

@@ -1,0 +1,98 @@
+//! Where the views of a state were taken from, thinned so that their number stays bounded.
+
+use nalgebra::{Point3, Vector3};
+
+use super::view_depth::{MAX_DEPTH_M, ViewDepth};
+use crate::{
+    capture::common_focus,
+    geometry::{Intrinsics, Pose},
+    statistics::median,
+};
+
+/// Views that are remembered at most; with more, every second one goes.
+const MOST: usize = 128;
+
+/// The views of a state.
+pub(super) struct Eyes {
+    /// Pose and median depth.
+    views: Vec<(Pose, f64)>,
+    /// Every so many views one is remembered.
+    every: usize,
+    /// Views so far.
+    pub count: usize,
+    /// The camera of the last one.
+    pub intrinsics: Intrinsics,
+}
+
+/// What the views have in common.
+pub(super) struct Focus {
+    /// What they look at.
+    pub point: Point3<f64>,
+    /// Median distance of them to it, meters.
+    pub distance_m: f64,
+    /// Upwards: the axis of the world that is nearest to how the cameras were held (REP 103 makes it z).
+    pub up: Vector3<f64>,
+    /// Sine of the lowest elevation of a camera as seen from there.
+    pub lowest: f64,
+}
+
+impl Eyes {
+    /// With a camera.
+    pub fn new(intrinsics: Intrinsics) -> Self {
+        Self { views: Vec::new(), every: 1, count: 0, intrinsics }
+    }
+
+    /// Remembers a view.
+    pub fn add(&mut self, view: &ViewDepth) {
+        self.intrinsics = view.frame.intrinsics;
+        if self.count.is_multiple_of(self.every) {
+            self.views.push((view.frame.world_from_camera, view.median_m));
+        }
+        self.count += 1;
+        if self.views.len() > MOST {
+            let all = std::mem::take(&mut self.views);
+            self.views = all.into_iter().step_by(2).collect();
+            self.every *= 2;
+        }
+    }
+
+    /// What the views look at; `None` without any.
+    fn focus(&self) -> Option<Focus> {
+        let poses: Vec<Pose> = self.views.iter().map(|v| v.0).collect();
+        let ahead: Vec<Point3<f64>> = self.views.iter().map(|(p, z)| p * Point3::new(0.0, 0.0, *z)).collect();
+        // Where all axes meet far from what is seen, e.g. those of a walk, that is nothing to look at.
+        let is_seen = |p: &Point3<f64>| {
+            ahead.iter().zip(&poses).all(|(a, pose)| {
+                let to_m = (p - Point3::from(pose.translation.vector)).norm();
+                (p - a).norm() <= to_m && to_m < 2.0 * f64::from(MAX_DEPTH_M)
+            })
+        };
+        let along = |k: usize| median(ahead.iter().map(|p| p[k]).collect());
+        let middle = Point3::new(along(0)?, along(1)?, along(2)?);
+        let point = common_focus(&poses).filter(is_seen).unwrap_or(middle);
+        let out = |p: &Pose| p.translation.vector - point.coords;
+        let distance_m = median(poses.iter().map(|p| out(p).norm()).collect())?.max(1e-3);
+        let sum: Vector3<f64> = poses.iter().map(|p| p.rotation * -Vector3::y()).sum();
+        let axis = sum.iamax();
+        let up = Vector3::ith(axis, if sum[axis] < 0.0 { -1.0 } else { 1.0 });
+        let lowest = poses.iter().map(|p| out(p).normalize().dot(&up)).fold(1.0, f64::min);
+        Some(Focus { point, distance_m, up, lowest })
+    }
+
+    /// A ball about what the views look at, as large as fits into the image from their median distance: its
+    /// middle with all that goes with it, and its radius in meters.
+    pub fn ball(&self) -> Option<(Focus, f64)> {
+        let focus = self.focus()?;
+        let k = &self.intrinsics;
+        let half = (0.5 * k.width as f64 / k.fx).min(0.5 * k.height as f64 / k.fy);
+        let radius_m = focus.distance_m * half.atan().sin();
+        Some((focus, radius_m))
+    }
+
+    /// Whether at least half of the views have a point in their image.
+    pub fn half_show(&self, point: &Point3<f64>) -> bool {
+        let shows =
+            |(pose, _): &&(Pose, f64)| self.intrinsics.pixel(&pose.inverse_transform_point(point)).is_some();
+        2 * self.views.iter().filter(shows).count() >= self.views.len()
+    }
+}

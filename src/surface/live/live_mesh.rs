@@ -1,0 +1,176 @@
+//! The surface of the map in chunks, of which those that changed are made again.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
+
+use nalgebra::Point3;
+
+use super::block_map::{self, BlockMap, Key};
+use crate::surface::{TriangleMesh, marching_cubes};
+
+/// Blocks along a side of a chunk.
+const BLOCKS: i32 = 2;
+/// Triangles in all; with more, nodes are left out, at first beside what the views look at.
+/// derived: 3.6 MB as markers, which a local network carries within a second beside the images
+const MOST_TRIANGLES: usize = 30_000;
+/// With so many times fewer, nodes are taken in again.
+/// derived: half the spacing makes four times the triangles, and noise some more
+const FEWER: usize = 6;
+/// The ball that the views look at is another one where it moved or grew by this part of its radius.
+/// derived: a tenth of an image
+const OTHER_BALL: f64 = 0.1;
+/// Every so many nodes count at most.
+/// derived: behind a surface four spacings are known, which a cell must not be wider than
+const LARGEST_STRIDE: usize = 4;
+/// Color where none was read.
+const GRAY: [u8; 3] = [128; 3];
+
+/// A part of the surface.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeshChunk {
+    /// Its number, which it keeps.
+    pub id: i32,
+    /// Number of the change of the mesh that made it.
+    pub version: u64,
+    /// The surface, with colors, in the world.
+    pub mesh: TriangleMesh,
+}
+
+/// The surface of a map.
+#[derive(Default)]
+pub(super) struct LiveMesh {
+    /// Every so many nodes count: about what the views look at, and beside it.
+    strides: [usize; 2],
+    /// Middle and radius of what the views look at.
+    ball: Option<(Point3<f64>, f64)>,
+    chunks: BTreeMap<Key, Arc<MeshChunk>>,
+    stale: BTreeSet<Key>,
+    next_id: i32,
+    version: u64,
+    triangles: usize,
+}
+
+impl LiveMesh {
+    /// Without a surface.
+    pub fn new() -> Self {
+        Self { strides: [1, 1], ..Self::default() }
+    }
+
+    /// Says that the surface in some blocks changed.
+    pub fn mark(&mut self, blocks: &[Key]) {
+        for key in blocks {
+            // A cell ends at the first nodes of the next block.
+            for corner in 0..8 {
+                let below = [0, 1, 2].map(|k| (key[k] - (corner >> k & 1)).div_euclid(BLOCKS));
+                self.stale.insert(below);
+            }
+        }
+    }
+
+    /// Forgets all: the blocks are others now. Numbers go on, so that nobody takes a chunk for an old one.
+    fn begin_again(&mut self, map: &BlockMap) {
+        self.chunks.clear();
+        self.triangles = 0;
+        let keys: Vec<Key> = map.keys().copied().collect();
+        self.mark(&keys);
+    }
+
+    /// The same where the map's spacing doubled: as many nodes count as before, or more.
+    pub fn begin_coarser(&mut self, map: &BlockMap) {
+        self.strides = self.strides.map(|s| (s / 2).max(1));
+        self.begin_again(map);
+    }
+
+    /// Makes the stale chunks again; views look at a ball.
+    pub fn refresh(&mut self, map: &BlockMap, ball: Option<(Point3<f64>, f64)>) {
+        let is_other = match (self.ball, ball) {
+            (Some((a, r)), Some((b, s))) => (a - b).norm().max((r - s).abs()) > OTHER_BALL * r,
+            (a, b) => a.is_some() != b.is_some(),
+        };
+        if is_other {
+            self.ball = ball;
+            self.begin_again(map);
+        }
+        self.remake(map);
+        let coarsest = self.strides.iter().position(|s| *s > 1);
+        if let Some(finer) = coarsest.filter(|_| FEWER * self.triangles < MOST_TRIANGLES) {
+            self.strides[finer] /= 2;
+            self.begin_again(map);
+            self.remake(map);
+        }
+        while self.triangles > MOST_TRIANGLES {
+            let Some(coarser) = [1, 0].into_iter().find(|k| self.strides[*k] < LARGEST_STRIDE) else { break };
+            self.strides[coarser] *= 2;
+            self.begin_again(map);
+            self.remake(map);
+        }
+    }
+
+    /// Every so many nodes count in a chunk.
+    fn stride_of(&self, map: &BlockMap, key: Key) -> usize {
+        let side_m = f64::from(BLOCKS) * block_map::SIDE as f64 * map.spacing_m();
+        let middle = Point3::from(key.map(|k| (f64::from(k) + 0.5) * side_m));
+        let is_near = self.ball.is_none_or(|(center, radius_m)| (middle - center).norm() < radius_m + side_m);
+        self.strides[usize::from(!is_near)]
+    }
+
+    fn remake(&mut self, map: &BlockMap) {
+        self.version += 1;
+        for key in std::mem::take(&mut self.stale) {
+            let mesh = self.made(map, key);
+            let known = self.chunks.get(&key);
+            self.triangles -= known.map_or(0, |c| c.mesh.triangles.len());
+            self.triangles += mesh.triangles.len();
+            let id = known.map(|c| c.id);
+            // A chunk that lost its surface stays, empty, so that who shows it can take it away.
+            if mesh.is_empty() && id.is_none() {
+                continue;
+            }
+            let id = id.unwrap_or_else(|| {
+                self.next_id += 1;
+                self.next_id
+            });
+            self.chunks.insert(key, Arc::new(MeshChunk { id, version: self.version, mesh }));
+        }
+    }
+
+    fn made(&self, map: &BlockMap, key: Key) -> TriangleMesh {
+        let (grid, colors) = map.grid(key.map(|k| k * BLOCKS), BLOCKS as usize, self.stride_of(map, key));
+        let mut mesh = marching_cubes(&grid, 0.0);
+        let last = grid.dims[0] - 1;
+        mesh.colors = mesh
+            .vertices
+            .iter()
+            .map(|p| {
+                let at = (p.cast::<f64>() - grid.origin) / grid.spacing_m;
+                // The ends of the edge that the vertex is on, the nearer one first.
+                let near = at.map(|v| (v.round().max(0.0) as usize).min(last));
+                let far = at.zip_map(&near, |v, n| {
+                    let other = if v > n as f64 { v.ceil() } else { v.floor() };
+                    // Single precision leaves a vertex beside its edge.
+                    if (v - n as f64).abs() < 1e-3 { n } else { (other.max(0.0) as usize).min(last) }
+                });
+                let color = |n: nalgebra::Vector3<usize>| colors[grid.index(n.x, n.y, n.z)];
+                match [color(near), color(far)].into_iter().find(|c| c[3] > 0) {
+                    Some([r, g, b, _]) => [r, g, b],
+                    None => GRAY,
+                }
+            })
+            .collect();
+        mesh
+    }
+
+    /// All chunks by their place.
+    pub fn chunks(&self) -> impl Iterator<Item = &Arc<MeshChunk>> {
+        self.chunks.values()
+    }
+
+    /// Width of the cells about what the views look at, in spacings of the map.
+    pub fn stride(&self) -> usize {
+        self.strides[0]
+    }
+}
+
+const _: () = assert!(block_map::SIDE.is_multiple_of(LARGEST_STRIDE));

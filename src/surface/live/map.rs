@@ -1,0 +1,254 @@
+//! The map of a state, and what is asked of it.
+
+use std::sync::Arc;
+
+use super::{
+    block_map::BlockMap,
+    clearance::Clearance,
+    eyes::Eyes,
+    live_mesh::{LiveMesh, MeshChunk},
+    moved::{Moved, changed},
+    next_view::{NextView, next_view},
+    region::Region,
+    sight_map::SightMap,
+    unseen::{Unseen, unseen},
+    view_depth::ViewDepth,
+};
+use crate::{
+    capture::{NoiseConfig, RgbdFrame},
+    surface::{TriangleMesh, merge},
+};
+
+/// Least and largest first distance between nodes, meters.
+/// tuned: finer than 5 mm shows the eye no more of an object; with 20 mm a drawer still has its front
+const SPACING_M: [f64; 2] = [0.005, 0.02];
+/// Truncation in spacings and in standard deviations of a reading, at least.
+/// derived: that of the pipeline's fusion (`SurfaceConfig::truncation_m`), and two cells on each side for
+/// marching cubes of every second node
+const TRUNCATION: f64 = 4.0;
+/// Side of a cell of seen space in spacings, at first.
+const CELL: f64 = 2.0;
+
+/// Settings of a map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LiveSettings {
+    /// The sensor's noise.
+    pub noise: NoiseConfig,
+    /// Memory that the map takes at most, bytes; no less than [`LiveSettings::LEAST_BYTES`] is used.
+    pub most_bytes: usize,
+}
+
+impl LiveSettings {
+    /// Memory without which nothing is worth showing.
+    /// derived: a fifth of it holds the largest mesh
+    pub const LEAST_BYTES: usize = 4 << 20;
+}
+
+/// A map of one state.
+struct StateMap {
+    blocks: BlockMap,
+    sight: SightMap,
+    mesh: LiveMesh,
+    eyes: Eyes,
+    /// Standard deviation of a reading at the first view's median depth, meters.
+    sigma_m: f64,
+}
+
+/// What is kept of the state before.
+struct Before {
+    chunks: Vec<Arc<MeshChunk>>,
+    spacing_m: f64,
+    sight: SightMap,
+}
+
+/// The map of the state that is collected, and what is kept of the first one.
+///
+/// The same views in the same order give the same bytes. Memory is bounded: where the bound is reached the
+/// spacing doubles, and what was seen stays. Rayon's pool of the thread that asks does the work; a pool of
+/// one keeps it on that thread.
+pub struct LiveMap {
+    settings: LiveSettings,
+    now: Option<StateMap>,
+    before: Option<Before>,
+}
+
+impl LiveMap {
+    /// An empty map.
+    #[must_use]
+    pub fn new(settings: LiveSettings) -> Self {
+        Self { settings, now: None, before: None }
+    }
+
+    /// Begins another state in the same world: what was seen of the first one is kept to be compared with.
+    pub fn begin_state(&mut self) {
+        let Some(mut map) = self.now.take() else { return };
+        if self.before.is_some() {
+            return;
+        }
+        map.draw();
+        while map.sight.bytes() > self.share(8) {
+            map.sight.coarsen();
+        }
+        let chunks = map.mesh.chunks().cloned().collect();
+        self.before = Some(Before { chunks, spacing_m: map.spacing_m(), sight: map.sight });
+    }
+
+    /// A part of the memory, bytes.
+    fn share(&self, part: usize) -> usize {
+        self.settings.most_bytes.max(LiveSettings::LEAST_BYTES) / part
+    }
+
+    /// Adds a view, with its mask where it has one: then of its object alone the surface counts. Whether it
+    /// was taken: not where it reads no depth, or its sizes, camera or pose make no sense.
+    pub fn add(&mut self, frame: &RgbdFrame) -> bool {
+        let Some(view) = ViewDepth::new(frame, &self.settings.noise) else { return false };
+        // Half for surfaces; an eighth each for space seen now and before; the rest for the mesh and what is
+        // under way.
+        let (most_blocks, most_sight) = (self.share(2), self.share(8));
+        let map = self.now.get_or_insert_with(|| StateMap::new(&view));
+        loop {
+            let clearance = Clearance::new(&view, map.sight.cell_m());
+            let (looks, new_sight) = map.sight.looks(&view, &clearance);
+            let (keys, new_blocks) = map.blocks.about(&view);
+            let sight_bytes = map.sight.bytes() + SightMap::bytes_of(new_sight);
+            let block_bytes = map.blocks.bytes() + BlockMap::bytes_of(new_blocks);
+            if sight_bytes > most_sight {
+                map.sight.coarsen();
+                continue;
+            }
+            if block_bytes > most_blocks {
+                map.coarsen();
+                continue;
+            }
+            map.sight.take(&looks);
+            map.blocks.allocate(&keys);
+            let changed = map.blocks.integrate(&view, &clearance);
+            map.mesh.mark(&changed);
+            map.eyes.add(&view);
+            return true;
+        }
+    }
+
+    /// Makes the surface again where it changed since the last time.
+    pub fn refresh(&mut self) {
+        if let Some(map) = &mut self.now {
+            map.draw();
+        }
+    }
+
+    /// The surface in chunks, by their place, as [`Self::refresh`] left it.
+    pub fn chunks(&self) -> impl Iterator<Item = &Arc<MeshChunk>> {
+        self.now.iter().flat_map(|map| map.mesh.chunks())
+    }
+
+    /// The surface as one mesh, as [`Self::refresh`] left it; its triangles are not joined across chunks.
+    #[must_use]
+    pub fn mesh(&self) -> TriangleMesh {
+        merge(&self.chunks().map(|c| &c.mesh).collect::<Vec<_>>())
+    }
+
+    /// What was not seen of what the views look at, and from where to look next, where that is worth it;
+    /// `None` before the first view.
+    #[must_use]
+    pub fn look(&self) -> Option<(Unseen, Option<NextView>)> {
+        let map = self.now.as_ref()?;
+        let region = Region::new(&map.eyes, &map.sight)?;
+        let seen_m2: f64 = map
+            .mesh
+            .chunks()
+            .flat_map(|c| (0..c.mesh.triangles.len()).map(|t| (&c.mesh, t)))
+            .filter(|(mesh, t)| region.holds(&mesh.middle(*t)))
+            .map(|(mesh, t)| 0.5 * f64::from(mesh.area_normal(t).norm()))
+            .fold(0.0, |sum, area| sum + area);
+        let unseen = unseen(&region, seen_m2);
+        let next = next_view(&region, &map.sight, unseen.area_m2 + seen_m2);
+        Some((unseen, next))
+    }
+
+    /// What moved since the first state; `None` where there is none, or the present one has no view.
+    #[must_use]
+    pub fn moved(&self) -> Option<Moved> {
+        let (map, before) = (self.now.as_ref()?, self.before.as_ref()?);
+        Some(Moved {
+            appeared: changed(
+                map.mesh.chunks().map(AsRef::as_ref),
+                map.spacing_m(),
+                &map.sight,
+                &before.sight,
+            ),
+            gone: changed(
+                before.chunks.iter().map(AsRef::as_ref),
+                before.spacing_m,
+                &before.sight,
+                &map.sight,
+            ),
+        })
+    }
+
+    /// What a view from a pose would add, square meters.
+    #[cfg(test)]
+    pub(super) fn gain_m2(&self, world_from_camera: &crate::geometry::Pose) -> Option<f64> {
+        let map = self.now.as_ref()?;
+        Some(super::next_view::gain_m2(&Region::new(&map.eyes, &map.sight)?, world_from_camera))
+    }
+
+    /// Views of the present state that were taken.
+    #[must_use]
+    pub fn views(&self) -> usize {
+        self.now.as_ref().map_or(0, |map| map.eyes.count)
+    }
+
+    /// Distance between the nodes that the surface is made of, meters; 0 before the first view.
+    #[must_use]
+    pub fn spacing_m(&self) -> f64 {
+        self.now.as_ref().map_or(0.0, StateMap::spacing_m)
+    }
+
+    /// Memory of what was seen, bytes.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let mesh = |m: &TriangleMesh| m.vertices.len() * 15 + m.triangles.len() * 12;
+        let chunks: usize = self.chunks().map(|c| mesh(&c.mesh)).sum();
+        let now = self.now.as_ref().map_or(0, |map| map.blocks.bytes() + map.sight.bytes());
+        let before = self
+            .before
+            .as_ref()
+            .map_or(0, |b| b.sight.bytes() + b.chunks.iter().map(|c| mesh(&c.mesh)).sum::<usize>());
+        now + chunks + before
+    }
+}
+
+impl StateMap {
+    /// For a first view: as fine as what it reads.
+    fn new(view: &ViewDepth) -> Self {
+        let sigma_m = view.noise.sigma_m(view.median_m);
+        // Finer nodes than pixels, or than their noise, hold nothing that was read.
+        let spacing_m = sigma_m.max(view.pixel_m(view.median_m)).clamp(SPACING_M[0], SPACING_M[1]);
+        Self {
+            blocks: BlockMap::new(spacing_m, truncation_m(spacing_m, sigma_m)),
+            sight: SightMap::new(CELL * spacing_m),
+            mesh: LiveMesh::new(),
+            eyes: Eyes::new(view.frame.intrinsics),
+            sigma_m,
+        }
+    }
+
+    /// Distance between the nodes that the surface is made of about what the views look at, meters.
+    fn spacing_m(&self) -> f64 {
+        self.blocks.spacing_m() * self.mesh.stride() as f64
+    }
+
+    fn draw(&mut self) {
+        let ball = self.eyes.ball().map(|(focus, radius_m)| (focus.point, radius_m));
+        self.mesh.refresh(&self.blocks, ball);
+    }
+
+    fn coarsen(&mut self) {
+        self.blocks.coarsen(truncation_m(2.0 * self.blocks.spacing_m(), self.sigma_m));
+        self.mesh.begin_coarser(&self.blocks);
+    }
+}
+
+fn truncation_m(spacing_m: f64, sigma_m: f64) -> f64 {
+    TRUNCATION * spacing_m.max(sigma_m)
+}

@@ -1,0 +1,98 @@
+//! The view that would add most (Connolly 1985): of many about what the views look at, the one that has most
+//! of what was not seen in sight.
+
+use nalgebra::{Point3, Vector3};
+
+use super::{
+    region::{Cell, Region},
+    sight_map::SightMap,
+};
+use crate::geometry::Pose;
+
+/// Places that are tried, all around.
+const PLACES: usize = 200;
+/// Rays along a side of the picture that is taken of the region from each.
+const RAYS: usize = 32;
+/// Least gain of a view that is worth it, as a share of all surface.
+/// derived: a hundred such views would be as much as all there is
+const LEAST_SHARE: f64 = 0.01;
+
+/// A place from which to look.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NextView {
+    /// Pose of the optical frame there.
+    pub world_from_camera: Pose,
+    /// Area across its rays of what it would see and no view did, square meters.
+    pub gain_m2: f64,
+}
+
+/// The best view of a region; `None` where none adds as much as is worth it, of so much surface in all.
+pub(super) fn next_view(region: &Region, sight: &SightMap, all_m2: f64) -> Option<NextView> {
+    let focus = &region.focus;
+    let mut best: Option<NextView> = None;
+    for direction in places() {
+        // No lower than a camera was, by half of what lies between two places: there may be a floor.
+        let is_low = direction.dot(&focus.up) < focus.lowest - (std::f64::consts::PI / PLACES as f64).sqrt();
+        let eye = focus.point + direction * focus.distance_m;
+        if is_low || !can_stand(&eye, region, sight) {
+            continue;
+        }
+        let world_from_camera = looking_at(&eye, &focus.point, &focus.up);
+        let gain_m2 = gain_m2(region, &world_from_camera);
+        if best.is_none_or(|b| gain_m2 > b.gain_m2) {
+            best = Some(NextView { world_from_camera, gain_m2 });
+        }
+    }
+    best.filter(|b| b.gain_m2 > 0.0 && b.gain_m2 >= LEAST_SHARE * all_m2)
+}
+
+/// What a camera would see of what was not seen, as area across its rays, square meters. What is not known
+/// outside of the region hides nothing.
+pub(super) fn gain_m2(region: &Region, world_from_camera: &Pose) -> f64 {
+    let eye = Point3::from(world_from_camera.translation.vector);
+    let distance_m = (region.focus.point - eye).norm();
+    // A picture of the whole ball, by a camera of its own.
+    let half = (region.radius_m / distance_m).min(0.9).asin().tan();
+    let pixel = 2.0 * half / RAYS as f64;
+    let mut area_m2 = 0.0;
+    for v in 0..RAYS {
+        for u in 0..RAYS {
+            let at = |i: usize| (i as f64 + 0.5) * pixel - half;
+            let ray = world_from_camera * Vector3::new(at(u), at(v), 1.0);
+            if let Some((Cell::Unknown, depth_m)) = region.first_met(&eye, &ray) {
+                area_m2 += (pixel * depth_m).powi(2);
+            }
+        }
+    }
+    area_m2
+}
+
+/// Directions evenly spread (a Fibonacci lattice).
+fn places() -> impl Iterator<Item = Vector3<f64>> {
+    let turn_rad = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    (0..PLACES).map(move |i| {
+        let z = 1.0 - (2.0 * i as f64 + 1.0) / PLACES as f64;
+        let (sin, cos) = (turn_rad * i as f64).sin_cos();
+        let r = (1.0 - z * z).sqrt();
+        Vector3::new(r * cos, r * sin, z)
+    })
+}
+
+/// Whether nothing that was seen is where the camera would be, or between it and the region.
+fn can_stand(eye: &Point3<f64>, region: &Region, sight: &SightMap) -> bool {
+    let to = region.focus.point - eye;
+    let free_m = to.norm() - region.radius_m;
+    let steps = (free_m / sight.cell_m()).ceil().clamp(1.0, 1e4);
+    (0..=steps as usize).all(|i| {
+        let seen = sight.at(&(eye + to.normalize() * (free_m * i as f64 / steps)));
+        seen.filled == 0 || seen.empty >= 2
+    })
+}
+
+/// A camera that looks at a point, held upright.
+fn looking_at(eye: &Point3<f64>, target: &Point3<f64>, up: &Vector3<f64>) -> Pose {
+    // From straight above, any side is up.
+    let along = (target - eye).normalize();
+    let up = if along.cross(up).norm() < 1e-3 { Vector3::ith(along.iamin(), 1.0) } else { *up };
+    Pose::face_towards(eye, target, &-up)
+}

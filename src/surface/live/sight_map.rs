@@ -1,0 +1,230 @@
+//! Space that was seen empty, and space where something was seen: how many views saw it so, in blocks of
+//! cells.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Point3, Vector3};
+
+use super::{
+    clearance::{Clearance, Piece},
+    view_depth::ViewDepth,
+};
+use crate::{capture::cell, surface::rows::RowCamera};
+
+/// Cells along a side of a block; a layer of them is the bits of a word.
+pub(super) const SIDE: usize = 8;
+/// Place of a block: its first cell in sides of a block.
+type Key = [i32; 3];
+/// A bit for every cell of a block: words by z, bits by `x + 8 y`.
+type Bits = [u64; SIDE];
+
+/// How often the cells of a block were seen empty, and filled: counts whose digits are bits, the lowest
+/// first.
+#[derive(Clone, Default)]
+struct Sight {
+    empty: [Bits; 3],
+    filled: [Bits; 2],
+}
+
+/// How often a cell was seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Seen {
+    /// Views that saw it empty, 7 for more.
+    pub empty: u8,
+    /// Views that saw something about it, 3 for more.
+    pub filled: u8,
+}
+
+impl Sight {
+    fn at(&self, [x, y, z]: [usize; 3]) -> Seen {
+        let digit = |bits: &Bits| (bits[z] >> (x + SIDE * y) & 1) as u8;
+        let number = |digits: &[Bits]| digits.iter().rev().fold(0, |n, bits| 2 * n + digit(bits));
+        Seen { empty: number(&self.empty), filled: number(&self.filled) }
+    }
+
+    fn set(&mut self, [x, y, z]: [usize; 3], seen: Seen) {
+        let put = |digits: &mut [Bits], number: u8| {
+            for (k, bits) in digits.iter_mut().enumerate() {
+                bits[z] |= u64::from(number >> k & 1) << (x + SIDE * y);
+            }
+        };
+        put(&mut self.empty, seen.empty);
+        put(&mut self.filled, seen.filled);
+    }
+}
+
+/// Counts one more where bits are set and the count is not full.
+fn count(digits: &mut [Bits], z: usize, more: u64) {
+    let full = digits.iter().fold(u64::MAX, |all, bits| all & bits[z]);
+    let mut carry = more & !full;
+    for bits in digits {
+        (bits[z], carry) = (bits[z] ^ carry, bits[z] & carry);
+    }
+}
+
+/// What was seen of space.
+pub(super) struct SightMap {
+    cell_m: f64,
+    blocks: BTreeMap<Key, Sight>,
+}
+
+/// What a view says of a block.
+pub(super) struct Look {
+    key: Key,
+    empty: Bits,
+    filled: Bits,
+}
+
+impl SightMap {
+    /// Of nothing yet.
+    pub fn new(cell_m: f64) -> Self {
+        Self { cell_m, blocks: BTreeMap::new() }
+    }
+
+    /// Side of a cell, meters.
+    pub fn cell_m(&self) -> f64 {
+        self.cell_m
+    }
+
+    /// Memory that so many blocks take, bytes.
+    pub fn bytes_of(blocks: usize) -> usize {
+        // The second term: what a tree leaves open.
+        blocks * (size_of::<(Key, Sight)>() * 3 / 2)
+    }
+
+    /// Memory that it takes, bytes.
+    pub fn bytes(&self) -> usize {
+        Self::bytes_of(self.blocks.len())
+    }
+
+    /// What a view says, and how many blocks are new to the map.
+    pub fn looks(&self, view: &ViewDepth, clearance: &Clearance) -> (Vec<Look>, usize) {
+        let block_m = self.cell_m * SIDE as f64;
+        let radius_m = (0.5 * 3f64.sqrt() * block_m) as f32;
+        let [low, high] = self.bounds(view, f64::from(clearance.sight_m));
+        let first = Point3::from(low.map(|k| (f64::from(k) + 0.5) * block_m));
+        let intrinsics = &view.frame.intrinsics;
+        let camera = RowCamera::new(intrinsics, &view.camera_from_world, &first, block_m);
+        let count = [0, 1, 2].map(|k| (high[k] - low[k] + 1).max(0) as usize);
+        let mut looks = Vec::new();
+        for (y, z) in (0..count[2]).flat_map(|z| (0..count[1]).map(move |y| (y, z))) {
+            let row = camera.row(y, z, count[0]);
+            // A block whose middle lies beside the image may reach into it.
+            let range = row.range.start.saturating_sub(1)..(row.range.end + 1).min(count[0]);
+            for x in range.filter(|_| !row.range.is_empty()) {
+                let middle = row.at(x);
+                if middle.z - radius_m > clearance.sight_m {
+                    continue;
+                }
+                let key = [low[0] + x as i32, low[1] + y as i32, low[2] + z as i32];
+                match clearance.piece(&middle, radius_m, 0.0) {
+                    Piece::Nothing => {}
+                    Piece::Empty => looks.push(Look { key, empty: [u64::MAX; SIDE], filled: [0; SIDE] }),
+                    Piece::Mixed => looks.extend(self.detail(key, view, clearance)),
+                }
+            }
+        }
+        let new = looks.iter().filter(|l| !self.blocks.contains_key(&l.key)).count();
+        (looks, new)
+    }
+
+    /// Takes what a view says.
+    pub fn take(&mut self, looks: &[Look]) {
+        for look in looks {
+            let sight = self.blocks.entry(look.key).or_default();
+            for z in 0..SIDE {
+                count(&mut sight.empty, z, look.empty[z]);
+                count(&mut sight.filled, z, look.filled[z]);
+            }
+        }
+    }
+
+    /// First and last block of the box about what a view may say something of.
+    fn bounds(&self, view: &ViewDepth, farthest_m: f64) -> [Key; 2] {
+        let block_m = self.cell_m * SIDE as f64;
+        let k = &view.frame.intrinsics;
+        let corners = [(0, 0), (k.width, 0), (0, k.height), (k.width, k.height)];
+        let far = corners.map(|(u, v)| {
+            let ray = view.frame.world_from_camera * k.ray(u as f64 - 0.5, v as f64 - 0.5);
+            view.eye() + ray * farthest_m
+        });
+        let ends = far.iter().fold([view.eye(), view.eye()], |[low, high], p| [low.inf(p), high.sup(p)]);
+        // A wrong camera may see round a corner: its box is cut about its eye.
+        let reach = Vector3::repeat(2.0 * farthest_m);
+        let cut = [ends[0].sup(&(view.eye() - reach)), ends[1].inf(&(view.eye() + reach))];
+        let keys = cut.map(|p| cell(&p, block_m));
+        match keys {
+            [Some(low), Some(high)] => [low, high],
+            _ => [[0; 3], [-1; 3]],
+        }
+    }
+
+    fn detail(&self, key: Key, view: &ViewDepth, clearance: &Clearance) -> Option<Look> {
+        let first = Point3::from(key.map(|k| (f64::from(k) * SIDE as f64 + 0.5) * self.cell_m));
+        let camera = RowCamera::new(&view.frame.intrinsics, &view.camera_from_world, &first, self.cell_m);
+        let mut look = Look { key, empty: [0; SIDE], filled: [0; SIDE] };
+        for z in 0..SIDE {
+            for y in 0..SIDE {
+                let row = camera.row(y, z, SIDE);
+                for x in row.range.clone() {
+                    let p = row.at(x);
+                    let bit = 1 << (x + SIDE * y);
+                    match clearance.is_filled(camera.pixel(&p), p.z) {
+                        Some(false) => look.empty[z] |= bit,
+                        Some(true) => look.filled[z] |= bit,
+                        None => {}
+                    }
+                }
+            }
+        }
+        (0..SIDE).any(|z| look.empty[z] | look.filled[z] != 0).then_some(look)
+    }
+
+    /// What was seen of the cell of a point.
+    pub fn at(&self, point: &Point3<f64>) -> Seen {
+        cell(point, self.cell_m).map_or_else(Seen::default, |c| self.of(c))
+    }
+
+    /// What was seen of a cell.
+    pub fn of(&self, cell: [i32; 3]) -> Seen {
+        let side = SIDE as i32;
+        let Some(sight) = self.blocks.get(&cell.map(|c| c.div_euclid(side))) else { return Seen::default() };
+        sight.at(cell.map(|c| c.rem_euclid(side) as usize))
+    }
+
+    /// Calls with every cell of the blocks from one to another of which something was seen.
+    pub fn each(&self, [low, high]: [[i32; 3]; 2], mut take: impl FnMut([i32; 3], Seen)) {
+        let side = SIDE as i32;
+        let [first, last] = [low, high].map(|c| c.map(|v| v.div_euclid(side)));
+        for z in first[2]..=last[2] {
+            for y in first[1]..=last[1] {
+                for x in first[0]..=last[0] {
+                    let Some(sight) = self.blocks.get(&[x, y, z]) else { continue };
+                    for i in 0..SIDE * SIDE * SIDE {
+                        let within = [i % SIDE, i / SIDE % SIDE, i / SIDE / SIDE];
+                        let block = [x, y, z];
+                        let cell = [0, 1, 2].map(|k| block[k] * side + within[k] as i32);
+                        take(cell, sight.at(within));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Doubles the cells: one was seen empty as often as all of its eight were, and filled as one was.
+    pub fn coarsen(&mut self) {
+        let old = std::mem::take(&mut self.blocks);
+        for (key, fine) in old {
+            let coarse = self.blocks.entry(key.map(|k| k.div_euclid(2))).or_default();
+            let at = key.map(|k| k.rem_euclid(2) as usize * SIDE / 2);
+            for i in 0..SIDE * SIDE * SIDE / 8 {
+                let half = [i % 4, i / 4 % 4, i / 16];
+                let eight = (0..8).map(|c| fine.at([0, 1, 2].map(|k| 2 * half[k] + (c >> k & 1))));
+                let seen =
+                    eight.reduce(|a, b| Seen { empty: a.empty.min(b.empty), filled: a.filled.max(b.filled) });
+                coarse.set([0, 1, 2].map(|k| at[k] + half[k]), seen.unwrap_or_default());
+            }
+        }
+        self.cell_m *= 2.0;
+    }
+}

@@ -1,0 +1,100 @@
+//! What no view saw: the border between space seen empty and space never seen (Yamauchi 1997), as patches of
+//! surface.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Point3, Vector3};
+
+use super::region::{Cell, PATCH, Region};
+
+/// Patches at most; the smallest are left out.
+const MOST_PATCHES: usize = 600;
+/// Faces of cells whose sum is a patch.
+/// derived: the noise of a cell's state takes or gives single faces
+const LEAST_FACES: f64 = 2.0;
+
+/// A piece of the border of what was seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UnseenPatch {
+    /// Its middle in the world.
+    pub center: Point3<f64>,
+    /// Unit vector from what was not seen to what is empty.
+    pub normal: Vector3<f64>,
+    /// Its area, square meters.
+    pub area_m2: f64,
+}
+
+/// What was not seen of what the views look at.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Unseen {
+    /// The largest patches, by their place.
+    pub patches: Vec<UnseenPatch>,
+    /// Area of all patches, square meters.
+    pub area_m2: f64,
+    /// Area of the surface that was seen there, square meters.
+    pub seen_m2: f64,
+}
+
+impl Unseen {
+    /// Share of what is to be seen that was not seen: 1 where nothing was.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        let all_m2 = self.area_m2 + self.seen_m2;
+        if all_m2 > 0.0 { self.area_m2 / all_m2 } else { 1.0 }
+    }
+}
+
+/// What was not seen of a region in which so much surface was.
+pub(super) fn unseen(region: &Region, seen_m2: f64) -> Unseen {
+    #[derive(Default)]
+    struct Sum {
+        faces: Vector3<f64>,
+        centers: Vector3<f64>,
+        count: f64,
+    }
+    let mut sums: BTreeMap<[usize; 3], Sum> = BTreeMap::new();
+    let side = region.side;
+    for z in 0..side {
+        for y in 0..side {
+            for x in 0..side {
+                if region.cell([x, y, z]) != Cell::Unknown {
+                    continue;
+                }
+                for axis in 0..3 {
+                    for step in [-1isize, 1] {
+                        let mut other = [x, y, z];
+                        let Some(next) = other[axis].checked_add_signed(step).filter(|n| *n < side) else {
+                            continue;
+                        };
+                        other[axis] = next;
+                        if region.cell(other) == Cell::Empty {
+                            let sum = sums.entry([x / PATCH, y / PATCH, z / PATCH]).or_default();
+                            sum.faces[axis] += step as f64;
+                            sum.centers +=
+                                (region.middle([x, y, z]).coords + region.middle(other).coords) / 2.0;
+                            sum.count += 1.0;
+                        }
+                    }
+                }
+            }
+        }
+    }
+    // The faces of cells along a slanted plane add up to more than its area; as vectors, to its area.
+    let patch = |sum: &Sum| {
+        let size = sum.faces.norm();
+        (size >= LEAST_FACES).then(|| UnseenPatch {
+            center: Point3::from(sum.centers / sum.count),
+            normal: sum.faces / size,
+            area_m2: size * region.cell_m * region.cell_m,
+        })
+    };
+    let mut patches: Vec<UnseenPatch> = sums.values().filter_map(patch).collect();
+    let area_m2 = patches.iter().fold(0.0, |sum, p| sum + p.area_m2);
+    if patches.len() > MOST_PATCHES {
+        let mut areas: Vec<f64> = patches.iter().map(|p| p.area_m2).collect();
+        areas.sort_unstable_by(|a, b| b.total_cmp(a));
+        let least_m2 = areas[MOST_PATCHES];
+        patches.retain(|p| p.area_m2 > least_m2);
+    }
+    Unseen { patches, area_m2, seen_m2 }
+}

@@ -1,0 +1,86 @@
+//! What a view reads, as the map takes it.
+
+use nalgebra::Point3;
+
+use crate::{
+    capture::{NoiseConfig, RgbdFrame, pixel_weights},
+    geometry::Pose,
+    statistics::median,
+    surface::tsdf::{PixelRole, Reading, TsdfView, object_roles, readings},
+};
+
+/// Beyond this depth a reading says only that space before it is empty, meters.
+/// derived: there three standard deviations of a reading are 7 cm, as much as many parts move
+pub(super) const MAX_DEPTH_M: f32 = 3.0;
+/// Every so many pixels count for the median.
+const EVERY: usize = 97;
+/// Cameras further from the world's origin are errors of who says where they are, meters.
+const FARTHEST_M: f64 = 1e5;
+
+/// A view with its readings.
+pub(super) struct ViewDepth<'a> {
+    /// The view.
+    pub frame: &'a RgbdFrame,
+    /// Pose of the world in the optical frame.
+    pub camera_from_world: Pose,
+    /// What each pixel reads.
+    pub readings: Vec<Reading>,
+    /// Cosine between ray and surface of each pixel; 0 where that is not known.
+    pub cosines: Vec<f32>,
+    /// Standard deviation of each reading, meters.
+    pub noise: NoiseConfig,
+    /// Median depth of the surface that is seen, meters.
+    pub median_m: f64,
+}
+
+impl<'a> ViewDepth<'a> {
+    /// The readings of a frame; `None` where it reads no surface, or its pose, camera or sizes make no sense.
+    pub fn new(frame: &'a RgbdFrame, noise: &NoiseConfig) -> Option<Self> {
+        if !is_sound(frame) {
+            return None;
+        }
+        let cosines = pixel_weights(frame, noise);
+        let roles: Vec<PixelRole> = object_roles(frame, &cosines);
+        let view = TsdfView { frame, weights: &cosines, roles: &roles, volume_from_world: Pose::identity() };
+        let mut readings = readings(&view, noise);
+        for r in &mut readings {
+            if r.depth_m > MAX_DEPTH_M {
+                (r.depth_m, r.is_surface) = (f32::INFINITY, false);
+            }
+        }
+        let surface = readings.iter().step_by(EVERY).filter(|r| r.is_surface && r.weight > 0.0);
+        let median_m = median(surface.map(|r| f64::from(r.depth_m)).collect())?;
+        Some(Self {
+            frame,
+            camera_from_world: frame.world_from_camera.inverse(),
+            readings,
+            cosines,
+            noise: *noise,
+            median_m,
+        })
+    }
+
+    /// Where the camera stands.
+    pub fn eye(&self) -> Point3<f64> {
+        self.frame.world_from_camera.translation.vector.into()
+    }
+
+    /// Width of a pixel at a depth, meters.
+    pub fn pixel_m(&self, depth_m: f64) -> f64 {
+        depth_m / self.frame.intrinsics.fx.max(self.frame.intrinsics.fy)
+    }
+}
+
+fn is_sound(frame: &RgbdFrame) -> bool {
+    let k = &frame.intrinsics;
+    let count = k.width.saturating_mul(k.height);
+    let pose = &frame.world_from_camera;
+    count > 0
+        && frame.depth_m.len() == count
+        && frame.rgb.len() == count
+        && frame.mask.as_ref().is_none_or(|m| m.len() == count)
+        && [k.fx, k.fy].iter().all(|f| f.is_finite() && *f > 0.0)
+        && [k.cx, k.cy].iter().all(|c| c.is_finite())
+        && pose.translation.vector.iter().all(|v| v.abs() < FARTHEST_M)
+        && pose.rotation.coords.iter().all(|v| v.is_finite())
+}
