@@ -20,6 +20,8 @@ struct Running {
 /// How far a run is, or several at once. Times are since it began.
 #[derive(Clone, Debug, Default)]
 pub struct RunProgress {
+    /// When the first stages were foreseen: what was waited for before says nothing of the pace.
+    begun: Option<Duration>,
     /// Of the stages that are to come or run.
     weights: BTreeMap<String, f64>,
     /// In the order in which they began.
@@ -36,6 +38,7 @@ impl RunProgress {
     pub fn take(&mut self, event: &Event, at: Duration) -> bool {
         match event {
             Event::Planned { stages } => {
+                self.begun.get_or_insert(at);
                 for planned in stages {
                     self.weights.insert(planned.stage.clone(), planned.weight);
                     // Nothing of it is to come: its run failed.
@@ -103,8 +106,9 @@ impl RunProgress {
             return None;
         }
         let (counted_at, counted) = self.counted;
+        let worked = counted_at.saturating_sub(self.begun.unwrap_or_default());
         let seconds_of_weight =
-            (counted_at.as_secs_f64() + TRUST_IN_WEIGHTS / WEIGHT_OF_SECOND) / (counted + TRUST_IN_WEIGHTS);
+            (worked.as_secs_f64() + TRUST_IN_WEIGHTS / WEIGHT_OF_SECOND) / (counted + TRUST_IN_WEIGHTS);
         // A stage without steps has done what its time so far is worth; stages that run together share it.
         let by_time = |r: &Running| {
             let spent = now.saturating_sub(r.began).as_secs_f64() / self.running.len() as f64;
@@ -136,6 +140,21 @@ mod tests {
 
     fn finished(stage: &str) -> Event {
         Event::StageFinished { stage: stage.into(), seconds: 1.0 }
+    }
+
+    #[test]
+    fn what_was_waited_for_is_no_pace() {
+        let left = |waited: f64| {
+            let mut progress = RunProgress::default();
+            progress.take(&started("follow/state0"), seconds(0.0));
+            progress.take(&finished("follow/state0"), seconds(waited));
+            let stages = plan::plan(&Config::default(), 2);
+            progress.take(&Event::Planned { stages }, seconds(waited));
+            progress.take(&started("capture"), seconds(waited));
+            progress.take(&finished("capture"), seconds(waited + 4.0));
+            progress.at(seconds(waited + 4.0)).unwrap().1.as_secs_f64()
+        };
+        assert!((left(0.0) - left(600.0)).abs() < 1e-6, "{} {}", left(0.0), left(600.0));
     }
 
     #[test]
