@@ -345,7 +345,7 @@ fn what_is_collected_is_shown_as_it_comes() {
     let lit = points(&last["moved"]);
     let (before, after) =
         (distance_to("drawer/truth/state0/part_1.ply"), distance_to("drawer/truth/state1/part_1.ply"));
-    let off = lit.iter().filter(|p| before(p).min(after(p)) > 0.01).count();
+    let off = lit.iter().filter(|p| before(p).min(after(p)) > 0.015).count();
     // The front of the drawer, which is out by 0.16 m.
     assert!(lit.len() > 300 && off * 50 < lit.len(), "{off} of {}", lit.len());
     assert!(last["appeared_m2"].as_str().unwrap().parse::<f64>().unwrap() > 0.01, "{}", last["appeared_m2"]);

@@ -92,7 +92,7 @@ pub fn track_settings(p: &Parameters, topics: Topics, config: &Config) -> TrackS
 #[must_use]
 pub fn live_settings(p: &Parameters, config: &Config) -> Option<LiveSettings> {
     let megabytes = usize::try_from(p.live_map_megabytes).unwrap_or(0);
-    p.live_map.then(|| LiveSettings { noise: config.capture.noise, most_bytes: megabytes << 20 })
+    p.live_map.then_some(LiveSettings { noise: config.capture.noise, most_bytes: megabytes << 20 })
 }
 
 /// Settings of the watch, where states begin and end by themselves.

@@ -156,9 +156,8 @@ impl BlockMap {
                     let node = x + SIDE * (y + SIDE * z);
                     let change_m = match said(&view.readings, intrinsics, &camera, &row.at(x), truncation_m) {
                         None => None,
-                        Some(Said::Free { weight }) => {
-                            block.take(node, truncation_m, FREE_WEIGHT * weight, near_m)
-                        }
+                        // That space is empty is as sure by a reading from far behind it.
+                        Some(Said::Free { .. }) => block.take(node, truncation_m, FREE_WEIGHT, near_m),
                         Some(Said::Near { s, weight, pixel }) => {
                             if s.abs() < 1.0 {
                                 block.take_color(node, view.frame.rgb[pixel]);

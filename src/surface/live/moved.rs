@@ -5,6 +5,8 @@
 
 use std::collections::BTreeSet;
 
+use nalgebra::Point3;
+
 use super::{live_mesh::MeshChunk, sight_map::SightMap};
 use crate::{
     capture::{cell, clusters},
@@ -39,6 +41,22 @@ impl Moved {
     }
 }
 
+/// Whether a state saw space empty about a point: in its cell, and in the six next to it, as a pose that is
+/// off moves the rim of what it sees sideways.
+fn is_empty(sight: &SightMap, point: &Point3<f64>) -> bool {
+    let Some(at) = cell(point, sight.cell_m()) else { return false };
+    let is_seen_through = |c: [i32; 3]| {
+        let seen = sight.of(c);
+        seen.empty >= LEAST_VIEWS && seen.empty >= CLEARLY * seen.filled
+    };
+    let beside = |axis: usize, step: i32| {
+        let mut other = at;
+        other[axis] += step;
+        other
+    };
+    is_seen_through(at) && (0..3).all(|k| [-1, 1].into_iter().all(|step| is_seen_through(beside(k, step))))
+}
+
 /// Triangles of one state's surface, of cells so wide, that are in space which the other state saw empty.
 pub(super) fn changed<'a>(
     surface: impl Iterator<Item = &'a MeshChunk>,
@@ -52,9 +70,7 @@ pub(super) fn changed<'a>(
     for chunk in surface {
         for triangle in 0..chunk.mesh.triangles.len() {
             let middle = chunk.mesh.middle(triangle);
-            let there = other.at(&middle);
-            let is_empty = there.empty >= LEAST_VIEWS && there.empty >= CLEARLY * there.filled;
-            if is_empty && own.at(&middle).filled >= LEAST_VIEWS {
+            if own.at(&middle).filled >= LEAST_VIEWS && is_empty(other, &middle) {
                 found.extend(cell(&middle, size_m).map(|c| (c, chunk, triangle)));
             }
         }

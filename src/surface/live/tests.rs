@@ -121,7 +121,9 @@ fn an_endless_corridor_gets_coarser_and_no_larger() {
     let mesh = map.mesh();
     let begin: Vec<_> = mesh.vertices.iter().filter(|p| near(p)).collect();
     assert!(begin.len() > 30, "{}", begin.len());
-    assert!(mesh.vertices.iter().all(|p| corridor(&p.cast()).abs() < map.spacing_m()));
+    // Beside what the views look at cells are up to four times as wide.
+    let off_m = mesh.vertices.iter().map(|p| corridor(&p.cast()).abs()).fold(0.0, f64::max);
+    assert!(off_m < 4.0 * map.spacing_m(), "{off_m} {}", map.spacing_m());
 }
 
 #[test]
@@ -184,7 +186,7 @@ fn what_moved_lights_up_and_nothing_else() {
         let part = drawer(from_m.max(to_m));
         let off_m = lit.vertices.iter().map(|p| part(&p.cast()).abs()).fold(0.0, f64::max);
         let least_x = lit.vertices.iter().map(|p| p.x).fold(f32::INFINITY, f32::min);
-        assert!(off_m < 0.012 && least_x > 0.155, "{off_m} {least_x}");
+        assert!(off_m < 0.015 && least_x > 0.155, "{off_m} {least_x}");
     }
 }
 
