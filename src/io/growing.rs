@@ -82,7 +82,8 @@ impl GrowingState {
     }
 
     /// Works out what a run would have to, of what is new: features of the images that it would take, and of
-    /// a closed recording without poses the camera's way. `None` where nothing is new, or it was read just now.
+    /// a closed recording without poses the camera's way. `None` where nothing is new, or it was read just
+    /// now.
     ///
     /// # Errors
     /// [`CaptureError`]: of a recording that has only begun, nothing to mind.

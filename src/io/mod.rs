@@ -78,6 +78,7 @@ mod onnx;
 mod onnx_matcher;
 mod picture_size;
 mod pixels;
+mod posed_states;
 mod poses;
 mod ranges;
 mod recording;

@@ -1,21 +1,20 @@
 //! Recordings opened: from paths to a [`Capture`] whose frames carry object masks.
 
 use std::{
-    collections::BTreeMap,
     fmt::Display,
     path::{Path, PathBuf},
 };
 
 use super::{
-    ahead::{Ahead, TrackedOf},
+    ahead::Ahead,
     bag::Bag,
     bag_index::BagIndex,
     dataset,
     depth_noise::measured_noise,
     pixels::{Decoded, decode_views},
+    posed_states::{give_poses, posed_states},
     source::Source,
     topics::choose,
-    tracked_state::TrackedState,
     tracking::{track, worlds},
     views::{View, Views, views_kept},
 };
@@ -23,7 +22,7 @@ use crate::{
     capture::{
         Capture, CaptureConfig, CaptureError, KnownFeatures, PoseAgreement, PoseCorrection, PoseFindings,
         RefinePoses, RgbdFrame, Split, TrackCamera, cameras, denoise, fill_from_color, isolate, refine_poses,
-        spread_views, stretched,
+        spread_views,
     },
     geometry::Pose,
     note::{Note, NoteCode},
@@ -172,48 +171,6 @@ fn open_states(
     }
 }
 
-/// The bags of all states, a bag a state, with their views; the camera is tracked where none has poses.
-fn posed_states(
-    capture: &mut Capture,
-    paths: &[PathBuf],
-    config: &CaptureConfig,
-    seed: u64,
-    ahead: &Ahead,
-) -> Result<Vec<(Bag, Views)>, CaptureError> {
-    let mut recordings = Vec::new();
-    for (state, path) in paths.iter().enumerate() {
-        let bag = Bag::open(path)?;
-        let views = Views::find(&bag, &BagIndex::read(&bag)?, config, state)?;
-        recordings.push((bag, views));
-    }
-    // All states or none: poses of one say nothing of another state's map.
-    if recordings.iter().any(|(_, views)| views.are_untracked()) {
-        let always = CaptureConfig { tracking: TrackCamera::Always, ..config.clone() };
-        for (state, (bag, views)) in recordings.iter_mut().enumerate() {
-            if !views.are_untracked() {
-                *views = Views::find(bag, &BagIndex::read(bag)?, &always, state)?;
-            }
-        }
-    }
-    if recordings.iter().all(|(_, views)| views.are_untracked()) {
-        let mut tracked = Vec::new();
-        for (state, (bag, views)) in recordings.iter().enumerate() {
-            let all: Vec<usize> = (0..views.views.len()).collect();
-            let known = TrackedOf::now(bag, config, (state, seed)).and_then(|of| ahead.take(&of));
-            tracked.push(match known {
-                Some(known) => known,
-                None => track(bag, views, &all, config, (state, seed), ahead)?,
-            });
-        }
-        let worlds = worlds(&tracked, seed, &mut capture.notes, &mut capture.warnings)?;
-        capture.board = worlds.board;
-        for ((tracked, world), (_, views)) in tracked.into_iter().zip(worlds.from_maps).zip(&mut recordings) {
-            give_poses(capture, views, tracked, (&world, worlds.scale));
-        }
-    }
-    Ok(recordings)
-}
-
 fn open_both(path: &Path, config: &CaptureConfig, seed: u64, ahead: &Ahead) -> Result<Capture, CaptureError> {
     let bag = Bag::open(path)?;
     let mut index = BagIndex::read(&bag)?;
@@ -264,29 +221,6 @@ fn open_both(path: &Path, config: &CaptureConfig, seed: u64, ahead: &Ahead) -> R
     config.check_memory(&[views.sizes(chosen.len())])?;
     add_frames(&mut capture, &bag, views, &chosen, config)?;
     Ok(capture)
-}
-
-/// Gives tracked views of a state their poses in the world, and their depth its length.
-fn give_poses(
-    capture: &mut Capture,
-    views: &mut Views,
-    tracked: TrackedState,
-    (world_from_map, scale): (&Pose, f64),
-) {
-    let TrackedState { track, views: seen, boards, notes, warnings } = tracked;
-    let mut sightings = BTreeMap::new();
-    for ((view, pose), board) in seen.into_iter().zip(track.poses).zip(boards) {
-        let view = &mut views.views[view];
-        view.world_from_camera = pose.map(|pose| world_from_map * stretched(&pose, scale));
-        sightings.extend(board.map(|board| (view.stamp_nanos, board)));
-    }
-    views.depth_factor = scale;
-    if let Some(board) = &mut capture.board {
-        board.sightings.push(sightings);
-    }
-    capture.tracking.push(track.findings);
-    capture.notes.extend(notes);
-    capture.warnings.extend(warnings);
 }
 
 /// The views kept of those given that have a pose, in time order.

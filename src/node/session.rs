@@ -176,10 +176,8 @@ async fn live(start: &Start) -> Result<(), NodeError> {
 
     // What clients can call. Only the last twin and report count, hence channels of one value.
     let (twins, twin) = watch::channel(None);
-    let ahead = work_ahead::start(&shared, resolved.config.capture.clone(), resolved.config.run.seed)
-        .map_err(|source| NodeError::System { what: "starting the work ahead", source })?;
     let reconstructor = Arc::new(Reconstructor {
-        ahead,
+        ahead: work_ahead::start(&shared, &resolved.config)?,
         config: resolved.config,
         origins: resolved.origins,
         name: p.twin_name.clone(),

@@ -8,9 +8,13 @@ use std::{
     time::Duration,
 };
 
-use super::collection::{Shared, Snapshot};
+use super::{
+    collection::{Shared, Snapshot},
+    error::NodeError,
+};
 use crate::{
     capture::CaptureConfig,
+    config::Config,
     io::{Ahead, GrowingState},
 };
 
@@ -21,13 +25,15 @@ const LOOK_EVERY: Duration = Duration::from_millis(200);
 ///
 /// # Errors
 /// If the system has no thread.
-pub fn start(shared: &Arc<Shared>, config: CaptureConfig, seed: u64) -> io::Result<Arc<Ahead>> {
+pub fn start(shared: &Arc<Shared>, config: &Config) -> Result<Arc<Ahead>, NodeError> {
+    let failed = |source| NodeError::System { what: "starting the work ahead", source };
     let ahead = Arc::new(Ahead::new());
     let (found, shared) = (Arc::clone(&ahead), Arc::downgrade(shared));
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(io::Error::other)?;
-    Builder::new().name("ahead".into()).spawn(move || {
-        pool.install(|| work(&shared, &config, seed, &found));
-    })?;
+    let (capture, seed) = (config.capture.clone(), config.run.seed);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    let pool = pool.map_err(|error| failed(io::Error::other(error)))?;
+    let work = move || pool.install(|| work(&shared, &capture, seed, &found));
+    Builder::new().name("ahead".into()).spawn(work).map_err(failed)?;
     Ok(ahead)
 }
 
@@ -50,10 +56,9 @@ fn work(shared: &Weak<Shared>, config: &CaptureConfig, seed: u64, ahead: &Ahead)
                 *known = Some(GrowingState::new(&path, state));
             }
             let Some(known) = known else { continue };
-            match known.work_ahead(config, seed, ahead) {
-                Ok(Some(grown)) => log::debug!("state {state}: {} views looked at ahead", grown.taken),
-                // Of one that has only begun there is not enough; a run says what one that is closed lacks.
-                Ok(None) | Err(_) => {}
+            // Of one that has only begun there is not enough; a run says what one that is closed lacks.
+            if let Ok(Some(grown)) = known.work_ahead(config, seed, ahead) {
+                log::debug!("state {state}: {} of {} views looked at ahead", grown.taken, grown.views);
             }
         }
         sleep(LOOK_EVERY);

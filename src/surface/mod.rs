@@ -33,6 +33,7 @@ mod simplify;
 mod texture;
 mod triangle;
 mod tsdf;
+mod tsdf_view;
 mod visibility;
 mod weld;
 
@@ -57,7 +58,8 @@ pub use raster::{Paint, RenderItem, Rendered, render};
 pub use sample::sample_surface;
 pub use simplify::simplify;
 pub use texture::Texture;
-pub use tsdf::{PixelRole, TsdfView, TsdfVolume, object_roles, object_views};
+pub use tsdf::TsdfVolume;
+pub use tsdf_view::{PixelRole, TsdfView, object_roles, object_views};
 pub use visibility::{FreeSpaceRule, free_space_grid, visibility_grid};
 #[cfg(test)]
 pub use weld::edge_defects;

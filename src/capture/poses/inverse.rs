@@ -12,8 +12,8 @@ pub(super) fn inverse(factor: &Cholesky<f64, Dyn>) -> DMatrix<f64> {
     triangle.tr_mul(&triangle)
 }
 
-/// The inverse of a lower triangle, by halves: that of [A 0; B C] is [a 0; -c B a, c], where a and c are those
-/// of A and C.
+/// The inverse of a lower triangle, by halves: that of [A 0; B C] is [a 0; -c B a, c], where a and c are
+/// those of A and C.
 fn triangle_inverse(lower: &DMatrix<f64>) -> DMatrix<f64> {
     let n = lower.nrows();
     let mut inverse = DMatrix::zeros(n, n);

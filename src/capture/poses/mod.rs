@@ -128,18 +128,7 @@ pub fn refine_poses(
     let landmarks = Landmarks::find(states, &mut surfels, noise, known);
     let within: Vec<Matches> = states.iter().enumerate().map(|(s, f)| landmarks.within(s, f)).collect();
     // 0. Poses of another time, or of another scene, are beyond what the rest can correct.
-    let agreement: Vec<Option<PoseAgreement>> = states
-        .par_iter()
-        .zip(&surfels)
-        .zip(&within)
-        .map(|((frames, surfels), matches)| PoseAgreement::of(&Trajectory::of(frames), surfels, matches))
-        .collect();
-    for (frames, found) in states.iter_mut().zip(&agreement) {
-        if let Some(delay_s) = found.and_then(|f| f.certain_delay_s()) {
-            let poses = Trajectory::of(frames).delayed(delay_s);
-            frames.iter_mut().zip(poses).for_each(|(f, pose)| f.world_from_camera = pose);
-        }
-    }
+    let agreement = agreements(states, &surfels, &within);
     let problems: Vec<Option<Problem<'_>>> = states
         .iter()
         .zip(&surfels)
@@ -199,6 +188,28 @@ pub fn refine_poses(
         }
     }
     findings
+}
+
+/// How far the poses of each state agree with its images; poses that are certainly late are moved to the
+/// images' times.
+fn agreements(
+    states: &mut [Vec<RgbdFrame>],
+    surfels: &[Vec<Surfels>],
+    within: &[Matches],
+) -> Vec<Option<PoseAgreement>> {
+    let agreement: Vec<Option<PoseAgreement>> = states
+        .par_iter()
+        .zip(surfels)
+        .zip(within)
+        .map(|((frames, surfels), matches)| PoseAgreement::of(&Trajectory::of(frames), surfels, matches))
+        .collect();
+    for (frames, found) in states.iter_mut().zip(&agreement) {
+        if let Some(delay_s) = found.and_then(|f| f.certain_delay_s()) {
+            let poses = Trajectory::of(frames).delayed(delay_s);
+            frames.iter_mut().zip(poses).for_each(|(f, pose)| f.world_from_camera = pose);
+        }
+    }
+    agreement
 }
 
 /// What may be left of the errors of all poses that were corrected, and of depth, by draw.

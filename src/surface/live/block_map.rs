@@ -13,7 +13,7 @@ use crate::{
     geometry::Grid3,
     surface::{
         rows::RowCamera,
-        tsdf::{FREE_WEIGHT, Said, behind_weight, said},
+        tsdf_view::{FREE_WEIGHT, Said, behind_weight, said},
     },
 };
 

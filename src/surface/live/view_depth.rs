@@ -6,7 +6,7 @@ use crate::{
     capture::{NoiseConfig, RgbdFrame, pixel_weights},
     geometry::Pose,
     statistics::median,
-    surface::tsdf::{PixelRole, Reading, TsdfView, object_roles, readings},
+    surface::tsdf_view::{PixelRole, Reading, TsdfView, object_roles, readings},
 };
 
 /// Beyond this depth a reading says only that space before it is empty, meters.
