@@ -351,7 +351,7 @@ mod tests {
         capture::{RgbdFrame, pixel_weights},
         geometry::Pose,
         surface::{
-            edge_defects,
+            PixelRole, edge_defects, object_roles, object_views,
             shapes::{color_of, cuboid, orbit, sphere, view_of},
         },
     };
