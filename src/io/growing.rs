@@ -65,10 +65,16 @@ impl GrowingState {
     /// Whether its recorder has closed it.
     #[must_use]
     pub fn is_closed(&self) -> bool {
-        match self.path.is_dir() {
-            true => self.path.join("metadata.yaml").is_file(),
-            false => ends_as_mcap(&self.path).unwrap_or(false),
+        if !self.path.is_dir() {
+            return ends_as_mcap(&self.path).unwrap_or(false);
         }
+        // rosbag2 writes metadata.yaml before it ends the last file. One that it compresses as a whole it has
+        // ended by then.
+        let has_end = |file: &PathBuf| {
+            file.extension().is_none_or(|e| e != "mcap") || ends_as_mcap(file).unwrap_or(false)
+        };
+        self.path.join("metadata.yaml").is_file()
+            && Bag::open(&self.path).is_ok_and(|bag| bag.files.last().is_some_and(has_end))
     }
 
     /// Bytes of its files; 0 where there are none.
@@ -186,7 +192,10 @@ mod tests {
                 views = grown.views;
                 assert!(growing.work_ahead(&config, 0, &ahead).unwrap().is_none(), "nothing is new");
             }
+            fs::write(path.join(&name), &bytes[..bytes.len() - 1]).unwrap();
             fs::copy(from.join("metadata.yaml"), path.join("metadata.yaml")).unwrap();
+            assert!(!growing.is_closed(), "the file has no end yet");
+            fs::write(path.join(&name), &bytes).unwrap();
             assert!(growing.is_closed());
             growing.work_ahead(&config, 0, &ahead).unwrap().unwrap();
             assert!(growing.work_ahead(&config, 0, &ahead).unwrap().is_none());

@@ -53,8 +53,8 @@ pub fn follow(request: &ReconstructRequest, monitor: &Monitor) -> Result<Ahead, 
         };
         follower.map.begin_state();
         pool.install(|| follower.until_closed())?;
-        // What is left of the last one the run does on all threads.
-        if state + 1 < paths.len() {
+        // Where nothing more is waited for, the run does what is left, on all threads.
+        if paths[state + 1..].iter().any(|path| !GrowingState::new(path, 0).is_closed()) {
             pool.install(|| follower.look());
         }
         monitor.report(Event::StageFinished { stage, seconds: begun.elapsed().as_secs_f64() });
