@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeSet,
-    fs::{self, File},
+    fs,
     io::{Read, Seek, SeekFrom},
     path::{Path, PathBuf},
     time::Instant,
@@ -17,7 +17,10 @@ use super::{
     tracking::{track, unmasked, views_at_a_time},
     views::Views,
 };
-use crate::capture::{CaptureConfig, CaptureError, RgbdFrame};
+use crate::{
+    capture::{CaptureConfig, CaptureError, RgbdFrame},
+    files,
+};
 
 /// A growing recording is read for one part of the time in so many and one, as all of it is read again.
 const REST: u32 = 3;
@@ -107,6 +110,8 @@ impl GrowingState {
         let begun = Instant::now();
         let grown = self.read(closed, bytes, config, seed, ahead);
         self.rest = Some(Instant::now() + REST * begun.elapsed());
+        // What a closed recording lacks will not come.
+        self.done |= closed && grown.is_err();
         grown.map(Some)
     }
 
@@ -151,9 +156,9 @@ impl GrowingState {
 
 /// Whether a file ends as a closed MCAP file does.
 fn ends_as_mcap(path: &Path) -> std::io::Result<bool> {
-    let mut file = File::open(path)?;
+    let mut file = files::open(path)?;
     let magic = mcap::MAGIC.len() as u64;
-    if !file.metadata()?.is_file() || file.metadata()?.len() < 2 * magic {
+    if file.metadata()?.len() < 2 * magic {
         return Ok(false);
     }
     file.seek(SeekFrom::End(-(magic as i64)))?;
@@ -208,6 +213,20 @@ mod tests {
         for (a, b) in with.states.iter().flatten().zip(without.states.iter().flatten()) {
             assert!(a.depth_m == b.depth_m && a.mask == b.mask && a.world_from_camera == b.world_from_camera);
         }
+    }
+
+    /// What cannot be used is looked at once.
+    #[test]
+    fn a_closed_recording_that_cannot_be_used_is_let_go() {
+        let folder = crate::temp::Temp::new("unusable");
+        let from = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("bags/drawer/state0/state0.mcap");
+        let path = folder.0.join("state0.mcap");
+        fs::copy(from, &path).unwrap();
+        let mut config = CaptureConfig::default();
+        config.topics.color = Some("/none".into());
+        let mut growing = GrowingState::new(&path, 0);
+        assert!(growing.is_closed() && growing.work_ahead(&config, 0, &Ahead::new()).is_err());
+        assert!(growing.work_ahead(&config, 0, &Ahead::new()).unwrap().is_none());
     }
 
     /// A closed recording without poses is tracked ahead, and not by the run.
