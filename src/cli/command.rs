@@ -107,6 +107,17 @@ pub struct ManArgs {
     pub command: Option<String>,
 }
 
+impl Command {
+    /// Whether it ends without being asked to.
+    pub fn ends_by_itself(&self) -> bool {
+        #[cfg(feature = "node")]
+        if let Self::Node(_) | Self::Record(_) = self {
+            return false;
+        }
+        true
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory as _;

@@ -46,7 +46,6 @@ use terminal::{print_line, written};
 /// Parses the arguments, runs the command, gives its exit code.
 #[must_use]
 pub fn main() -> ExitCode {
-    memory::keep_freed();
     // Not `parse`, which would end the process by itself, with a code of its own.
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
@@ -78,6 +77,10 @@ fn ended(outcome: Result<Exit, CliError>) -> ExitCode {
 }
 
 fn run(command: Command) -> Result<Exit, CliError> {
+    // Not in commands that run for days: what a burst of messages took would stay.
+    if command.ends_by_itself() {
+        memory::keep_freed();
+    }
     match command {
         Command::Reconstruct(args) if job::is_reconstruct_job(&args) => job::reconstruct(&args),
         Command::Reconstruct(args) => reconstruct::run(&args),
