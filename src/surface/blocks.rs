@@ -1,5 +1,5 @@
 //! Blocks of grid nodes before a camera: most of them lie wholly in front of all that a view reads where they
-//! are, or wholly behind it, and are decided at once (Newcombe et al. 2011 fuse every node of every view).
+//! are, or wholly behind it, and are decided at once.
 
 use std::ops::Range;
 
@@ -19,7 +19,7 @@ const MOST_TILES: usize = 144;
 /// derived: eight roundings of 2^-24
 const ROUNDING: f32 = 5e-7;
 
-/// Least and greatest depth of the pixels of each tile of an image, meters, and the mean of their weights.
+/// Least and greatest depth of the pixels of each tile of an image, meters.
 pub(super) struct DepthTiles {
     width: usize,
     height: usize,
@@ -32,7 +32,6 @@ pub(super) struct DepthTiles {
 struct Tile {
     nearest_m: f32,
     farthest_m: f32,
-    weight: f32,
 }
 
 /// How a block of nodes lies to what a view reads where it is.
@@ -40,30 +39,29 @@ struct Tile {
 pub(super) enum Sight {
     /// Outside the image, or behind every reading by more than the reach: the view says nothing of it.
     Nothing,
-    /// Inside the image and in front of every reading by at least the gap; the mean weight of these.
-    InFront(f32),
+    /// Inside the image and in front of every reading by at least the gap.
+    InFront,
     /// Its nodes differ.
     Mixed,
 }
 
 impl DepthTiles {
-    /// Of an image of so many columns, by the depth and the weight of each pixel. Depth 0 says nothing: no
-    /// node is in front of it.
-    pub fn of(width: usize, height: usize, reading: impl Fn(usize) -> (f32, f32) + Sync) -> Self {
+    /// Of an image of so many columns, by the depth of each pixel. Depth 0 says nothing: no node is in front
+    /// of it.
+    pub fn of(width: usize, height: usize, depth_m: impl Fn(usize) -> f32 + Sync) -> Self {
         let columns = width.div_ceil(TILE);
         let tile = |t: usize| {
             let (left, top) = (t % columns * TILE, t / columns * TILE);
             let (right, bottom) = ((left + TILE).min(width), (top + TILE).min(height));
-            let (mut nearest_m, mut farthest_m, mut weight) = (f32::INFINITY, 0.0f32, 0.0);
+            let (mut nearest_m, mut farthest_m) = (f32::INFINITY, 0.0f32);
             for y in top..bottom {
                 for pixel in y * width + left..y * width + right {
-                    let (depth_m, of_pixel) = reading(pixel);
+                    let depth_m = depth_m(pixel);
                     nearest_m = nearest_m.min(depth_m);
                     farthest_m = farthest_m.max(depth_m);
-                    weight += of_pixel;
                 }
             }
-            Tile { nearest_m, farthest_m, weight: weight / ((right - left) * (bottom - top)) as f32 }
+            Tile { nearest_m, farthest_m }
         };
         let count = columns * height.div_ceil(TILE);
         let tiles = (0..count).into_par_iter().with_min_len(columns).map(tile).collect();
@@ -101,19 +99,18 @@ impl DepthTiles {
         if columns.len() * rows.len() > MOST_TILES {
             return Sight::Mixed;
         }
-        let (mut nearest_m, mut farthest_m, mut weight) = (f32::INFINITY, 0.0f32, 0.0);
-        for row in rows.clone() {
+        let (mut nearest_m, mut farthest_m) = (f32::INFINITY, 0.0f32);
+        for row in rows {
             for tile in &self.tiles[row * self.columns..][columns.clone()] {
                 nearest_m = nearest_m.min(tile.nearest_m);
                 farthest_m = farthest_m.max(tile.farthest_m);
-                weight += tile.weight;
             }
         }
         if near >= farthest_m + reach_m + ROUNDING * (near + farthest_m) {
             return Sight::Nothing;
         }
         match whole && far + gap_m <= nearest_m - ROUNDING * (far + nearest_m.min(far + gap_m)) {
-            true => Sight::InFront(weight / (columns.len() * rows.len()) as f32),
+            true => Sight::InFront,
             false => Sight::Mixed,
         }
     }
@@ -149,7 +146,7 @@ mod tests {
             let (gap_m, reach_m, n, spacing_m) = (0.03, 0.02, 64, 0.01);
             let origin = Point3::new(-0.32, -0.3, -0.34);
             let camera = RowCamera::new(&k, &frame.world_from_camera.inverse(), &origin, spacing_m);
-            let tiles = DepthTiles::of(k.width, k.height, |i| (depth(i), 2.0));
+            let tiles = DepthTiles::of(k.width, k.height, depth);
             for (z, y, x) in blocks(n).flat_map(|z| {
                 blocks(n).flat_map(move |y| {
                     let z = z.clone();
@@ -168,9 +165,9 @@ mod tests {
                     }
                 }
                 match sight {
-                    Sight::InFront(weight) => {
+                    Sight::InFront => {
                         front += 1;
-                        assert!(all_in_front && weight == 2.0);
+                        assert!(all_in_front);
                     }
                     Sight::Nothing => {
                         nothing += 1;

@@ -60,11 +60,6 @@ fn is_near(distance_m: f32, truncation_m: f32) -> bool {
     distance_m.abs() < 0.999 * truncation_m
 }
 
-/// Number of blocks of a grid.
-fn block_count(dims: [usize; 3]) -> usize {
-    dims.iter().map(|n| n.div_ceil(BLOCK)).product()
-}
-
 /// A view on its way into a volume.
 struct Exposure<'a> {
     view: &'a TsdfView<'a>,
@@ -88,10 +83,9 @@ impl<'a> Exposure<'a> {
         let readings = readings(view, noise);
         let volume_from_camera = view.volume_from_world * view.frame.world_from_camera;
         let (k, grid) = (&view.frame.intrinsics, &volume.sums);
-        // A reading that is not used, as at an edge, still says where no surface is.
         let known = |i: usize| match readings[i] {
-            Reading { weight, depth_m, .. } if weight > 0.0 => (depth_m, weight),
-            _ => (view.frame.depth_m[i], 0.0),
+            Reading { weight, depth_m, .. } if weight > 0.0 => depth_m,
+            _ => 0.0,
         };
         Self {
             view,
@@ -104,16 +98,10 @@ impl<'a> Exposure<'a> {
         }
     }
 
-    /// How a block, by its number and its x, y and z, lies to what the view reads.
-    fn sight(&self, block: usize, ranges: &[Range<usize>; 3]) -> Sight {
-        match self.first {
-            Some(first) if !first.blocks[block] => Sight::Nothing,
-            _ => match self.tiles.sight(&self.camera, ranges, self.truncation_m, self.truncation_m) {
-                // Only its nodes near the surface count.
-                Sight::InFront(_) if self.first.is_some() => Sight::Mixed,
-                sight => sight,
-            },
-        }
+    /// Whether the view may say something of a block, by its number and its x, y and z.
+    fn may_reach(&self, block: usize, ranges: &[Range<usize>; 3]) -> bool {
+        self.first.is_none_or(|first| first.blocks[block])
+            && self.tiles.sight(&self.camera, ranges, self.truncation_m, self.truncation_m) != Sight::Nothing
     }
 
     /// Adds what the view says of a node at `p` in its optical frame.
@@ -158,29 +146,15 @@ impl TsdfVolume {
         }
     }
 
-    /// Fuses views. Readings weigh as `pixel weight / sigma(depth)^2`, 1 at one meter; where a view sees a
-    /// whole block of nodes empty, they weigh there as their mean. The result does not depend on the number
-    /// of threads. See docs/method.md (3.2).
+    /// Fuses views. Readings weigh as `pixel weight / sigma(depth)^2`, 1 at one meter. The result does not
+    /// depend on the number of threads. See docs/method.md (3.2).
     ///
     /// # Panics
     /// If `weights` or `roles` do not have one value a pixel.
     pub fn integrate(&mut self, views: &[TsdfView], noise: &NoiseConfig) {
-        // What all nodes of a block get alike is added once, at the end.
-        let mut free = vec![0.0; block_count(self.sums.dims)];
         for view in views {
-            self.add(&Exposure::of(view, noise, self, None), &mut free);
+            self.add(&Exposure::of(view, noise, self, None));
         }
-        let [nx, ny, _] = self.sums.dims;
-        let (columns, rows) = (nx.div_ceil(BLOCK), ny.div_ceil(BLOCK));
-        self.slabs().for_each(|(slab, ((sums, weights), _))| {
-            for (line, (sums, weights)) in sums.chunks_mut(nx).zip(weights.chunks_mut(nx)).enumerate() {
-                let free = &free[(slab * rows + line % ny / BLOCK) * columns..][..columns];
-                let blocks = sums.chunks_mut(BLOCK).zip(weights.chunks_mut(BLOCK));
-                for ((sums, weights), free) in blocks.zip(free) {
-                    sums.iter_mut().chain(weights).for_each(|value| *value += free);
-                }
-            }
-        });
     }
 
     /// Fuses the same views again, near the surface, each node by those alone that see the side of the
@@ -194,9 +168,8 @@ impl TsdfVolume {
         let first = NearSurface::of(self.tsdf(0.0), self.truncation_m);
         let grid = &first.distance;
         let mut faced = Self::new(grid.origin, grid.spacing_m, grid.dims, f64::from(self.truncation_m));
-        let mut free = vec![0.0; block_count(grid.dims)];
         for view in views {
-            faced.add(&Exposure::of(view, noise, &*self, Some(&first)), &mut free);
+            faced.add(&Exposure::of(view, noise, &*self, Some(&first)));
         }
         let old = self.sums.values.par_iter_mut().zip(&mut self.weights).zip(&mut self.colors);
         let new = faced.sums.values.par_iter().zip(&faced.weights).zip(&faced.colors);
@@ -216,30 +189,29 @@ impl TsdfVolume {
         sums.zip(self.weights.par_chunks_mut(size)).zip(self.colors.par_chunks_mut(size)).enumerate()
     }
 
-    /// Adds a view; the weight of blocks that it sees empty goes to `free`.
-    fn add(&mut self, view: &Exposure, free: &mut [f32]) {
+    /// Adds a view.
+    fn add(&mut self, view: &Exposure) {
         let [nx, ny, nz] = self.sums.dims;
         let columns = nx.div_ceil(BLOCK);
         let of_slab = columns * ny.div_ceil(BLOCK);
-        let slabs = self.slabs().zip(free.par_chunks_mut(of_slab.max(1)));
-        slabs.for_each(|((slab, ((sums, weights), colors)), free)| {
+        self.slabs().for_each(|(slab, ((sums, weights), colors))| {
             let layers = slab * BLOCK..((slab + 1) * BLOCK).min(nz);
-            let mut mixed: Vec<Range<usize>> = Vec::new();
+            // Of a row of blocks: the nodes that the view may say something of.
+            let mut asked: Vec<Range<usize>> = Vec::new();
             for (row, lines) in blocks(ny).enumerate() {
-                mixed.clear();
+                asked.clear();
                 for (column, range) in blocks(nx).enumerate() {
                     let block = row * columns + column;
                     let ranges = [range.clone(), lines.clone(), layers.clone()];
-                    match view.sight(slab * of_slab + block, &ranges) {
-                        Sight::Nothing => {}
-                        Sight::InFront(weight) => free[block] += FREE_WEIGHT * weight,
-                        Sight::Mixed => match mixed.last_mut().filter(|last| last.end == range.start) {
-                            Some(last) => last.end = range.end,
-                            None => mixed.push(range),
-                        },
+                    if !view.may_reach(slab * of_slab + block, &ranges) {
+                        continue;
+                    }
+                    match asked.last_mut().filter(|last| last.end == range.start) {
+                        Some(last) => last.end = range.end,
+                        None => asked.push(range),
                     }
                 }
-                if mixed.is_empty() {
+                if asked.is_empty() {
                     continue;
                 }
                 for (z, y) in layers.clone().flat_map(|z| lines.clone().map(move |y| (z, y))) {
@@ -247,7 +219,7 @@ impl TsdfVolume {
                     let first = ((z - layers.start) * ny + y) * nx;
                     let inside =
                         |run: &Range<usize>| run.start.max(line.range.start)..run.end.min(line.range.end);
-                    for x in mixed.iter().flat_map(inside) {
+                    for x in asked.iter().flat_map(inside) {
                         let i = first + x;
                         view.fuse([x, y, z], &line.at(x), (&mut sums[i], &mut weights[i], &mut colors[i]));
                     }

@@ -99,7 +99,7 @@ fn views_in_front<T>(
         .par_iter()
         .map(|f| {
             let (k, reach) = (&f.intrinsics, reach(f));
-            let tiles = DepthTiles::of(k.width, k.height, |i| (reach[i], 1.0));
+            let tiles = DepthTiles::of(k.width, k.height, |i| reach[i]);
             (RowCamera::new(k, &f.world_from_camera.inverse(), &origin, spacing_m), reach, tiles)
         })
         .collect();
@@ -115,7 +115,7 @@ fn views_in_front<T>(
                     match tiles.sight(camera, &[range.clone(), lines.clone(), layers.clone()], 0.0, 0.0) {
                         Sight::Nothing => {}
                         // Nothing is asked about a node that has its votes, and a byte cannot run over.
-                        Sight::InFront(_) => *all += 1,
+                        Sight::InFront => *all += 1,
                         Sight::Mixed => mixed.push((range, min_views - *all)),
                     }
                 }
