@@ -77,7 +77,7 @@ fn tsdf_frame_nodes(bencher: divan::Bencher, nodes: usize) {
         TsdfVolume::new(Point3::new(-0.25, -0.25, -0.25), 0.5 / (nodes - 1) as f64, [nodes; 3], 0.012);
     let view =
         TsdfView { frame: &frame, weights: &weights, roles: &roles, volume_from_world: Pose::identity() };
-    bencher.bench_local(|| volume.integrate(std::slice::from_ref(&view), &noise));
+    bencher.bench_local(|| volume.integrate(&view, &noise));
 }
 
 #[divan::bench(sample_count = 20)]

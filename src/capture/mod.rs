@@ -38,7 +38,7 @@ pub use features::{
 };
 pub use frame::{RgbdFrame, cameras, median_over_object};
 pub use isolate::isolate;
-pub(crate) use isolate::{cell, clusters};
+pub(crate) use isolate::{CLEARLY, LEAST_PATCH, cell, clusters};
 pub use mask::dilated;
 pub use noise::{GRAZING_COSINE, NoiseConfig};
 pub use noise_estimate::noise_factor;

@@ -175,7 +175,7 @@ fn local_reconstruction(
         resume: if local.is_store { local.out.is_dir() } else { args.resume },
         keep: true,
         stages: args.stages.clone(),
-        ahead: None,
+        ahead: Arc::default(),
         force: false,
         rerun: None,
         beside: args.settings.config.iter().cloned().collect(),

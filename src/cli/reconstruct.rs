@@ -67,7 +67,7 @@ fn reconstruct(
         resume: args.resume,
         keep: true,
         stages: args.stages.clone(),
-        ahead: None,
+        ahead: Arc::default(),
         force: args.output.force,
         rerun: args.rerun.clone(),
         // Of other objects too.
@@ -91,7 +91,7 @@ fn reconstruct(
         }
         let mut request = request(args.bags.clone());
         if args.follow {
-            request.ahead = Some(Arc::new(run::follow(&request, &monitor)?));
+            request.ahead = Arc::new(run::follow(&request, &monitor)?);
         }
         // The error of a single run is that of the command, with its own exit code.
         return Ok(vec![Ok(run::reconstruct(&request, &monitor)?)]);

@@ -95,7 +95,7 @@ impl Reconstructor {
             resume: false,
             keep: false,
             stages: None,
-            ahead: Some(Arc::clone(&self.ahead)),
+            ahead: Arc::clone(&self.ahead),
             force: false,
             rerun: None,
             beside: Vec::new(),

@@ -35,7 +35,7 @@ pub struct ReconstructRequest {
     /// Folder that keeps what every stage finds, also for runs of the same recordings with other settings.
     pub stages: Option<PathBuf>,
     /// What was worked out while the recordings grew.
-    pub ahead: Option<Arc<Ahead>>,
+    pub ahead: Arc<Ahead>,
     /// Whether what may not be replaced is moved to `NAME.bak`.
     pub force: bool,
     /// File that gets what was seen and found as a recording of rerun; needs the feature `rerun`.
@@ -64,7 +64,7 @@ impl ReconstructRequest {
             resume: false,
             keep: false,
             stages: None,
-            ahead: None,
+            ahead: Arc::default(),
             force: false,
             rerun: None,
             beside: Vec::new(),

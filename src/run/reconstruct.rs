@@ -67,9 +67,7 @@ fn reconstruct_files(
     monitor.report(foreseen(request));
     // Recordings to posed, masked, denoised frames.
     let mut capture = stages.kept("capture", None, |_| {
-        let nothing = io::Ahead::default();
-        let ahead = request.ahead.as_deref().unwrap_or(&nothing);
-        let mut capture = io::open_ahead(&request.sources, &config.capture, config.run.seed, ahead)
+        let mut capture = io::open_ahead(&request.sources, &config.capture, config.run.seed, &request.ahead)
             .map_err(|e| RunError::stage("capture", e))?;
         // Kept with the places that the user knows.
         for note in capture.notes.iter_mut().chain(&mut capture.warnings) {

@@ -82,7 +82,7 @@ pub fn fuse(
     let roles: Vec<_> =
         frames.par_iter().zip(&weights).map(|(frame, weights)| object_roles(frame, weights)).collect();
     let views = object_views(frames, &weights, &roles);
-    volume.integrate(&views, noise);
+    views.iter().for_each(|view| volume.integrate(view, noise));
     // Once more near the surface, by the views that see a node's side (3.4): those of the other
     // side of a thin panel would push it outwards.
     volume.face(&views, noise);

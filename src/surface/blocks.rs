@@ -4,115 +4,67 @@
 use std::ops::Range;
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
-use super::rows::RowCamera;
+use super::{depth_tiles::DepthTiles, rows::RowCamera};
 
 /// Nodes along a side of a block.
-/// measured: shared/bags/laptop, 224 and 128 nodes: 4 and 16 take longer
+/// tuned: shared/bags/laptop, preset default; other sizes were not tried
 pub(super) const BLOCK: usize = 8;
-/// Pixels along a side of a tile.
-const TILE: usize = 4;
 /// A block that covers more tiles is looked at node by node: that is as quick.
-const MOST_TILES: usize = 144;
+const MOST_TILES: usize = 36;
 /// Rounding of a node's depth in single precision, as a share of it and of what it is compared with.
 /// derived: eight roundings of 2^-24
 const ROUNDING: f32 = 5e-7;
 
-/// Least and greatest depth of the pixels of each tile of an image, meters.
-pub(super) struct DepthTiles {
-    width: usize,
-    height: usize,
-    columns: usize,
-    tiles: Vec<Tile>,
-}
-
-/// What a view reads in some pixels.
-#[derive(Clone, Copy)]
-struct Tile {
-    nearest_m: f32,
-    farthest_m: f32,
-}
-
 /// How a block of nodes lies to what a view reads where it is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Sight {
-    /// Outside the image, or behind every reading by more than the reach: the view says nothing of it.
+    /// Outside the image, or behind every reading: the view says nothing of it.
     Nothing,
-    /// Inside the image and in front of every reading by at least the gap.
+    /// Inside the image and in front of every reading.
     InFront,
     /// Its nodes differ.
     Mixed,
 }
 
-impl DepthTiles {
-    /// Of an image of so many columns, by the depth of each pixel. Depth 0 says nothing: no node is in front
-    /// of it.
-    pub fn of(width: usize, height: usize, depth_m: impl Fn(usize) -> f32 + Sync) -> Self {
-        let columns = width.div_ceil(TILE);
-        let tile = |t: usize| {
-            let (left, top) = (t % columns * TILE, t / columns * TILE);
-            let (right, bottom) = ((left + TILE).min(width), (top + TILE).min(height));
-            let (mut nearest_m, mut farthest_m) = (f32::INFINITY, 0.0f32);
-            for y in top..bottom {
-                for pixel in y * width + left..y * width + right {
-                    let depth_m = depth_m(pixel);
-                    nearest_m = nearest_m.min(depth_m);
-                    farthest_m = farthest_m.max(depth_m);
-                }
-            }
-            Tile { nearest_m, farthest_m }
-        };
-        let count = columns * height.div_ceil(TILE);
-        let tiles = (0..count).into_par_iter().with_min_len(columns).map(tile).collect();
-        Self { width, height, columns, tiles }
+/// How the nodes of `ranges` (x, y, z) lie to an image that sees each of its rays up to a depth: those of a
+/// block in front see it, those behind do not. Depth 0 says nothing: no node is in front of it.
+pub(super) fn sight(tiles: &DepthTiles, camera: &RowCamera, ranges: &[Range<usize>; 3]) -> Sight {
+    let corner = |c: usize| {
+        let at = [0, 1, 2].map(|k| if c >> k & 1 == 0 { ranges[k].start } else { ranges[k].end - 1 });
+        camera.node(at)
+    };
+    let corners: [Vector3<f32>; 8] = std::array::from_fn(corner);
+    let near = corners.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
+    let far = corners.iter().map(|p| p.z).fold(f32::NEG_INFINITY, f32::max);
+    if !camera.is_before(near) {
+        return if camera.is_before(far) { Sight::Mixed } else { Sight::Nothing };
     }
-
-    /// How the nodes of `ranges` (x, y, z) lie to the image. In front of a reading are those nearer than it
-    /// by `gap_m`, behind it those farther by `reach_m`.
-    pub fn sight(&self, camera: &RowCamera, ranges: &[Range<usize>; 3], gap_m: f32, reach_m: f32) -> Sight {
-        let corner = |c: usize| {
-            let at = [0, 1, 2].map(|k| if c >> k & 1 == 0 { ranges[k].start } else { ranges[k].end - 1 });
-            camera.node(at)
-        };
-        let corners: [Vector3<f32>; 8] = std::array::from_fn(corner);
-        let near = corners.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
-        let far = corners.iter().map(|p| p.z).fold(f32::NEG_INFINITY, f32::max);
-        if !camera.is_before(near) {
-            return if camera.is_before(far) { Sight::Mixed } else { Sight::Nothing };
+    // The projection of a box before the camera lies within that of its corners.
+    let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
+    for pixel in corners.iter().map(|p| camera.project(p)) {
+        for k in 0..2 {
+            (low[k], high[k]) = (low[k].min(pixel[k]), high[k].max(pixel[k]));
         }
-        // The projection of a box before the camera lies within that of its corners.
-        let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
-        for pixel in corners.iter().map(|p| camera.project(p)) {
-            for k in 0..2 {
-                (low[k], high[k]) = (low[k].min(pixel[k]), high[k].max(pixel[k]));
-            }
-        }
-        // A pixel on each side, as positions are rounded.
-        let size = [self.width as f32, self.height as f32];
-        if (0..2).any(|k| high[k] < -1.0 || low[k] > size[k] + 1.0) {
-            return Sight::Nothing;
-        }
-        let whole = (0..2).all(|k| low[k] >= 1.0 && high[k] <= size[k] - 1.0);
-        let tile = |k: usize, pixel: f32| (pixel.clamp(0.0, size[k] - 1.0) as usize) / TILE;
-        let [columns, rows] = [0, 1].map(|k| tile(k, low[k] - 1.0)..tile(k, high[k] + 1.0) + 1);
-        if columns.len() * rows.len() > MOST_TILES {
-            return Sight::Mixed;
-        }
-        let (mut nearest_m, mut farthest_m) = (f32::INFINITY, 0.0f32);
-        for row in rows {
-            for tile in &self.tiles[row * self.columns..][columns.clone()] {
-                nearest_m = nearest_m.min(tile.nearest_m);
-                farthest_m = farthest_m.max(tile.farthest_m);
-            }
-        }
-        if near >= farthest_m + reach_m + ROUNDING * (near + farthest_m) {
-            return Sight::Nothing;
-        }
-        match whole && far + gap_m <= nearest_m - ROUNDING * (far + nearest_m.min(far + gap_m)) {
-            true => Sight::InFront,
-            false => Sight::Mixed,
-        }
+    }
+    // A pixel on each side, as positions are rounded.
+    let size = tiles.size().map(|n| n as f32);
+    if (0..2).any(|k| high[k] < -1.0 || low[k] > size[k] + 1.0) {
+        return Sight::Nothing;
+    }
+    let whole = (0..2).all(|k| low[k] >= 1.0 && high[k] <= size[k] - 1.0);
+    let pixel = |k: usize, at: f32| at.clamp(0.0, size[k] - 1.0) as usize;
+    let covered = [0, 1].map(|k| [pixel(k, low[k] - 1.0), pixel(k, high[k] + 1.0)]);
+    if DepthTiles::count(covered) > MOST_TILES {
+        return Sight::Mixed;
+    }
+    let [nearest_m, farthest_m] = tiles.over(covered);
+    if near >= farthest_m + ROUNDING * (near + farthest_m) {
+        return Sight::Nothing;
+    }
+    match whole && far <= nearest_m - ROUNDING * (far + nearest_m.min(far)) {
+        true => Sight::InFront,
+        false => Sight::Mixed,
     }
 }
 
@@ -139,29 +91,29 @@ mod tests {
             let frame = view_of(&sphere(0.2), k, looking_at_origin(Point3::from(eye)));
             // What lies behind the sphere is far away on one half, and unknown on the other.
             let depth = |i: usize| match frame.depth_m[i] {
-                d if d > 0.0 => d,
+                d if d > 0.0 => d - 0.03,
                 _ if i % k.width > 70 => f32::INFINITY,
                 _ => 0.0,
             };
-            let (gap_m, reach_m, n, spacing_m) = (0.03, 0.02, 64, 0.01);
+            let (n, spacing_m) = (64, 0.01);
             let origin = Point3::new(-0.32, -0.3, -0.34);
             let camera = RowCamera::new(&k, &frame.world_from_camera.inverse(), &origin, spacing_m);
-            let tiles = DepthTiles::of(k.width, k.height, depth);
+            let tiles = DepthTiles::of(k.width, k.height, |i| [depth(i); 2]);
             for (z, y, x) in blocks(n).flat_map(|z| {
                 blocks(n).flat_map(move |y| {
                     let z = z.clone();
                     blocks(n).map(move |x| (z.clone(), y.clone(), x))
                 })
             }) {
-                let sight = tiles.sight(&camera, &[x.clone(), y.clone(), z.clone()], gap_m, reach_m);
+                let sight = sight(&tiles, &camera, &[x.clone(), y.clone(), z.clone()]);
                 let (mut all_in_front, mut none_says) = (true, true);
                 for (z, y) in z.flat_map(|z| y.clone().map(move |y| (z, y))) {
                     let row = camera.row(y, z, n);
                     for x in x.clone() {
                         let p = row.at(x);
                         let read = row.range.contains(&x).then(|| depth(camera.pixel(&p)));
-                        all_in_front &= read.is_some_and(|d| d - p.z >= gap_m);
-                        none_says &= read.is_none_or(|d| d == 0.0 || d - p.z <= -reach_m);
+                        all_in_front &= read.is_some_and(|d| p.z < d);
+                        none_says &= read.is_none_or(|d| p.z >= d);
                     }
                 }
                 match sight {

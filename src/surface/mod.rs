@@ -10,6 +10,7 @@ mod components;
 mod config;
 mod convex;
 mod cube_table;
+mod depth_tiles;
 mod difference;
 mod distance;
 mod edt;

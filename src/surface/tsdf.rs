@@ -3,17 +3,13 @@
 //! Per node this is the weighted least-squares solution of the same targets that the field's losses set:
 //! projective distance near a surface, 1 in front of it (docs/method.md 3.2).
 
-use std::ops::Range;
-
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{
-    TriangleMesh,
-    blocks::{BLOCK, DepthTiles, Sight, blocks},
-    marching_cubes,
+    TriangleMesh, marching_cubes,
     rows::RowCamera,
-    tsdf_view::{FREE_WEIGHT, Reading, Said, TsdfView, behind_weight, readings, said},
+    tsdf_view::{FREE_WEIGHT, Said, TsdfView, behind_weight, readings, said},
 };
 use crate::{capture::NoiseConfig, geometry::Grid3};
 
@@ -25,112 +21,6 @@ pub struct TsdfVolume {
     weights: Vec<f32>,
     /// Weighted sum of red, green, blue and the sum of weights.
     colors: Vec<[f32; 4]>,
-}
-
-/// Sums, weights and colors of some nodes.
-type Slab<'a> = ((&'a mut [f32], &'a mut [f32]), &'a mut [[f32; 4]]);
-
-/// The distances of a first fusion, and which blocks hold some of its surface.
-struct NearSurface {
-    distance: Grid3<f32>,
-    blocks: Vec<bool>,
-}
-
-impl NearSurface {
-    fn of(distance: Grid3<f32>, truncation_m: f32) -> Self {
-        let [nx, ny, nz] = distance.dims;
-        let holds = |(z, y): (Range<usize>, Range<usize>)| {
-            let near = |x: Range<usize>| {
-                let mut lines = z.clone().flat_map(|z| y.clone().map(move |y| (z, y)));
-                lines.any(|(z, y)| {
-                    let first = distance.index(x.start, y, z);
-                    distance.values[first..first + x.len()].iter().any(|d| is_near(*d, truncation_m))
-                })
-            };
-            blocks(nx).map(near).collect::<Vec<_>>()
-        };
-        let rows: Vec<_> = blocks(nz).flat_map(|z| blocks(ny).map(move |y| (z.clone(), y))).collect();
-        let blocks = rows.into_par_iter().flat_map_iter(holds).collect();
-        Self { distance, blocks }
-    }
-}
-
-/// Whether a distance is one to a surface. Of a node that no view measured, which is NaN, it is not.
-fn is_near(distance_m: f32, truncation_m: f32) -> bool {
-    distance_m.abs() < 0.999 * truncation_m
-}
-
-/// A view on its way into a volume.
-struct Exposure<'a> {
-    view: &'a TsdfView<'a>,
-    readings: Vec<Reading>,
-    tiles: DepthTiles,
-    camera: RowCamera,
-    /// The camera's place in the volume's frame, meters.
-    eye: Vector3<f32>,
-    truncation_m: f32,
-    /// Where it is fused again, near a surface and where it sees that side.
-    first: Option<&'a NearSurface>,
-}
-
-impl<'a> Exposure<'a> {
-    fn of(
-        view: &'a TsdfView<'a>,
-        noise: &NoiseConfig,
-        volume: &TsdfVolume,
-        first: Option<&'a NearSurface>,
-    ) -> Self {
-        let readings = readings(view, noise);
-        let volume_from_camera = view.volume_from_world * view.frame.world_from_camera;
-        let (k, grid) = (&view.frame.intrinsics, &volume.sums);
-        let known = |i: usize| match readings[i] {
-            Reading { weight, depth_m, .. } if weight > 0.0 => depth_m,
-            _ => 0.0,
-        };
-        Self {
-            view,
-            tiles: DepthTiles::of(k.width, k.height, known),
-            camera: RowCamera::new(k, &volume_from_camera.inverse(), &grid.origin, grid.spacing_m),
-            eye: volume_from_camera.translation.vector.cast(),
-            truncation_m: volume.truncation_m,
-            readings,
-            first,
-        }
-    }
-
-    /// Whether the view may say something of a block, by its number and its x, y and z.
-    fn may_reach(&self, block: usize, ranges: &[Range<usize>; 3]) -> bool {
-        self.first.is_none_or(|first| first.blocks[block])
-            && self.tiles.sight(&self.camera, ranges, self.truncation_m, self.truncation_m) != Sight::Nothing
-    }
-
-    /// Adds what the view says of a node at `p` in its optical frame.
-    fn fuse(&self, node: [usize; 3], p: &Vector3<f32>, sums: (&mut f32, &mut f32, &mut [f32; 4])) {
-        let (sum, weight, color) = sums;
-        let (frame, truncation_m) = (self.view.frame, self.truncation_m);
-        let distance = self.first.map(|first| &first.distance);
-        if distance.is_some_and(|d| !is_near(d.values[d.index(node[0], node[1], node[2])], truncation_m)) {
-            return;
-        }
-        match said(&self.readings, &frame.intrinsics, &self.camera, p, truncation_m) {
-            None => {}
-            Some(Said::Free { weight: of_reading }) => {
-                *sum += FREE_WEIGHT * of_reading;
-                *weight += FREE_WEIGHT * of_reading;
-            }
-            Some(Said::Near { s, weight: of_reading, pixel }) => {
-                if distance.is_some_and(|d| !faces(d, node, &self.eye)) {
-                    return;
-                }
-                // Even weights about the surface leave it where noisy readings have their mean.
-                let steepness = if distance.is_some() { 2.0 } else { 1.0 };
-                let w = of_reading * behind_weight(s, steepness);
-                *sum += w * s.min(1.0);
-                *weight += w;
-                add_color(color, frame.rgb[pixel], w * (1.0 - s.abs()).max(0.0));
-            }
-        }
-    }
 }
 
 impl TsdfVolume {
@@ -146,15 +36,13 @@ impl TsdfVolume {
         }
     }
 
-    /// Fuses views. Readings weigh as `pixel weight / sigma(depth)^2`, 1 at one meter. The result does not
+    /// Fuses one view. Readings weigh as `pixel weight / sigma(depth)^2`, 1 at one meter. The result does not
     /// depend on the number of threads. See docs/method.md (3.2).
     ///
     /// # Panics
     /// If `weights` or `roles` do not have one value a pixel.
-    pub fn integrate(&mut self, views: &[TsdfView], noise: &NoiseConfig) {
-        for view in views {
-            self.add(&Exposure::of(view, noise, self, None));
-        }
+    pub fn integrate(&mut self, view: &TsdfView, noise: &NoiseConfig) {
+        self.add(view, noise, None);
     }
 
     /// Fuses the same views again, near the surface, each node by those alone that see the side of the
@@ -165,12 +53,9 @@ impl TsdfVolume {
     /// # Panics
     /// As [`Self::integrate`].
     pub fn face(&mut self, views: &[TsdfView], noise: &NoiseConfig) {
-        let first = NearSurface::of(self.tsdf(0.0), self.truncation_m);
-        let grid = &first.distance;
-        let mut faced = Self::new(grid.origin, grid.spacing_m, grid.dims, f64::from(self.truncation_m));
-        for view in views {
-            faced.add(&Exposure::of(view, noise, &*self, Some(&first)));
-        }
+        let first = self.tsdf(0.0);
+        let mut faced = Self::new(first.origin, first.spacing_m, first.dims, f64::from(self.truncation_m));
+        views.iter().for_each(|view| faced.add(view, noise, Some(&first)));
         let old = self.sums.values.par_iter_mut().zip(&mut self.weights).zip(&mut self.colors);
         let new = faced.sums.values.par_iter().zip(&faced.weights).zip(&faced.colors);
         old.zip(new).with_min_len(1 << 14).for_each(
@@ -182,50 +67,59 @@ impl TsdfVolume {
         );
     }
 
-    /// Sums, weights and colors of the nodes, in layers of blocks.
-    fn slabs(&mut self) -> impl IndexedParallelIterator<Item = (usize, Slab<'_>)> {
-        let size = (self.sums.dims[0] * self.sums.dims[1] * BLOCK).max(1);
-        let sums = self.sums.values.par_chunks_mut(size);
-        sums.zip(self.weights.par_chunks_mut(size)).zip(self.colors.par_chunks_mut(size)).enumerate()
-    }
-
-    /// Adds a view.
-    fn add(&mut self, view: &Exposure) {
-        let [nx, ny, nz] = self.sums.dims;
-        let columns = nx.div_ceil(BLOCK);
-        let of_slab = columns * ny.div_ceil(BLOCK);
-        self.slabs().for_each(|(slab, ((sums, weights), colors))| {
-            let layers = slab * BLOCK..((slab + 1) * BLOCK).min(nz);
-            // Of a row of blocks: the nodes that the view may say something of.
-            let mut asked: Vec<Range<usize>> = Vec::new();
-            for (row, lines) in blocks(ny).enumerate() {
-                asked.clear();
-                for (column, range) in blocks(nx).enumerate() {
-                    let block = row * columns + column;
-                    let ranges = [range.clone(), lines.clone(), layers.clone()];
-                    if !view.may_reach(slab * of_slab + block, &ranges) {
-                        continue;
-                    }
-                    match asked.last_mut().filter(|last| last.end == range.start) {
-                        Some(last) => last.end = range.end,
-                        None => asked.push(range),
+    /// Adds a view; with distances of a first fusion at nodes near its surface only, where the view sees that
+    /// side.
+    fn add(&mut self, view: &TsdfView, noise: &NoiseConfig, first: Option<&Grid3<f32>>) {
+        let readings = readings(view, noise);
+        let volume_from_camera = view.volume_from_world * view.frame.world_from_camera;
+        let eye = volume_from_camera.translation.vector.cast();
+        let grid = &mut self.sums;
+        let camera = RowCamera::new(
+            &view.frame.intrinsics,
+            &volume_from_camera.inverse(),
+            &grid.origin,
+            grid.spacing_m,
+        );
+        let [nx, ny, _] = grid.dims;
+        let truncation_m = self.truncation_m;
+        // Even weights about the surface leave it where noisy readings have their mean.
+        let steepness = if first.is_some() { 2.0 } else { 1.0 };
+        let planes = grid.values.par_chunks_mut(nx * ny).zip(self.weights.par_chunks_mut(nx * ny));
+        planes.zip(self.colors.par_chunks_mut(nx * ny)).enumerate().for_each(
+            |(z, ((sums, weights), colors))| {
+                for y in 0..ny {
+                    let row = camera.row(y, z, nx);
+                    for x in row.range.clone() {
+                        // Negated: a node that no view measured is NaN and left out as well.
+                        if first.is_some_and(|f| !(f.values[f.index(x, y, z)].abs() < 0.999 * truncation_m)) {
+                            continue;
+                        }
+                        let p = row.at(x);
+                        let i = y * nx + x;
+                        match said(&readings, &view.frame.intrinsics, &camera, &p, truncation_m) {
+                            None => {}
+                            Some(Said::Free { weight }) => {
+                                sums[i] += FREE_WEIGHT * weight;
+                                weights[i] += FREE_WEIGHT * weight;
+                            }
+                            Some(Said::Near { s, weight, pixel })
+                                if first.is_none_or(|f| faces(f, [x, y, z], &eye)) =>
+                            {
+                                let w = weight * behind_weight(s, steepness);
+                                sums[i] += w * s.min(1.0);
+                                weights[i] += w;
+                                add_color(
+                                    &mut colors[i],
+                                    view.frame.rgb[pixel],
+                                    w * (1.0 - s.abs()).max(0.0),
+                                );
+                            }
+                            Some(Said::Near { .. }) => {}
+                        }
                     }
                 }
-                if asked.is_empty() {
-                    continue;
-                }
-                for (z, y) in layers.clone().flat_map(|z| lines.clone().map(move |y| (z, y))) {
-                    let line = view.camera.row(y, z, nx);
-                    let first = ((z - layers.start) * ny + y) * nx;
-                    let inside =
-                        |run: &Range<usize>| run.start.max(line.range.start)..run.end.min(line.range.end);
-                    for x in asked.iter().flat_map(inside) {
-                        let i = first + x;
-                        view.fuse([x, y, z], &line.at(x), (&mut sums[i], &mut weights[i], &mut colors[i]));
-                    }
-                }
-            }
-        });
+            },
+        );
     }
 
     /// Distances in meters, cut at the truncation; NaN where the weight is at most `min_weight`.
@@ -336,7 +230,7 @@ mod tests {
             let weights = pixel_weights(frame, &noise);
             let roles = object_roles(frame, &weights);
             let view = TsdfView { frame, weights: &weights, roles: &roles, volume_from_world: motion };
-            volume.integrate(&[view], &noise);
+            volume.integrate(&view, &noise);
         }
         volume
     }
@@ -408,7 +302,7 @@ mod tests {
             let roles = vec![role; weights.len()];
             let view =
                 TsdfView { frame, weights: &weights, roles: &roles, volume_from_world: Pose::identity() };
-            volume.integrate(&[view], &noise);
+            volume.integrate(&view, &noise);
             volume
         };
         assert!(fused(PixelRole::Skip).weights().iter().all(|&w| w == 0.0));
@@ -449,7 +343,7 @@ mod tests {
         let roles: Vec<_> = frames.iter().zip(&weights).map(|(f, w)| object_roles(f, w)).collect();
         let views = object_views(&frames, &weights, &roles);
         let mut volume = TsdfVolume::new(Point3::new(-0.3, -0.3, -0.3), 0.005, [121; 3], 0.02);
-        volume.integrate(&views, &noise);
+        views.iter().for_each(|v| volume.integrate(v, &noise));
         let off_m = |volume: &TsdfVolume, side: f32| {
             let mesh = volume.mesh(0.0);
             let inner =

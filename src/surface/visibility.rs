@@ -3,7 +3,8 @@
 use rayon::prelude::*;
 
 use super::{
-    blocks::{BLOCK, DepthTiles, Sight, blocks},
+    blocks::{BLOCK, Sight, blocks, sight},
+    depth_tiles::DepthTiles,
     rows::RowCamera,
 };
 use crate::{
@@ -99,7 +100,7 @@ fn views_in_front<T>(
         .par_iter()
         .map(|f| {
             let (k, reach) = (&f.intrinsics, reach(f));
-            let tiles = DepthTiles::of(k.width, k.height, |i| reach[i]);
+            let tiles = DepthTiles::of(k.width, k.height, |i| [reach[i]; 2]);
             (RowCamera::new(k, &f.world_from_camera.inverse(), &origin, spacing_m), reach, tiles)
         })
         .collect();
@@ -112,7 +113,7 @@ fn views_in_front<T>(
             for (camera, reach, tiles) in &views {
                 let mut mixed = Vec::new();
                 for (all, range) in all.iter_mut().zip(blocks(nx)).filter(|(all, _)| **all < min_views) {
-                    match tiles.sight(camera, &[range.clone(), lines.clone(), layers.clone()], 0.0, 0.0) {
+                    match sight(tiles, camera, &[range.clone(), lines.clone(), layers.clone()]) {
                         Sight::Nothing => {}
                         // Nothing is asked about a node that has its votes, and a byte cannot run over.
                         Sight::InFront => *all += 1,

@@ -18,11 +18,11 @@ use crate::capture::{NoiseConfig, RgbdFrame, poses::pose_noise::PoseNoise};
 const GATE_SIGMAS: f64 = 2.0;
 /// A cell has changed if it was looked through this many times as often as it was seen there.
 /// derived: readings at depth edges take either side about as often
-const CLEARLY: usize = 4;
+pub(crate) const CLEARLY: usize = 4;
 /// Fewest changed cells that hang together and count.
 /// derived: a patch of three by three, less one; a line of cells along an edge is one too, so counts are
 /// compared
-const LEAST_PATCH: usize = 8;
+pub(crate) const LEAST_PATCH: usize = 8;
 
 /// How often frames saw a cell, and through it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -21,7 +21,6 @@ use nalgebra::Point3;
 use rand_core::Rng;
 use rayon::prelude::*;
 
-pub(crate) use self::voxels::{cell, clusters};
 use self::{
     background::{Background, in_box},
     change::{at_rest, changed},
@@ -30,6 +29,10 @@ use self::{
     select::{Object, Search, bounds, choose_object},
     support::find_support,
     voxels::{Cell, center, dilated, frames_needed, supported},
+};
+pub(crate) use self::{
+    change::{CLEARLY, LEAST_PATCH},
+    voxels::{cell, clusters},
 };
 use super::{At, Capture, CaptureConfig, CaptureError, RgbdFrame, common_focus, pixel_weights};
 use crate::{

@@ -4,10 +4,8 @@
 use nalgebra::Vector3;
 
 use super::view_depth::{MAX_DEPTH_M, ViewDepth};
-use crate::capture::PoseNoise;
+use crate::{capture::PoseNoise, surface::depth_tiles::DepthTiles};
 
-/// Pixels along a side of a tile.
-const TILE: usize = 8;
 /// Standard deviations, of reading and pose together, that a cell lies before what is read, to be empty.
 /// derived: 0.13 % of normal readings, one-sided
 const GATE_SIGMAS: f64 = 3.0;
@@ -29,8 +27,6 @@ pub(super) enum Piece {
 
 /// Depths up to which, and from which, a view knows something.
 pub(super) struct Clearance {
-    width: usize,
-    height: usize,
     focal: [f32; 2],
     center: [f32; 2],
     /// Space up to this depth is empty, by pixels, meters; 0 where nothing is known.
@@ -38,8 +34,7 @@ pub(super) struct Clearance {
     /// Something is between `clear_m` and this depth, meters.
     reach_m: Vec<f32>,
     /// Least `clear_m` and largest `reach_m` of the pixels of each tile.
-    tiles: Vec<[f32; 2]>,
-    columns: usize,
+    tiles: DepthTiles,
     /// Largest depth of which anything is known, meters.
     farthest_m: f32,
     /// Depth up to which empty space is of interest, meters.
@@ -52,13 +47,11 @@ impl Clearance {
         let k = &view.frame.intrinsics;
         // Half a cell's diagonal.
         let half_m = 0.5 * 3f64.sqrt() * cell_m;
-        let columns = k.width.div_ceil(TILE);
-        let mut tiles = vec![[f32::INFINITY, 0.0]; columns * k.height.div_ceil(TILE)];
         let (mut clear_m, mut reach_m) = (Vec::new(), Vec::new());
         clear_m.reserve_exact(view.readings.len());
         reach_m.reserve_exact(view.readings.len());
         let mut farthest_m = 0.0f32;
-        for (i, (r, cosine)) in view.readings.iter().zip(&view.cosines).enumerate() {
+        for (r, cosine) in view.readings.iter().zip(&view.cosines) {
             let known = match r.depth_m {
                 _ if r.weight <= 0.0 => [0.0, 0.0],
                 depth_m if depth_m.is_finite() => {
@@ -76,18 +69,13 @@ impl Clearance {
             clear_m.push(known[0]);
             reach_m.push(known[1]);
             farthest_m = farthest_m.max(known[1]);
-            let tile = &mut tiles[i / k.width / TILE * columns + i % k.width / TILE];
-            *tile = [tile[0].min(known[0]), tile[1].max(known[1])];
         }
         Self {
-            width: k.width,
-            height: k.height,
+            tiles: DepthTiles::of(k.width, k.height, |i| [clear_m[i], reach_m[i]]),
             focal: [k.fx as f32, k.fy as f32],
             center: [k.cx as f32, k.cy as f32],
             clear_m,
             reach_m,
-            tiles,
-            columns,
             farthest_m,
             sight_m: farthest_m.min((FARTHEST * view.median_m) as f32),
         }
@@ -115,7 +103,7 @@ impl Clearance {
         }
         let mut is_cut = false;
         let mut range = [[0usize; 2]; 2];
-        for (axis, size) in [self.width, self.height].into_iter().enumerate() {
+        for (axis, size) in self.tiles.size().into_iter().enumerate() {
             let middle = self.focal[axis] * p[axis] / p.z + self.center[axis];
             let half = self.focal[axis] * radius_m * (1.0 + (p[axis] / p.z).abs()) / (p.z - radius_m);
             let (from, to) = (middle - half, middle + half);
@@ -125,15 +113,9 @@ impl Clearance {
                 return Piece::Nothing;
             }
             is_cut |= from < 0.0 || to > last;
-            range[axis] = [from.max(0.0) as usize / TILE, to.min(last) as usize / TILE];
+            range[axis] = [from.max(0.0) as usize, to.min(last) as usize];
         }
-        let (mut clear_m, mut reach_m) = (f32::INFINITY, 0.0f32);
-        for row in range[1][0]..=range[1][1] {
-            for tile in &self.tiles[row * self.columns..][range[0][0]..=range[0][1]] {
-                clear_m = clear_m.min(tile[0]);
-                reach_m = reach_m.max(tile[1]);
-            }
-        }
+        let [clear_m, reach_m] = self.tiles.over(range);
         match () {
             () if reach_m + behind_m < p.z - radius_m => Piece::Nothing,
             () if clear_m >= p.z + radius_m && !is_cut => Piece::Empty,

@@ -9,21 +9,13 @@ use nalgebra::Point3;
 
 use super::{live_mesh::MeshChunk, sight_map::SightMap};
 use crate::{
-    capture::{cell, clusters},
+    capture::{CLEARLY, LEAST_PATCH, cell, clusters},
     surface::{TriangleMesh, merge},
 };
-
-/// Fewest cells that hang together and count.
-/// derived: a patch of three by three, less one, as `capture::isolate` asks for
-const LEAST_PATCH: usize = 8;
 
 /// Views of each state that must agree, as there.
 /// derived: one reading may be wrong
 const LEAST_VIEWS: u8 = 2;
-/// Space is empty if it was seen so this many times as often as something was seen there, as there.
-/// derived: readings at depth edges take either side about as often
-const CLEARLY: u8 = 4;
-
 /// What moved since the state before.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Moved {
@@ -47,7 +39,7 @@ fn is_empty(sight: &SightMap, point: &Point3<f64>) -> bool {
     let Some(at) = cell(point, sight.cell_m()) else { return false };
     let is_seen_through = |c: [i32; 3]| {
         let seen = sight.of(c);
-        seen.empty >= LEAST_VIEWS && seen.empty >= CLEARLY * seen.filled
+        seen.empty >= LEAST_VIEWS && usize::from(seen.empty) >= CLEARLY * usize::from(seen.filled)
     };
     let beside = |axis: usize, step: i32| {
         let mut other = at;
