@@ -75,9 +75,8 @@ fn tsdf_frame_nodes(bencher: divan::Bencher, nodes: usize) {
         .collect();
     let mut volume =
         TsdfVolume::new(Point3::new(-0.25, -0.25, -0.25), 0.5 / (nodes - 1) as f64, [nodes; 3], 0.012);
-    let view =
-        TsdfView { frame: &frame, weights: &weights, roles: &roles, volume_from_world: Pose::identity() };
-    bencher.bench_local(|| volume.integrate(&view, &noise));
+    let views = [TsdfView::new(&frame, &weights, &roles, Pose::identity(), &noise)];
+    bencher.bench_local(|| volume.integrate(&views));
 }
 
 #[divan::bench(sample_count = 20)]

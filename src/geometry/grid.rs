@@ -117,7 +117,13 @@ impl Grid3<f32> {
     /// Trilinear value; a point outside takes the value at the nearest border.
     #[must_use]
     pub fn sample(&self, point: &Point3<f64>) -> f32 {
-        self.sample_with_gradient(point).0
+        let ([x, y, z], [a, b, c], _) = cell(self, point);
+        let i = self.index(x, y, z);
+        let lerp = |p: f32, q: f32, t: f32| p + (q - p) * t;
+        let along_x = |i: usize| lerp(self.values[i], self.values[i + 1], a);
+        let (dy, dz) = (self.dims[0], self.dims[0] * self.dims[1]);
+        let in_layer = |i: usize| lerp(along_x(i), along_x(i + dy), b);
+        lerp(in_layer(i), in_layer(i + dz), c)
     }
 
     /// Trilinear value and its gradient per meter (exact derivative of the interpolant; zero along an axis on
@@ -171,6 +177,7 @@ mod tests {
         for p in [Point3::new(0.1, 0.2, 0.3), Point3::new(0.39, 0.12, 0.01), g.node(3, 4, 5)] {
             let (v, d) = g.sample_with_gradient(&p);
             assert!((f64::from(v) - f(&p)).abs() < 1e-5);
+            assert_eq!(v, g.sample(&p));
             assert!((d - Vector3::new(2.0, -3.0, 0.5)).norm() < 1e-3);
         }
         assert_eq!(g.nearest(&g.node(3, 4, 5)), Some(g.index(3, 4, 5)));

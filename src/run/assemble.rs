@@ -36,7 +36,7 @@ pub(super) fn assemble(
         let labels: Vec<u8> =
             parts.labels.iter().zip(left_out).map(|(l, out)| if *out { NO_LABEL } else { *l }).collect();
         let labels = label_grid(tsdf, &samples.points, &labels, 0.999 * truncation_m);
-        LabelledState { tsdf: tsdf.clone(), weight: weight.clone(), labels, truncation_m }
+        LabelledState::new(tsdf.clone(), weight.clone(), labels, truncation_m)
     };
     let observed = states;
     let colors: Vec<ColorLookup> = states.iter().map(|s| ColorLookup::new(&s.surface)).collect();

@@ -4,6 +4,7 @@ mod admission;
 mod alignment;
 mod articulation;
 mod assemble;
+mod band;
 mod batch;
 mod checkpoint;
 mod checkpoint_error;

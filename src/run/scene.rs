@@ -1,6 +1,6 @@
 //! What all stages of a reconstruction share: settings, measured noise, the box around the object, scales.
 
-use super::{RunError, state_surface::Band};
+use super::{RunError, band::Band};
 use crate::{
     capture::{Capture, NoiseConfig, scene_box},
     config::Config,

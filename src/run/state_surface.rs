@@ -3,49 +3,21 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::RunError;
+use super::{RunError, band::Band, scene::Scene};
 use crate::{
     articulate::{SurfaceSamples, mesh_samples},
-    capture::{NoiseConfig, RgbdFrame, median_over_object, pixel_weights},
+    capture::{NoiseConfig, RgbdFrame},
     field::ObjectField,
     geometry::{Grid3, SceneBox},
     surface::{
-        DistanceOptions, FreeSpaceRule, SurfaceConfig, TriangleMesh, TsdfVolume, free_space_grid,
-        keep_components, marching_cubes, object_roles, object_views, signed_distance, visibility_grid,
+        DistanceOptions, FreeSpaceRule, TriangleMesh, TsdfView, TsdfVolume,
+        free_space_grid, keep_components, marching_cubes, signed_distance, visibility_grid,
     },
 };
 
-/// What one state's recording says about scale and noise.
-#[derive(Clone, Copy, Debug)]
-pub struct Band {
-    /// Truncation distance, meters.
-    pub truncation_m: f64,
-    /// Observation weight from which a node counts.
-    pub min_weight: f32,
-}
-
-impl Band {
-    /// From the median depth of the object's pixels in all states.
-    #[must_use]
-    pub fn of(
-        states: &[&[RgbdFrame]],
-        scene: &SceneBox,
-        noise: &NoiseConfig,
-        config: &SurfaceConfig,
-    ) -> Self {
-        let all = || states.iter().copied().flatten();
-        let sigma_m = median_over_object(all(), |f, i| f.sigma_m(i, noise)).unwrap_or(1.0);
-        let depth_m = median_over_object(all(), |f, i| f64::from(f.depth_m[i])).unwrap_or(1.0);
-        let one_reading_m = noise.sigma_m(depth_m);
-        let asked_m = config.truncation_m.or(config.truncation_normalized.map(|t| t / scene.scale));
-        Self {
-            // docs/method.md (3.1).
-            truncation_m: asked_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * sigma_m)),
-            // A reading's weight is relative to one at 1 m (3.2), and the object is farther or nearer.
-            min_weight: (config.min_readings * (noise.sigma_m(1.0) / one_reading_m).powi(2)) as f32,
-        }
-    }
-}
+/// Nodes look for the nearest surface up to this share of the object's extent: joints ask no further.
+/// derived: more than the reach of joints' evidence, 0.03, and the diagonal of a cell of 0.006
+const NEAR: f64 = 0.05;
 
 /// Everything later stages need of one state.
 #[derive(Serialize, Deserialize)]
@@ -77,15 +49,11 @@ pub fn fuse(
 ) -> TsdfVolume {
     let grid = Grid3::over(scene, nodes, ());
     let mut volume = TsdfVolume::new(grid.origin, grid.spacing_m, grid.dims, band.truncation_m);
-    // The frames in parallel, the sum in their order: the bytes do not depend on the number of threads.
-    let weights: Vec<Vec<f32>> = frames.par_iter().map(|frame| pixel_weights(frame, noise)).collect();
-    let roles: Vec<_> =
-        frames.par_iter().zip(&weights).map(|(frame, weights)| object_roles(frame, weights)).collect();
-    let views = object_views(frames, &weights, &roles);
-    views.iter().for_each(|view| volume.integrate(view, noise));
+    let views: Vec<TsdfView> = frames.par_iter().map(|f| TsdfView::of_object(f, noise)).collect();
+    volume.integrate(&views);
     // Once more near the surface, by the views that see a node's side (3.4): those of the other
     // side of a thin panel would push it outwards.
-    volume.face(&views, noise);
+    volume.face(&views);
     volume
 }
 
@@ -93,19 +61,18 @@ pub fn fuse(
 ///
 /// # Errors
 /// A state without a surface.
-pub fn state_surface(
+pub(super) fn state_surface(
     frames: &[RgbdFrame],
     volume: &TsdfVolume,
     field: Option<&ObjectField>,
-    scene: &SceneBox,
-    band: &Band,
-    noise: &NoiseConfig,
-    config: &SurfaceConfig,
+    scene: &Scene,
 ) -> Result<StateSurface, RunError> {
+    let Scene { bounds, band, noise, config, .. } = scene;
+    let surface = &config.surface;
     let failed = |e| RunError::stage("surface", e);
     let mut tsdf = volume.tsdf(band.min_weight);
     // Distances, visibility and free space on one grid (docs/method.md 3.4, 3.5).
-    let nodes = Grid3::over(scene, config.distance_nodes, ());
+    let nodes = Grid3::over(bounds, surface.distance_nodes, ());
     let free = free_space_grid(frames, &nodes, &FreeSpaceRule { noise: *noise, ..FreeSpaceRule::default() });
     if let Some(field) = field {
         blend_in_field(&mut tsdf, volume.weights(), field, band.min_weight, &free);
@@ -116,15 +83,18 @@ pub fn state_surface(
         dims: tsdf.dims,
         values: volume.weights().to_vec(),
     };
-    let mut mesh = keep_components(&marching_cubes(&tsdf, 0.0), config.min_component);
+    let mut mesh = keep_components(&marching_cubes(&tsdf, 0.0), surface.min_component);
     match field {
         Some(field) => field.paint(&mut mesh),
         None => volume.paint(&mut mesh),
     }
     let visible = visibility_grid(frames, &nodes, band.truncation_m);
     // What was seen empty is outside, whatever an open mesh says.
-    let sdf = signed_distance(&mesh, &nodes, Some(&free), &DistanceOptions::default()).map_err(failed)?;
-    let samples = mesh_samples(&mesh, config.points);
+    // Fields are compared everywhere.
+    let near_m = if config.trains_fields() { f64::INFINITY } else { NEAR * bounds.extent_m() };
+    let options = DistanceOptions { near_m, ..DistanceOptions::default() };
+    let sdf = signed_distance(&mesh, &nodes, Some(&free), &options).map_err(failed)?;
+    let samples = mesh_samples(&mesh, surface.points);
     Ok(StateSurface { tsdf, weight, mesh, sdf, visible, free, samples })
 }
 

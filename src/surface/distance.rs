@@ -3,7 +3,7 @@
 //! Nodes within 1.5 spacings of the surface get the exact distance to the nearest triangle. From there the
 //! nearest triangle spreads along the exact nearest-node transform, each node walks over the mesh to closer
 //! triangles, and then compares with what its six neighbors found; all distances are exact point-triangle
-//! distances.
+//! distances. Far from the surface, where that is asked for, nodes keep the triangle that reached them.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -36,11 +36,14 @@ pub struct DistanceOptions {
     /// At the border of an open mesh the side continues its last face up to this many spacings; further away
     /// the node is outside.
     pub open_reach: f64,
+    /// Up to this distance a node looks for its nearest triangle, meters; further from the surface it takes
+    /// that of the nearest node beside the surface, which is less than two spacings further away.
+    pub near_m: f64,
 }
 
 impl Default for DistanceOptions {
     fn default() -> Self {
-        Self { solid_cavities: false, open_reach: 3.0 }
+        Self { solid_cavities: false, open_reach: 3.0, near_m: f64::INFINITY }
     }
 }
 
@@ -110,7 +113,7 @@ pub fn signed_distance<T>(
     let local = |p: &nalgebra::Point3<f32>| ((p.cast::<f64>() - origin) / spacing_m).cast::<f32>();
     let positions: Vec<Vector3<f32>> = mesh.vertices.iter().map(local).collect();
     let surface = Pseudonormals::of(&mesh, &positions);
-    let nearest = Nearest::of(&surface, dims)?;
+    let nearest = Nearest::of(&surface, dims, options.near_m / spacing_m)?;
     let reach = options.open_reach as f32;
     let is_free = |i: usize| free.is_some_and(|f| f.values[i]);
     let values = at_nodes(dims, |i, at| {
@@ -158,10 +161,14 @@ struct Nearest {
     seed: Vec<u32>,
     /// Triangle of each node.
     triangle: Vec<u32>,
+    /// A node whose nearest seed is further away than this keeps its triangle, spacings.
+    near: f64,
 }
 
 impl Nearest {
-    fn of(surface: &Pseudonormals, dims: [usize; 3]) -> Result<Self, DistanceError> {
+    fn of(surface: &Pseudonormals, dims: [usize; 3], near: f64) -> Result<Self, DistanceError> {
+        // A seed is no further from its surface than that.
+        let near = near + f64::from(SEED);
         let band = Band::of(surface, dims);
         let seed = nearest_seed(dims, &band.seeds);
         // One seed anywhere is a nearest seed everywhere: the first node speaks for all.
@@ -176,15 +183,18 @@ impl Nearest {
                 let i = row * nx + x;
                 *t = band.triangle[i];
                 if *t == NO_SEED {
-                    // The node before has a closest point no further than a spacing from this one's.
-                    let p = position([x, row % ny, row / ny]);
-                    let from = band.triangle[seed[i] as usize];
-                    *t = surface.descend(&p, [from, previous.unwrap_or(from)]);
+                    let (at, from) = ([x, row % ny, row / ny], band.triangle[seed[i] as usize]);
+                    *t = if is_far(at, seed[i], dims, near) {
+                        from
+                    } else {
+                        // The node before has a closest point no further than a spacing from this one's.
+                        surface.descend(&position(at), [from, previous.unwrap_or(from)])
+                    };
                 }
                 previous = Some(*t);
             }
         });
-        Ok(Self { dims, band, seed, triangle })
+        Ok(Self { dims, band, seed, triangle, near })
     }
 
     /// Whether a node is inside by the mesh alone. With the seeds within one spacing of the surface, the line
@@ -199,7 +209,7 @@ impl Nearest {
     /// beside the node's own see the same piece of surface and are not asked.
     fn refined(&self, surface: &Pseudonormals, i: usize, [x, y, z]: [usize; 3]) -> u32 {
         let own = self.triangle[i];
-        if self.band.triangle[i] != NO_SEED {
+        if self.band.triangle[i] != NO_SEED || is_far([x, y, z], self.seed[i], self.dims, self.near) {
             return own;
         }
         let [nx, ny, nz] = self.dims;
@@ -234,6 +244,14 @@ impl Nearest {
         }
         if best.1 == own { own } else { surface.descend(&p, [best.1; 2]) }
     }
+}
+
+/// Whether a node is further than so many spacings from its nearest seed.
+fn is_far(at: [usize; 3], seed: u32, [nx, ny, _]: [usize; 3], near: f64) -> bool {
+    let seed = seed as usize;
+    let seed = [seed % nx, seed / nx % ny, seed / (nx * ny)];
+    let squared: f64 = (0..3).map(|k| (at[k] as f64 - seed[k] as f64).powi(2)).sum();
+    squared > near * near
 }
 
 /// The nodes near the surface.

@@ -26,6 +26,7 @@ mod overlay;
 mod patches;
 mod pseudonormal;
 mod raster;
+mod row_sweep;
 mod rows;
 mod sample;
 #[cfg(test)]
@@ -60,7 +61,7 @@ pub use sample::sample_surface;
 pub use simplify::simplify;
 pub use texture::Texture;
 pub use tsdf::TsdfVolume;
-pub use tsdf_view::{PixelRole, TsdfView, object_roles, object_views};
+pub use tsdf_view::{PixelRole, TsdfView};
 pub use visibility::{FreeSpaceRule, free_space_grid, visibility_grid};
 #[cfg(test)]
 pub use weld::edge_defects;

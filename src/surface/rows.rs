@@ -9,6 +9,8 @@ use crate::geometry::{Intrinsics, Pose};
 
 /// Nodes closer to the camera plane than this are not seen, meters.
 const NEAR_M: f64 = 0.01;
+/// Nodes of a row that are projected at once.
+pub(super) const LANES: usize = 16;
 
 /// A node-aligned grid in front of one camera.
 pub(super) struct RowCamera {
@@ -31,8 +33,10 @@ pub(super) struct Row {
 
 impl Row {
     /// Position of node x in the optical frame, meters.
+    #[inline(always)]
     pub fn at(&self, x: usize) -> Vector3<f32> {
-        self.start + self.step * x as f32
+        // Numbers of nodes are small, and 32 bits are what vector instructions convert.
+        self.start + self.step * (x as i32) as f32
     }
 }
 
@@ -99,9 +103,29 @@ impl RowCamera {
     }
 
     /// Pixel coordinates plus one half of a point of a [`Row`], so that the integer part is the pixel.
+    #[inline(always)]
     pub fn project(&self, p: &Vector3<f32>) -> [f32; 2] {
         let inverse = 1.0 / p.z;
         [self.focal[0] * p.x * inverse + self.center[0], self.focal[1] * p.y * inverse + self.center[1]]
+    }
+
+    /// Index of the pixel that holds each of the nodes of a [`Row`] from x on, and their depths, meters. Nodes
+    /// outside the row's range get some pixel of the image.
+    #[inline(always)]
+    pub fn pixels(&self, row: &Row, x: usize) -> ([u32; LANES], [f32; LANES]) {
+        let width = self.intrinsics.width as u32;
+        let last = [self.intrinsics.width, self.intrinsics.height].map(|n| n as f32 - 1.0);
+        let (mut pixels, mut depths_m) = ([0; LANES], [0.0; LANES]);
+        for k in 0..LANES {
+            let p = row.at(x + k);
+            let [u, v] = self.project(&p);
+            // `max` first: it turns what is no number into 0.
+            // SAFETY: both are whole numbers of the image then, which fit.
+            let [column, line] = [u.max(0.0).min(last[0]), v.max(0.0).min(last[1])]
+                .map(|at| unsafe { at.to_int_unchecked::<u32>() });
+            (pixels[k], depths_m[k]) = (line * width + column, p.z);
+        }
+        (pixels, depths_m)
     }
 
     /// Index of the pixel that holds a point of a [`Row`].

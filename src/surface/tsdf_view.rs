@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::rows::RowCamera;
 use crate::{
-    capture::{NoiseConfig, RgbdFrame},
+    capture::{NoiseConfig, RgbdFrame, pixel_weights},
     geometry::{Intrinsics, Pose},
 };
 
@@ -43,46 +43,83 @@ pub fn object_roles(frame: &RgbdFrame, weights: &[f32]) -> Vec<PixelRole> {
     weights.iter().enumerate().map(role).collect()
 }
 
-/// One view as the volume takes it.
-#[derive(Clone, Copy)]
-pub struct TsdfView<'a> {
-    /// The frame.
-    pub frame: &'a RgbdFrame,
-    /// Weight of each pixel's depth, e.g. of [`crate::capture::pixel_weights`].
-    pub weights: &'a [f32],
-    /// What each pixel says, e.g. of [`object_roles`].
-    pub roles: &'a [PixelRole],
-    /// Moves the view before it is fused: the identity, or the motion of a part from the frame's state to the
-    /// volume's.
-    pub volume_from_world: Pose,
-}
-
-/// The views of a whole object in its own world, with the weights and roles of their pixels.
-#[must_use]
-pub fn object_views<'a>(
-    frames: &'a [RgbdFrame],
-    weights: &'a [Vec<f32>],
-    roles: &'a [Vec<PixelRole>],
-) -> Vec<TsdfView<'a>> {
-    let pixels = weights.iter().zip(roles);
-    let view = |(frame, (weights, roles)): (&'a RgbdFrame, (&'a Vec<f32>, &'a Vec<PixelRole>))| TsdfView {
-        frame,
-        weights,
-        roles,
-        volume_from_world: Pose::identity(),
-    };
-    frames.iter().zip(pixels).map(view).collect()
-}
-
-/// A pixel prepared for fusion.
+/// What a pixel says, as fusion takes it.
 #[derive(Clone, Copy)]
 pub(super) struct Reading {
     /// z-depth, meters; infinite where nothing but free space is known.
     pub depth_m: f32,
-    /// 1 for a pixel of weight 1 at the reference depth; 0: it says nothing.
-    pub weight: f32,
-    /// Whether the depth is a surface of the volume's object.
-    pub is_surface: bool,
+    /// Its weight, 1 for a pixel of weight 1 at the reference depth, negative where its depth is no surface of
+    /// the volume's object; 0: it says nothing.
+    signed_weight: f32,
+}
+
+impl Reading {
+    /// It says nothing.
+    pub const NOTHING: Self = Self { depth_m: 0.0, signed_weight: 0.0 };
+
+    /// A surface of the volume's object.
+    pub fn surface(depth_m: f32, weight: f32) -> Self {
+        Self { depth_m, signed_weight: weight }
+    }
+
+    /// Empty space up to a depth, which may be infinite.
+    pub fn free(depth_m: f32, weight: f32) -> Self {
+        Self { depth_m, signed_weight: -weight }
+    }
+
+    /// Its weight, negative where it is no surface.
+    #[inline(always)]
+    pub fn signed_weight(self) -> f32 {
+        self.signed_weight
+    }
+
+    /// Its weight, at least 0.
+    #[inline(always)]
+    pub fn weight(self) -> f32 {
+        self.signed_weight.abs()
+    }
+
+    /// Whether it says that a surface of the volume's object is there.
+    #[inline(always)]
+    pub fn is_surface(self) -> bool {
+        self.signed_weight > 0.0
+    }
+}
+
+/// One view as the volume takes it.
+pub struct TsdfView<'a> {
+    /// The frame.
+    pub(super) frame: &'a RgbdFrame,
+    /// Moves the view before it is fused.
+    pub(super) volume_from_world: Pose,
+    /// Of each pixel.
+    pub(super) readings: Vec<Reading>,
+}
+
+impl<'a> TsdfView<'a> {
+    /// A view whose pixels have these weights, e.g. of [`crate::capture::pixel_weights`], and roles, e.g. of
+    /// [`object_roles`]. `volume_from_world` moves it before it is fused: the identity, or the motion of a part
+    /// from the frame's state to the volume's.
+    ///
+    /// # Panics
+    /// If `weights` or `roles` do not have one value a pixel.
+    #[must_use]
+    pub fn new(
+        frame: &'a RgbdFrame,
+        weights: &[f32],
+        roles: &[PixelRole],
+        volume_from_world: Pose,
+        noise: &NoiseConfig,
+    ) -> Self {
+        Self { frame, volume_from_world, readings: readings(frame, weights, roles, noise) }
+    }
+
+    /// A view of a whole object in its own world.
+    #[must_use]
+    pub fn of_object(frame: &'a RgbdFrame, noise: &NoiseConfig) -> Self {
+        let weights = pixel_weights(frame, noise);
+        Self::new(frame, &weights, &object_roles(frame, &weights), Pose::identity(), noise)
+    }
 }
 
 /// What a view says about a node.
@@ -112,20 +149,20 @@ pub(super) fn said(
     truncation_m: f32,
 ) -> Option<Said> {
     let pixel = camera.pixel(p);
-    let Reading { depth_m, weight, is_surface } = readings[pixel];
-    let ahead_m = depth_m - p.z;
+    let reading = readings[pixel];
+    let (weight, ahead_m) = (reading.weight(), reading.depth_m - p.z);
     if weight <= 0.0 || ahead_m <= -truncation_m {
         return None;
     }
     if ahead_m >= truncation_m {
         return Some(Said::Free { weight });
     }
-    if !is_surface {
+    if !reading.is_surface() {
         return None;
     }
     let between = interpolated_depth(readings, intrinsics, camera.project(p), truncation_m);
     // docs/method.md (3.2).
-    let s = (between.unwrap_or(depth_m) - p.z) / truncation_m;
+    let s = (between.unwrap_or(reading.depth_m) - p.z) / truncation_m;
     (s > -1.0).then_some(Said::Near { s, weight, pixel })
 }
 
@@ -136,25 +173,20 @@ pub(super) fn behind_weight(s: f32, steepness: f32) -> f32 {
 }
 
 /// Depth and weight of each pixel as fusion uses them.
-pub(super) fn readings(view: &TsdfView, noise: &NoiseConfig) -> Vec<Reading> {
-    let frame = view.frame;
+fn readings(frame: &RgbdFrame, weights: &[f32], roles: &[PixelRole], noise: &NoiseConfig) -> Vec<Reading> {
     assert!(
-        view.weights.len() == frame.depth_m.len() && view.roles.len() == frame.depth_m.len(),
+        weights.len() == frame.depth_m.len() && roles.len() == frame.depth_m.len(),
         "one weight and role a pixel"
     );
     let reference_m = noise.sigma_m(REFERENCE_DEPTH_M);
     let reading = |pixel: usize| {
         let depth_m = frame.depth_m[pixel];
-        let precision = (reference_m / frame.sigma_m(pixel, noise)).powi(2) as f32;
-        match view.roles[pixel] {
-            PixelRole::Surface if depth_m > 0.0 => {
-                Reading { depth_m, weight: view.weights[pixel] * precision, is_surface: true }
-            }
-            PixelRole::FreeOnly if depth_m > 0.0 => {
-                Reading { depth_m, weight: precision.min(1.0), is_surface: false }
-            }
-            PixelRole::FreeOnly => Reading { depth_m: f32::INFINITY, weight: 1.0, is_surface: false },
-            _ => Reading { depth_m: 0.0, weight: 0.0, is_surface: false },
+        let precision = || (reference_m / frame.sigma_m(pixel, noise)).powi(2) as f32;
+        match roles[pixel] {
+            PixelRole::Surface if depth_m > 0.0 => Reading::surface(depth_m, weights[pixel] * precision()),
+            PixelRole::FreeOnly if depth_m > 0.0 => Reading::free(depth_m, precision().min(1.0)),
+            PixelRole::FreeOnly => Reading::free(f32::INFINITY, 1.0),
+            _ => Reading::NOTHING,
         }
     };
     (0..frame.depth_m.len()).into_par_iter().with_min_len(1 << 14).map(reading).collect()
@@ -178,7 +210,7 @@ fn interpolated_depth(
     let four = [first, first + 1, first + k.width, first + k.width + 1].map(|i| readings[i]);
     let (mut low, mut high, mut inverse) = (f32::INFINITY, 0.0f32, 0.0);
     for (r, share) in four.iter().zip([(1.0 - a) * (1.0 - b), a * (1.0 - b), (1.0 - a) * b, a * b]) {
-        if !r.is_surface || r.weight <= 0.0 {
+        if !r.is_surface() {
             return None;
         }
         low = low.min(r.depth_m);

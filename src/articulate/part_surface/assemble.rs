@@ -3,6 +3,8 @@
 //! The published method cuts a part from one state's TSDF by setting it to `+1` where another part has the
 //! label. Here the states vote together, so that a drawer gets the inside that only the open state shows.
 
+use std::ops::RangeInclusive;
+
 use nalgebra::Point3;
 use rayon::prelude::*;
 
@@ -18,27 +20,109 @@ pub struct LabelledState {
     pub labels: Grid3<u8>,
     /// Truncation distance, meters.
     pub truncation_m: f64,
+    /// What it says of blocks of cells, x fastest.
+    blocks: Grid3<Says>,
 }
 
 /// Marks a node that is away from every surface.
 pub const NO_LABEL: u8 = u8::MAX;
 
+/// Cells along a side of a block.
+const BLOCK: usize = 8;
+
+/// What a state says of a piece of space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Says {
+    /// Nothing was observed there.
+    Nothing,
+    /// It is empty, as far as distances go.
+    Free,
+    /// Its places differ.
+    Mixed,
+}
+
+impl LabelledState {
+    /// A state's distances, weights and labels, all at the same nodes.
+    #[must_use]
+    pub fn new(tsdf: Grid3<f32>, weight: Grid3<f32>, labels: Grid3<u8>, truncation_m: f64) -> Self {
+        let dims = tsdf.dims.map(|n| n.saturating_sub(1).div_ceil(BLOCK).max(1));
+        let (origin, spacing_m) = (tsdf.origin, tsdf.spacing_m * BLOCK as f64);
+        let blocks = Grid3 { origin, spacing_m, dims, values: Vec::new() };
+        let free = truncation_m as f32;
+        let of_node = |i: usize| match tsdf.values[i] {
+            d if d.is_nan() => Says::Nothing,
+            d if d == free && labels.values[i] == NO_LABEL => Says::Free,
+            _ => Says::Mixed,
+        };
+        let of_block = |block: usize| {
+            // A cell's last nodes are the first of the next one.
+            let nodes = blocks.coordinates(block).map(|b| BLOCK * b..BLOCK * (b + 1) + 1);
+            let [xs, ys, zs] = [0, 1, 2].map(|k| nodes[k].start..nodes[k].end.min(tsdf.dims[k]));
+            let first = of_node(tsdf.index(xs.start, ys.start, zs.start));
+            let all = zs.flat_map(|z| ys.clone().map(move |y| (y, z)));
+            let is_first = |(y, z)| xs.clone().all(|x| of_node(tsdf.index(x, y, z)) == first);
+            if all.into_iter().all(is_first) { first } else { Says::Mixed }
+        };
+        let values = (0..dims.iter().product()).into_par_iter().map(of_block).collect();
+        let blocks = Grid3 { values, ..blocks };
+        Self { tsdf, weight, labels, truncation_m, blocks }
+    }
+
+    /// What it says of all places within `radius_m` of one.
+    fn about(&self, place: &Point3<f64>, radius_m: f64) -> Says {
+        let at = (place - self.tsdf.origin) / self.tsdf.spacing_m;
+        // Places outside by half a spacing count as the border's; the rest is rounding.
+        let reach = radius_m / self.tsdf.spacing_m + 0.51;
+        let last = self.tsdf.dims.map(|n| n.saturating_sub(1) as f64);
+        if (0..3).any(|k| at[k] + reach < 0.0 || at[k] - reach > last[k]) {
+            return Says::Nothing;
+        }
+        let blocks: [RangeInclusive<usize>; 3] = [0, 1, 2].map(|k| {
+            let block = |x: f64| (x.max(0.0) as usize / BLOCK).min(self.blocks.dims[k] - 1);
+            block(at[k] - reach)..=block(at[k] + reach)
+        });
+        let [xs, ys, zs] = blocks;
+        let mut all = zs.flat_map(|z| ys.clone().map(move |y| (y, z))).flat_map(|(y, z)| {
+            let row = self.blocks.index(0, y, z);
+            &self.blocks.values[row + xs.start()..=row + xs.end()]
+        });
+        let Some(&first) = all.next() else { return Says::Nothing };
+        let is_inside = (0..3).all(|k| at[k] - reach >= 0.0 && at[k] + reach <= last[k]);
+        if all.all(|says| *says == first) && (is_inside || first == Says::Nothing) { first } else { Says::Mixed }
+    }
+}
+
 /// Truncated signed distance of a part in the world as it stands in state 0, meters; NaN where no state says
 /// anything. `motions` take the part from state 0 to each of the `states`; the first is the identity.
 #[must_use]
 pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<f32> {
+    let Grid3 { origin, spacing_m, dims, .. } = states[0].tsdf;
+    let mut out = Grid3 { origin, spacing_m, dims, values: vec![f32::NAN; dims.iter().product()] };
+    let [nx, ny, nz] = dims;
     let template = &states[0].tsdf;
-    let mut out = Grid3 {
-        origin: template.origin,
-        spacing_m: template.spacing_m,
-        dims: template.dims,
-        values: vec![f32::NAN; template.values.len()],
-    };
-    let layer = template.dims[0] * template.dims[1];
-    out.values.par_chunks_mut(layer).enumerate().for_each(|(z, values)| {
-        for (i, value) in values.iter_mut().enumerate() {
-            let x = template.position(z * layer + i);
-            *value = vote(part, &x, motions, states);
+    let blocks = |n: usize| (0..n).step_by(BLOCK).map(move |start| start..(start + BLOCK).min(n));
+    out.values.par_chunks_mut((nx * ny * BLOCK).max(1)).enumerate().for_each(|(slab, values)| {
+        let layers = slab * BLOCK..((slab + 1) * BLOCK).min(nz);
+        for (lines, columns) in blocks(ny).flat_map(|lines| blocks(nx).map(move |c| (lines.clone(), c))) {
+            let ends = [&columns, &lines, &layers];
+            let [low, high] = [ends.map(|r| r.start), ends.map(|r| r.end - 1)]
+                .map(|[x, y, z]| template.node(x, y, z));
+            let (middle, radius_m) = (nalgebra::center(&low, &high), 0.5 * (high - low).norm());
+            let says = |(k, state): (usize, &LabelledState)| state.about(&(motions[k] * middle), radius_m);
+            let said: Vec<Says> = states.iter().enumerate().map(says).collect();
+            // All votes are for empty space.
+            let is_empty = !said.contains(&Says::Mixed) && said.contains(&Says::Free);
+            if !is_empty && said.iter().all(|s| *s == Says::Nothing) {
+                continue;
+            }
+            let free = states[0].truncation_m as f32;
+            for (z, y) in layers.clone().flat_map(|z| lines.clone().map(move |y| (z, y))) {
+                for x in columns.clone() {
+                    let value = &mut values[((z - layers.start) * ny + y) * nx + x];
+                    *value =
+                        if is_empty { free } else { vote(part, &template.node(x, y, z), motions, states) };
+                }
+            }
         }
     });
     out
@@ -94,7 +178,7 @@ mod tests {
                 labels.values[i] = u8::from(p.x > 0.0);
             }
         }
-        LabelledState { weight: Grid3::over(&scene, 61, 1.0), tsdf, labels, truncation_m: 0.08 }
+        LabelledState::new(tsdf, Grid3::over(&scene, 61, 1.0), labels, 0.08)
     }
 
     #[test]

@@ -108,7 +108,7 @@ impl BlockMap {
         for v in (0..k.height).step_by(step) {
             for u in (0..k.width).step_by(step) {
                 let r = view.readings[v * k.width + u];
-                if !r.is_surface || r.weight <= 0.0 {
+                if !r.is_surface() {
                     continue;
                 }
                 let ray = view.frame.world_from_camera * k.ray(u as f64, v as f64);

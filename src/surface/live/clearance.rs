@@ -53,7 +53,7 @@ impl Clearance {
         let mut farthest_m = 0.0f32;
         for (r, cosine) in view.readings.iter().zip(&view.cosines) {
             let known = match r.depth_m {
-                _ if r.weight <= 0.0 => [0.0, 0.0],
+                _ if r.weight() <= 0.0 => [0.0, 0.0],
                 depth_m if depth_m.is_finite() => {
                     let z = f64::from(depth_m);
                     // Along a ray that meets the surface at a slant a cell, and an error of the pose, reach

@@ -6,7 +6,7 @@ use crate::{
     capture::{NoiseConfig, RgbdFrame, pixel_weights},
     geometry::Pose,
     statistics::median,
-    surface::tsdf_view::{PixelRole, Reading, TsdfView, object_roles, readings},
+    surface::tsdf_view::{Reading, TsdfView, object_roles},
 };
 
 /// Beyond this depth a reading says only that space before it is empty, meters.
@@ -40,15 +40,12 @@ impl<'a> ViewDepth<'a> {
             return None;
         }
         let cosines = pixel_weights(frame, noise);
-        let roles: Vec<PixelRole> = object_roles(frame, &cosines);
-        let view = TsdfView { frame, weights: &cosines, roles: &roles, volume_from_world: Pose::identity() };
-        let mut readings = readings(&view, noise);
-        for r in &mut readings {
-            if r.depth_m > MAX_DEPTH_M {
-                (r.depth_m, r.is_surface) = (f32::INFINITY, false);
-            }
+        let roles = object_roles(frame, &cosines);
+        let mut readings = TsdfView::new(frame, &cosines, &roles, Pose::identity(), noise).readings;
+        for r in readings.iter_mut().filter(|r| r.depth_m > MAX_DEPTH_M) {
+            *r = Reading::free(f32::INFINITY, r.weight());
         }
-        let surface = readings.iter().step_by(EVERY).filter(|r| r.is_surface && r.weight > 0.0);
+        let surface = readings.iter().step_by(EVERY).filter(|r| r.is_surface());
         let median_m = median(surface.map(|r| f64::from(r.depth_m)).collect())?;
         Some(Self {
             frame,

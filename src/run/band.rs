@@ -1,0 +1,39 @@
+//! Truncation and least weight of a fusion, by the noise of the readings.
+
+use crate::{
+    capture::{NoiseConfig, RgbdFrame, median_over_object},
+    geometry::SceneBox,
+    surface::SurfaceConfig,
+};
+
+/// What one state's recording says about scale and noise.
+#[derive(Clone, Copy, Debug)]
+pub struct Band {
+    /// Truncation distance, meters.
+    pub truncation_m: f64,
+    /// Observation weight from which a node counts.
+    pub min_weight: f32,
+}
+
+impl Band {
+    /// From the median depth of the object's pixels in all states.
+    #[must_use]
+    pub fn of(
+        states: &[&[RgbdFrame]],
+        scene: &SceneBox,
+        noise: &NoiseConfig,
+        config: &SurfaceConfig,
+    ) -> Self {
+        let all = || states.iter().copied().flatten();
+        let sigma_m = median_over_object(all(), |f, i| f.sigma_m(i, noise)).unwrap_or(1.0);
+        let depth_m = median_over_object(all(), |f, i| f64::from(f.depth_m[i])).unwrap_or(1.0);
+        let one_reading_m = noise.sigma_m(depth_m);
+        let asked_m = config.truncation_m.or(config.truncation_normalized.map(|t| t / scene.scale));
+        Self {
+            // docs/method.md (3.1).
+            truncation_m: asked_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * sigma_m)),
+            // A reading's weight is relative to one at 1 m (3.2), and the object is farther or nearer.
+            min_weight: (config.min_readings * (noise.sigma_m(1.0) / one_reading_m).powi(2)) as f32,
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! A row of nodes read by one view, many nodes at once: what is seen empty is added up, what lies near a
+//! surface is listed for a closer look.
+//!
+//! Compiled for several instruction sets. None fuses products with sums, so that all give the same values.
+
+use super::{
+    rows::{LANES, Row, RowCamera},
+    tsdf_view::{FREE_WEIGHT, Reading},
+};
+
+/// A view as a row meets it.
+#[derive(Clone, Copy)]
+pub(super) struct Sweep<'a> {
+    /// The grid in front of the view's camera.
+    pub camera: &'a RowCamera,
+    /// Of each pixel.
+    pub readings: &'a [Reading],
+    /// Truncation distance, meters.
+    pub truncation_m: f32,
+}
+
+/// Sums of a row's nodes: weighted distances in truncations, and weights.
+pub(super) struct RowSums<'a> {
+    /// Weighted distances in truncations.
+    pub sums: &'a mut [f32],
+    /// Weights.
+    pub weights: &'a mut [f32],
+}
+
+impl Sweep<'_> {
+    /// Adds the view's free space to a row, and appends to `near` the x of nodes within the truncation of a
+    /// surface that it reads, rising.
+    pub fn over(self, row: &Row, sums: RowSums<'_>, near: &mut Vec<usize>) {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if std::arch::is_x86_feature_detected!("avx512f") {
+                // SAFETY: the feature was found on this processor.
+                return unsafe { over_avx512(self, row, sums, near) };
+            }
+            if std::arch::is_x86_feature_detected!("avx2") {
+                // SAFETY: the feature was found on this processor.
+                return unsafe { over_avx2(self, row, sums, near) };
+            }
+        }
+        over_any(self, row, sums, near);
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq,avx512bw,avx512vl")]
+fn over_avx512(sweep: Sweep<'_>, row: &Row, sums: RowSums<'_>, near: &mut Vec<usize>) {
+    over_any(sweep, row, sums, near);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn over_avx2(sweep: Sweep<'_>, row: &Row, sums: RowSums<'_>, near: &mut Vec<usize>) {
+    over_any(sweep, row, sums, near);
+}
+
+#[inline(always)]
+fn over_any(sweep: Sweep<'_>, row: &Row, sums: RowSums<'_>, near: &mut Vec<usize>) {
+    let RowSums { sums, weights } = sums;
+    for first in row.range.clone().step_by(LANES) {
+        let count = LANES.min(row.range.end - first);
+        let (free, close) = lanes(sweep, row, first);
+        let (sums, weights) = (&mut sums[first..first + count], &mut weights[first..first + count]);
+        match (<&mut [f32; LANES]>::try_from(&mut *sums), <&mut [f32; LANES]>::try_from(&mut *weights)) {
+            (Ok(sums), Ok(weights)) => add(sums, weights, &free),
+            // The end of a row.
+            _ => add(sums, weights, &free[..count]),
+        }
+        // Few nodes are near a surface.
+        if u128::from_ne_bytes(close) != 0 {
+            near.extend((0..count).filter(|k| close[*k] != 0).map(|k| first + k));
+        }
+    }
+}
+
+#[inline(always)]
+fn add(sums: &mut [f32], weights: &mut [f32], free: &[f32]) {
+    for ((sum, weight), free) in sums.iter_mut().zip(weights).zip(free) {
+        *sum += free;
+        *weight += free;
+    }
+}
+
+/// Weight with which each of the nodes from `first` on is seen empty, and 1 for each that lies near what is
+/// read.
+#[inline(always)]
+fn lanes(sweep: Sweep<'_>, row: &Row, first: usize) -> ([f32; LANES], [u8; LANES]) {
+    let Sweep { camera, readings, truncation_m } = sweep;
+    let (pixels, z) = camera.pixels(row, first);
+    let (mut depth_m, mut weight) = ([0.0f32; LANES], [0.0f32; LANES]);
+    for k in 0..LANES {
+        let reading = readings[pixels[k] as usize];
+        (depth_m[k], weight[k]) = (reading.depth_m, reading.signed_weight());
+    }
+    let (mut free, mut close) = ([0.0; LANES], [0; LANES]);
+    for k in 0..LANES {
+        let ahead_m = depth_m[k] - z[k];
+        free[k] = if ahead_m >= truncation_m { FREE_WEIGHT * weight[k].abs() } else { 0.0 };
+        close[k] = u8::from((weight[k] > 0.0) & (ahead_m.abs() < truncation_m));
+    }
+    (free, close)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        capture::NoiseConfig,
+        geometry::{Intrinsics, Pose},
+        surface::{
+            TsdfView,
+            shapes::{looking_at_origin, sphere, view_of},
+            tsdf_view::{Said, said},
+        },
+    };
+    use nalgebra::Point3;
+
+    type Kernel = unsafe fn(Sweep<'_>, &Row, RowSums<'_>, &mut Vec<usize>);
+
+    /// All kernels that this processor can run.
+    fn kernels() -> Vec<Kernel> {
+        let mut kernels: Vec<Kernel> = vec![over_any];
+        #[cfg(target_arch = "x86_64")]
+        {
+            if std::arch::is_x86_feature_detected!("avx2") {
+                kernels.push(over_avx2);
+            }
+            if std::arch::is_x86_feature_detected!("avx512f") {
+                kernels.push(over_avx512);
+            }
+        }
+        kernels
+    }
+
+    #[test]
+    fn every_kernel_says_of_every_node_what_the_node_alone_is_told() {
+        let k = Intrinsics { width: 64, height: 48, fx: 60.0, fy: 58.0, cx: 30.3, cy: 25.1 };
+        let truncation_m = 0.04;
+        for eye in [[0.5, 0.4, 0.3], [0.0, -0.6, 0.1], [0.15, 0.02, 0.2]] {
+            let mut frame = view_of(&sphere(0.2), k, looking_at_origin(Point3::from(eye)));
+            // Pixels off the object that read a depth, and that read none.
+            let on = frame.depth_m.iter().enumerate().map(|(i, d)| *d > 0.0 && i % 7 != 0).collect();
+            frame.mask = Some(on);
+            let view = TsdfView::of_object(&frame, &NoiseConfig::default());
+            let origin = Point3::new(-0.3, -0.3, -0.3);
+            let camera = RowCamera::new(&k, &frame.world_from_camera.inverse(), &origin, 0.012);
+            let sweep = Sweep { camera: &camera, readings: &view.readings, truncation_m };
+            let (mut free, mut surface) = (0, 0);
+            for (y, z) in (0..50).flat_map(|y| (0..50).map(move |z| (y, z))) {
+                let row = camera.row(y, z, 50);
+                let (mut sums, mut listed) = (vec![0.0; 50], Vec::new());
+                for x in row.range.clone() {
+                    match said(&view.readings, &k, &camera, &row.at(x), truncation_m) {
+                        Some(Said::Free { weight }) => sums[x] = FREE_WEIGHT * weight,
+                        Some(Said::Near { .. }) => listed.push(x),
+                        None => {}
+                    }
+                }
+                free += sums.iter().filter(|s| **s > 0.0).count();
+                surface += listed.len();
+                for kernel in kernels() {
+                    let (mut found, mut weights, mut near) = (vec![0.0; 50], vec![0.0; 50], Vec::new());
+                    let row_sums = RowSums { sums: &mut found, weights: &mut weights };
+                    // SAFETY: the features of each were found on this processor.
+                    unsafe { kernel(sweep, &row, row_sums, &mut near) };
+                    assert_eq!((&found, &weights), (&sums, &sums));
+                    // Between pixels a node may prove further behind the surface than its own pixel says.
+                    assert!(listed.iter().all(|x| near.contains(x)));
+                    assert!(near.is_sorted() && near.len() <= listed.len() + 3);
+                }
+            }
+            assert!(free > 1000 && surface > 1000, "{free} {surface}");
+            let _ = Pose::identity();
+        }
+    }
+}
