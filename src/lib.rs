@@ -81,6 +81,7 @@ mod surface;
 mod synth;
 #[cfg(test)]
 mod temp;
+mod vectors;
 
 #[doc(hidden)]
 pub use cli::main;

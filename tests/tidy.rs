@@ -22,8 +22,9 @@ use house::{House, reached};
 use reader::{Source, blank, functions, paths, sources, without_tests};
 
 /// Modules of the crate; each may use itself and what stands before it.
-const LAYERS: [&str; 23] = [
+const LAYERS: [&str; 24] = [
     "limits",
+    "vectors",
     "note",
     "random",
     "statistics",

@@ -2,6 +2,8 @@
 
 use std::borrow::Cow;
 
+use rayon::prelude::*;
+
 use super::look::{Look, LookConfig, look};
 use crate::{
     model::{ArticulatedModel, Link, identifier},
@@ -71,14 +73,16 @@ pub struct Drawn<'a> {
 #[must_use]
 pub fn drawn<'a>(model: &'a ArticulatedModel, looks: &'a [Look]) -> Vec<Drawn<'a>> {
     let of_link = |(link, (own, seen)): (usize, (&'a Link, &'a Look))| {
-        visuals(own).map(move |visual| {
-            let look = if visual.is_assumed { Cow::Owned(plain(visual.mesh)) } else { Cow::Borrowed(seen) };
-            // Encoded once: the folder and the viewer hold the same textures.
-            let png = look.png();
-            Drawn { link, visual, look, png }
-        })
+        visuals(own).map(move |visual| (link, visual, seen))
     };
-    model.links.iter().zip(looks).enumerate().flat_map(of_link).collect()
+    let all: Vec<_> = model.links.iter().zip(looks).enumerate().flat_map(of_link).collect();
+    let drawn = |(link, visual, seen): (usize, Visual<'a>, &'a Look)| {
+        let look = if visual.is_assumed { Cow::Owned(plain(visual.mesh)) } else { Cow::Borrowed(seen) };
+        // Encoded once: the folder and the viewer hold the same textures.
+        let png = look.png();
+        Drawn { link, visual, look, png }
+    };
+    all.into_par_iter().map(drawn).collect()
 }
 
 /// Looks of links without photos: the meshes' own colors are their textures.

@@ -1,5 +1,6 @@
 //! The files of a model that simulators load, in one folder.
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -40,16 +41,23 @@ pub struct ExportFile {
 pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) -> Vec<ExportFile> {
     let drawn = drawn(model, looks);
     let name = identifier(&model.name);
+    let obj = |d: &Drawn| textured_obj(&d.look, &d.visual.material);
+    let ((usda, viewer), (objs, (thumbnail, turntable))) = rayon::join(
+        || rayon::join(|| usda(model, &drawn, config.base), || viewer_html(model, &drawn)),
+        || {
+            let pictures = || rayon::join(|| thumbnail(model), || turntable(model, &drawn));
+            rayon::join(|| drawn.par_iter().map(obj).collect::<Vec<_>>(), pictures)
+        },
+    );
     let mut texts = descriptions(model, config);
-    texts.push((format!("{name}.usda"), usda(model, &drawn, config.base)));
-    texts.push(("viewer.html".to_owned(), viewer_html(model, &drawn)));
+    texts.push((format!("{name}.usda"), usda));
+    texts.push(("viewer.html".to_owned(), viewer));
     let mut files: Vec<ExportFile> =
         texts.into_iter().map(|(path, text)| ExportFile { path, bytes: text.into_bytes() }).collect();
-    for Drawn { visual, look, png, .. } in drawn {
-        let material = &visual.material;
-        files.push(ExportFile { path: visual.library(), bytes: mtl(material).into_bytes() });
+    for (Drawn { visual, png, .. }, obj) in drawn.into_iter().zip(objs) {
+        files.push(ExportFile { path: visual.library(), bytes: mtl(&visual.material).into_bytes() });
         files.push(ExportFile { path: visual.texture(), bytes: png });
-        files.push(ExportFile { bytes: textured_obj(&look, material).into_bytes(), path: visual.path });
+        files.push(ExportFile { path: visual.path, bytes: obj.into_bytes() });
     }
     for link in &model.links {
         for (k, solid) in link.collision.iter().enumerate() {
@@ -59,8 +67,8 @@ pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) 
             });
         }
     }
-    files.push(ExportFile { path: "preview/thumbnail.png".to_owned(), bytes: thumbnail(model) });
-    files.push(ExportFile { path: "preview/turntable.gif".to_owned(), bytes: turntable(model) });
+    files.push(ExportFile { path: "preview/thumbnail.png".to_owned(), bytes: thumbnail });
+    files.push(ExportFile { path: "preview/turntable.gif".to_owned(), bytes: turntable });
     // Last, as it installs all others.
     let lists = cmake_lists(model, files.iter().map(|f| f.path.as_str()));
     files.push(ExportFile { path: CMAKE_LISTS.to_owned(), bytes: lists.into_bytes() });

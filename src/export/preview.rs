@@ -6,8 +6,9 @@ use image::{
     codecs::png::PngEncoder,
 };
 use nalgebra::{Isometry3, Point3, Vector3};
+use rayon::prelude::*;
 
-use super::drawn::visuals;
+use super::drawn::{Drawn, visuals};
 use crate::{
     geometry::Intrinsics,
     model::ArticulatedModel,
@@ -50,9 +51,10 @@ pub fn thumbnail(model: &ArticulatedModel) -> Vec<u8> {
 /// An animated GIF: one turn around the object while the joints go from the first observed state to the last
 /// and back.
 #[must_use]
-pub fn turntable(model: &ArticulatedModel) -> Vec<u8> {
-    let small: Vec<(usize, TriangleMesh)> =
-        meshes(model).map(|(link, mesh)| (link, simplify(mesh, TURNTABLE_FACES, f64::INFINITY))).collect();
+pub fn turntable(model: &ArticulatedModel, drawn: &[Drawn]) -> Vec<u8> {
+    // Of the meshes as they are exported, which have few triangles already.
+    let fewer = |d: &Drawn| (d.link, simplify(&d.look.mesh, TURNTABLE_FACES, f64::INFINITY));
+    let small: Vec<(usize, TriangleMesh)> = drawn.par_iter().map(fewer).collect();
     let meshes: Vec<(usize, &TriangleMesh)> = small.iter().map(|(link, mesh)| (*link, mesh)).collect();
     let (Some(first), Some(last)) = (model.states.first(), model.states.last()) else { return Vec::new() };
     let mut bytes = Vec::new();
@@ -60,13 +62,15 @@ pub fn turntable(model: &ArticulatedModel) -> Vec<u8> {
     let mut encoder = GifEncoder::new_with_speed(&mut bytes, 30);
     let mut whole = encoder.set_repeat(Repeat::Infinite).is_ok();
     let [w, h] = TURNTABLE_PX.map(|x| x as u32);
-    for k in 0..FRAMES {
+    let picture = |k: usize| {
         let turn = std::f64::consts::TAU * k as f64 / FRAMES as f64;
         // Once there and back in a turn, slow at both ends, so that the loop has no jump.
         let share = 0.5 - 0.5 * turn.cos();
         let positions: Vec<f64> = first.iter().zip(last).map(|(a, b)| a + (b - a) * share).collect();
         let rgb = view(model, &meshes, &positions, AZIMUTH_RAD + turn, TURNTABLE_PX);
-        let rgba = rgb.iter().flat_map(|&[r, g, b]| [r, g, b, 255]).collect();
+        rgb.iter().flat_map(|&[r, g, b]| [r, g, b, 255]).collect()
+    };
+    for rgba in (0..FRAMES).into_par_iter().map(picture).collect::<Vec<_>>() {
         let Some(image) = RgbaImage::from_raw(w, h, rgba) else { return Vec::new() };
         let delay = Delay::from_numer_denom_ms(FRAME_MS, 1);
         whole &= encoder.encode_frame(Frame::from_parts(image, 0, 0, delay)).is_ok();
@@ -128,14 +132,19 @@ fn view(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::cabinet;
+    use crate::{
+        export::drawn::{drawn, plain_looks},
+        model::example::cabinet,
+    };
 
     #[test]
     fn pictures_show_the_object_and_the_turntable_turns() {
         let png = image::load_from_memory(&thumbnail(&cabinet())).unwrap().to_rgb8();
         let shown = png.pixels().filter(|p| p.0 != [255; 3]).count() as f64 / png.pixels().len() as f64;
         assert!((0.05..0.8).contains(&shown), "{shown}");
-        let gif = image::codecs::gif::GifDecoder::new(std::io::Cursor::new(turntable(&cabinet()))).unwrap();
+        let (model, looks) = (cabinet(), plain_looks(&cabinet()));
+        let bytes = turntable(&model, &drawn(&model, &looks));
+        let gif = image::codecs::gif::GifDecoder::new(std::io::Cursor::new(bytes)).unwrap();
         let frames = image::AnimationDecoder::into_frames(gif).collect_frames().unwrap();
         assert_eq!(frames.len(), FRAMES);
         assert!(frames[0].buffer() != frames[6].buffer());

@@ -88,9 +88,7 @@ fn observe_state(
     let field = field(state, frames, (occupancy, &volume), scene, stages)?;
     // A field that was trained for consistency alone does not make the surface.
     let trained = field.as_ref().map(|f| &f.field).filter(|_| config.source == SurfaceSource::Field);
-    let surface = stages.kept(&stage, None, |_| {
-        state_surface(frames, &volume, trained, scene)
-    })?;
+    let surface = stages.kept(&stage, None, |_| state_surface(frames, &volume, trained, scene))?;
     Ok((field, surface))
 }
 

@@ -10,8 +10,8 @@ use crate::{
     field::ObjectField,
     geometry::{Grid3, SceneBox},
     surface::{
-        DistanceOptions, FreeSpaceRule, TriangleMesh, TsdfView, TsdfVolume,
-        free_space_grid, keep_components, marching_cubes, signed_distance, visibility_grid,
+        DistanceOptions, FreeSpaceRule, TriangleMesh, TsdfView, TsdfVolume, free_space_grid, keep_components,
+        marching_cubes, signed_distance, visibility_grid,
     },
 };
 

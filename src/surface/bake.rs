@@ -1,6 +1,6 @@
 //! Photos painted into a texture.
 
-use nalgebra::{Point3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
 use rand_core::Rng;
 use rayon::prelude::*;
 
@@ -37,13 +37,14 @@ pub struct BakeView<'a> {
 #[must_use]
 pub fn shown(mesh: &TriangleMesh, views: &[BakeView], count: usize, rng: &mut impl Rng) -> Vec<Vec<Shown>> {
     let spots = sample_surface(mesh, count, rng);
+    let eyes: Vec<Eye> = views.iter().map(Eye::of).collect();
     let shown = |(point, normal): (&Point3<f32>, &Vector3<f32>)| {
         let (point, normal) = (point.cast(), normal.cast());
-        let of = |(photo, view): (usize, &BakeView)| {
-            let (weight, color) = sample(&point, &normal, view)?;
-            Some(Shown { photo, weight, color, normal: view.world_from_mesh.rotation * normal })
+        let of = |(photo, eye): (usize, &Eye)| {
+            let (weight, color) = eye.sample(&point, &normal)?;
+            Some(Shown { photo, weight, color, normal: eye.view.world_from_mesh.rotation * normal })
         };
-        views.iter().enumerate().filter_map(of).collect()
+        eyes.iter().enumerate().filter_map(of).collect()
     };
     spots.points.par_iter().zip(&spots.normals).with_min_len(64).map(shown).collect()
 }
@@ -68,8 +69,9 @@ pub fn bake(
     light: &Light,
 ) -> Vec<[u8; 3]> {
     let texels = texels(mesh, atlas, normals);
-    let colors: Vec<[u8; 3]> =
-        texels.par_iter().with_min_len(512).map(|t| seen(t, views, light).unwrap_or(t.color)).collect();
+    let eyes: Vec<Eye> = views.iter().map(Eye::of).collect();
+    let color = |samples: &mut Vec<_>, t: &Texel| seen(t, &eyes, light, samples).unwrap_or(t.color);
+    let colors: Vec<[u8; 3]> = texels.par_iter().with_min_len(512).map_init(Vec::new, color).collect();
     let mut texture: Vec<Option<[u8; 3]>> = vec![None; atlas.size_px * atlas.size_px];
     for (texel, color) in texels.iter().zip(colors) {
         texture[texel.index as usize] = Some(color);
@@ -123,19 +125,25 @@ fn texels(mesh: &TriangleMesh, atlas: &Atlas, normals: &[[Vector3<f64>; 3]]) -> 
     found
 }
 
-/// What the views show of a texel; `None` where none sees it.
-fn seen(texel: &Texel, views: &[BakeView], light: &Light) -> Option<[u8; 3]> {
+/// What the views show of a texel; `None` where none sees it. `samples` is room for what they show.
+fn seen(
+    texel: &Texel,
+    eyes: &[Eye],
+    light: &Light,
+    samples: &mut Vec<(f32, Vector3<f32>)>,
+) -> Option<[u8; 3]> {
     // Views of one state follow each other: the mesh stands alike in them.
     let mut lit: Option<(UnitQuaternion<f64>, Vector3<f32>)> = None;
-    let of = |view: &BakeView| {
-        let (weight, color) = sample(&texel.point, &texel.normal, view)?;
-        let turn = view.world_from_mesh.rotation;
+    let of = |eye: &Eye| {
+        let (weight, color) = eye.sample(&texel.point, &texel.normal)?;
+        let turn = eye.view.world_from_mesh.rotation;
         let (_, brightness) =
             lit.filter(|(of, _)| *of == turn).unwrap_or_else(|| (turn, light.on(&(turn * texel.normal))));
         lit = Some((turn, brightness));
         Some((weight, color.component_div(&brightness)))
     };
-    let samples: Vec<(f32, Vector3<f32>)> = views.iter().filter_map(of).collect();
+    samples.clear();
+    samples.extend(eyes.iter().filter_map(of));
     let mean = |weight: &dyn Fn(&(f32, Vector3<f32>)) -> f32| {
         let total: f32 = samples.iter().map(weight).sum();
         (total > 0.0).then(|| samples.iter().map(|s| s.1 * weight(s)).sum::<Vector3<f32>>() / total)
@@ -149,35 +157,51 @@ fn seen(texel: &Texel, views: &[BakeView], light: &Light) -> Option<[u8; 3]> {
     Some(agreed.map(|c| c.round().clamp(0.0, 255.0) as u8).into())
 }
 
-/// Weight and color of a place on the mesh in a view.
-fn sample(point: &Point3<f64>, normal: &Vector3<f64>, view: &BakeView) -> Option<(f32, Vector3<f32>)> {
-    let frame = view.frame;
-    let k = &frame.intrinsics;
-    let world = view.world_from_mesh * point;
-    let p = frame.in_camera(&world);
-    let (u, v) = k.project(&p)?;
-    if !(u >= BORDER_PX
-        && v >= BORDER_PX
-        && u < k.width as f64 - 1.0 - BORDER_PX
-        && v < k.height as f64 - 1.0 - BORDER_PX)
-    {
-        return None;
+/// A view, and how the mesh stands before its camera.
+struct Eye<'a> {
+    view: &'a BakeView<'a>,
+    turn: Matrix3<f64>,
+    shift: Vector3<f64>,
+}
+
+impl<'a> Eye<'a> {
+    fn of(view: &'a BakeView<'a>) -> Self {
+        let camera_from_mesh = view.frame.world_from_camera.inverse() * view.world_from_mesh;
+        let turn = camera_from_mesh.rotation.to_rotation_matrix().into_inner();
+        Self { view, turn, shift: camera_from_mesh.translation.vector }
     }
-    let normal = frame.world_from_camera.rotation.inverse() * (view.world_from_mesh.rotation * normal);
-    let cosine = -normal.dot(&p.coords) / p.coords.norm();
-    let pixel = v.round() as usize * k.width + u.round() as usize;
-    let (model, measured) = (f64::from(view.depth_m[pixel]), f64::from(frame.depth_m[pixel]));
-    // Readings scatter more than the depth of the model: three times its slack.
-    let hidden = (model > 0.0 && p.z > model * (1.0 + DEPTH_SHARE))
-        || (measured > 0.0 && p.z > measured * (1.0 + 3.0 * DEPTH_SHARE));
-    if cosine < MIN_COSINE || hidden || !frame.is_object(pixel) {
-        return None;
+
+    /// Weight and color of a place on the mesh.
+    fn sample(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<(f32, Vector3<f32>)> {
+        let BakeView { frame, depth_m, gain, .. } = self.view;
+        let k = &frame.intrinsics;
+        let p = Point3::from(self.turn * point.coords + self.shift);
+        let cosine = -(self.turn * normal).dot(&p.coords) / p.coords.norm();
+        if cosine < MIN_COSINE {
+            return None;
+        }
+        let (u, v) = k.project(&p)?;
+        if !(u >= BORDER_PX
+            && v >= BORDER_PX
+            && u < k.width as f64 - 1.0 - BORDER_PX
+            && v < k.height as f64 - 1.0 - BORDER_PX)
+        {
+            return None;
+        }
+        // Both are positive: cutting off rounds.
+        let pixel = (v + 0.5) as usize * k.width + (u + 0.5) as usize;
+        let (model, measured) = (f64::from(depth_m[pixel]), f64::from(frame.depth_m[pixel]));
+        // Readings scatter more than the depth of the model: three times its slack.
+        let hidden = (model > 0.0 && p.z > model * (1.0 + DEPTH_SHARE))
+            || (measured > 0.0 && p.z > measured * (1.0 + 3.0 * DEPTH_SHARE));
+        if hidden || !frame.is_object(pixel) {
+            return None;
+        }
+        let (x, y) = (u as usize, v as usize);
+        let at = |dx: usize, dy: usize| frame.rgb[(y + dy) * k.width + x + dx];
+        let color = bilinear(at, [(u - x as f64) as f32, (v - y as f64) as f32]);
+        Some(((cosine / p.z).powi(SHARPNESS) as f32, color.component_div(gain)))
     }
-    let (x, y) = (u.floor(), v.floor());
-    let (fx, fy) = ((u - x) as f32, (v - y) as f32);
-    let at = |dx: usize, dy: usize| frame.rgb[(y as usize + dy) * k.width + x as usize + dx];
-    let color = bilinear(at, [fx, fy]);
-    Some(((cosine / p.z).powi(SHARPNESS) as f32, color.component_div(&view.gain)))
 }
 
 /// Empty texels take the mean of the filled ones around them.

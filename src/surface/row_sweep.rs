@@ -1,12 +1,11 @@
 //! A row of nodes read by one view, many nodes at once: what is seen empty is added up, what lies near a
 //! surface is listed for a closer look.
-//!
-//! Compiled for several instruction sets. None fuses products with sums, so that all give the same values.
 
 use super::{
     rows::{LANES, Row, RowCamera},
     tsdf_view::{FREE_WEIGHT, Reading},
 };
+use crate::vectors::vectorized;
 
 /// A view as a row meets it.
 #[derive(Clone, Copy)]
@@ -27,35 +26,10 @@ pub(super) struct RowSums<'a> {
     pub weights: &'a mut [f32],
 }
 
-impl Sweep<'_> {
-    /// Adds the view's free space to a row, and appends to `near` the x of nodes within the truncation of a
+vectorized! {
+    /// Adds a view's free space to a row, and appends to `near` the x of nodes within the truncation of a
     /// surface that it reads, rising.
-    pub fn over(self, row: &Row, sums: RowSums<'_>, near: &mut Vec<usize>) {
-        #[cfg(target_arch = "x86_64")]
-        {
-            if std::arch::is_x86_feature_detected!("avx512f") {
-                // SAFETY: the feature was found on this processor.
-                return unsafe { over_avx512(self, row, sums, near) };
-            }
-            if std::arch::is_x86_feature_detected!("avx2") {
-                // SAFETY: the feature was found on this processor.
-                return unsafe { over_avx2(self, row, sums, near) };
-            }
-        }
-        over_any(self, row, sums, near);
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512dq,avx512bw,avx512vl")]
-fn over_avx512(sweep: Sweep<'_>, row: &Row, sums: RowSums<'_>, near: &mut Vec<usize>) {
-    over_any(sweep, row, sums, near);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn over_avx2(sweep: Sweep<'_>, row: &Row, sums: RowSums<'_>, near: &mut Vec<usize>) {
-    over_any(sweep, row, sums, near);
+    pub(super) fn sweep_over(sweep: Sweep<'_>, row: &Row, sums: RowSums<'_>, near: &mut Vec<usize>) = over_any
 }
 
 #[inline(always)]
@@ -110,7 +84,7 @@ mod tests {
     use super::*;
     use crate::{
         capture::NoiseConfig,
-        geometry::{Intrinsics, Pose},
+        geometry::Intrinsics,
         surface::{
             TsdfView,
             shapes::{looking_at_origin, sphere, view_of},
@@ -119,25 +93,8 @@ mod tests {
     };
     use nalgebra::Point3;
 
-    type Kernel = unsafe fn(Sweep<'_>, &Row, RowSums<'_>, &mut Vec<usize>);
-
-    /// All kernels that this processor can run.
-    fn kernels() -> Vec<Kernel> {
-        let mut kernels: Vec<Kernel> = vec![over_any];
-        #[cfg(target_arch = "x86_64")]
-        {
-            if std::arch::is_x86_feature_detected!("avx2") {
-                kernels.push(over_avx2);
-            }
-            if std::arch::is_x86_feature_detected!("avx512f") {
-                kernels.push(over_avx512);
-            }
-        }
-        kernels
-    }
-
     #[test]
-    fn every_kernel_says_of_every_node_what_the_node_alone_is_told() {
+    fn a_row_is_read_as_its_nodes_are_one_by_one() {
         let k = Intrinsics { width: 64, height: 48, fx: 60.0, fy: 58.0, cx: 30.3, cy: 25.1 };
         let truncation_m = 0.04;
         for eye in [[0.5, 0.4, 0.3], [0.0, -0.6, 0.1], [0.15, 0.02, 0.2]] {
@@ -162,11 +119,10 @@ mod tests {
                 }
                 free += sums.iter().filter(|s| **s > 0.0).count();
                 surface += listed.len();
-                for kernel in kernels() {
+                for kernel in [over_any, sweep_over] {
                     let (mut found, mut weights, mut near) = (vec![0.0; 50], vec![0.0; 50], Vec::new());
                     let row_sums = RowSums { sums: &mut found, weights: &mut weights };
-                    // SAFETY: the features of each were found on this processor.
-                    unsafe { kernel(sweep, &row, row_sums, &mut near) };
+                    kernel(sweep, &row, row_sums, &mut near);
                     assert_eq!((&found, &weights), (&sums, &sums));
                     // Between pixels a node may prove further behind the surface than its own pixel says.
                     assert!(listed.iter().all(|x| near.contains(x)));

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::{
     TriangleMesh, marching_cubes,
-    row_sweep::{RowSums, Sweep},
+    row_sweep::{RowSums, Sweep, sweep_over},
     rows::RowCamera,
     tsdf_view::{FREE_WEIGHT, Said, TsdfView, behind_weight, said},
 };
@@ -59,7 +59,7 @@ impl TsdfVolume {
                         let (row, at) = (camera.row(y, slab.first + z, nx), (z * ny + y) * nx);
                         let (sums, weights) = (&mut slab.sums[at..at + nx], &mut slab.weights[at..at + nx]);
                         near.clear();
-                        sweep.over(&row, RowSums { sums, weights }, &mut near);
+                        sweep_over(sweep, &row, RowSums { sums, weights }, &mut near);
                         for &x in &near {
                             let said = said(
                                 &view.readings,

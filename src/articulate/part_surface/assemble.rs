@@ -28,7 +28,7 @@ pub struct LabelledState {
 pub const NO_LABEL: u8 = u8::MAX;
 
 /// Cells along a side of a block.
-const BLOCK: usize = 8;
+const BLOCK: usize = 4;
 
 /// What a state says of a piece of space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,7 +88,11 @@ impl LabelledState {
         });
         let Some(&first) = all.next() else { return Says::Nothing };
         let is_inside = (0..3).all(|k| at[k] - reach >= 0.0 && at[k] + reach <= last[k]);
-        if all.all(|says| *says == first) && (is_inside || first == Says::Nothing) { first } else { Says::Mixed }
+        if all.all(|says| *says == first) && (is_inside || first == Says::Nothing) {
+            first
+        } else {
+            Says::Mixed
+        }
     }
 }
 
@@ -105,8 +109,8 @@ pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<
         let layers = slab * BLOCK..((slab + 1) * BLOCK).min(nz);
         for (lines, columns) in blocks(ny).flat_map(|lines| blocks(nx).map(move |c| (lines.clone(), c))) {
             let ends = [&columns, &lines, &layers];
-            let [low, high] = [ends.map(|r| r.start), ends.map(|r| r.end - 1)]
-                .map(|[x, y, z]| template.node(x, y, z));
+            let [low, high] =
+                [ends.map(|r| r.start), ends.map(|r| r.end - 1)].map(|[x, y, z]| template.node(x, y, z));
             let (middle, radius_m) = (nalgebra::center(&low, &high), 0.5 * (high - low).norm());
             let says = |(k, state): (usize, &LabelledState)| state.about(&(motions[k] * middle), radius_m);
             let said: Vec<Says> = states.iter().enumerate().map(says).collect();

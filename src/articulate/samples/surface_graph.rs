@@ -9,6 +9,8 @@ use crate::articulate::{
 
 /// Neighbors of a sample.
 const NEIGHBORS: usize = 8;
+/// Labels that are worked on at once.
+const LANES: usize = 4;
 /// Rounds of mean-field smoothing.
 const ROUNDS: usize = 15;
 /// Cost of a neighborhood that disagrees entirely, against 1 for a missing surface.
@@ -126,17 +128,27 @@ impl SurfaceGraph {
     /// Probability of every label at every sample, sample-major, by mean-field smoothing of the costs.
     /// See docs/method.md (6.7).
     pub fn mean_field(&self, costs: &[f32], labels: usize) -> Vec<f32> {
-        let n = self.neighbors.len();
+        let (n, quads) = (self.neighbors.len(), labels.div_ceil(LANES));
+        // Labels lie in lanes of four, as registers hold them; lanes without a label stay zero.
+        let mut lanes = vec![[0.0f32; LANES]; n * quads];
+        for (lanes, costs) in lanes.chunks_exact_mut(quads).zip(costs.chunks_exact(labels)) {
+            lanes.as_flattened_mut()[..labels].copy_from_slice(costs);
+        }
+        let costs = lanes;
         // All labels alike at first, so that the first round is by costs alone.
-        let mut beliefs = vec![1.0 / labels as f32; n * labels];
+        let mut beliefs = vec![[1.0 / labels as f32; LANES]; n * quads];
         let mut next = beliefs.clone();
         for _ in 0..ROUNDS {
-            next.par_chunks_mut(labels).with_min_len(512).enumerate().for_each(|(i, energy)| {
-                energy.copy_from_slice(&costs[i * labels..(i + 1) * labels]);
-                for &(j, w) in &self.neighbors[i] {
-                    let belief = &beliefs[j as usize * labels..(j as usize + 1) * labels];
-                    energy.iter_mut().zip(belief).for_each(|(e, b)| *e += SMOOTHNESS * w * (1.0 - b));
+            next.par_chunks_mut(quads).with_min_len(512).enumerate().for_each(|(i, energies)| {
+                for (quad, energy) in energies.iter_mut().enumerate() {
+                    let mut sum = costs[i * quads + quad];
+                    for &(j, w) in &self.neighbors[i] {
+                        let belief = &beliefs[j as usize * quads + quad];
+                        sum.iter_mut().zip(belief).for_each(|(e, b)| *e += SMOOTHNESS * w * (1.0 - b));
+                    }
+                    *energy = sum;
                 }
+                let energy = &mut energies.as_flattened_mut()[..labels];
                 // Against the least energy, so that no exponential underflows to a sum of zero.
                 let least = energy.iter().copied().fold(f32::INFINITY, f32::min);
                 energy.iter_mut().for_each(|e| *e = (-(*e - least) / TEMPERATURE).exp());
@@ -145,7 +157,7 @@ impl SurfaceGraph {
             });
             std::mem::swap(&mut beliefs, &mut next);
         }
-        beliefs
+        beliefs.chunks_exact(quads).flat_map(|b| &b.as_flattened()[..labels]).copied().collect()
     }
 
     /// Labels by a random walk to the samples that hold evidence (Grady 2006): where there is none, what is
@@ -164,26 +176,25 @@ impl SurfaceGraph {
         for (faces, strength) in faces {
             pull_of_faces((faces, *strength), &own, &mut beliefs, &mut pull, labels);
         }
-        // Labels lie in lanes of four, as registers hold them; lanes without a label stay zero.
-        let quads = labels.div_ceil(4);
-        let mut reached = vec![[0.0f32; 4]; n * quads];
+        let quads = labels.div_ceil(LANES);
+        let mut reached = vec![[0.0f32; LANES]; n * quads];
         let open = open_labels(costs, labels, quads);
         for round in 0..FILL_ROUNDS {
-            let mut change = [0.0f32; 4];
+            let mut change = [0.0f32; LANES];
             for k in 0..n {
                 // Forth and back, so that labels cross the surface in few rounds.
                 let i = if round % 2 == 0 { k } else { n - 1 - k };
                 for quad in 0..quads {
-                    let own =
-                        &beliefs[i * labels + 4 * quad..((i + 1) * labels).min(i * labels + 4 * quad + 4)];
-                    let mut mean: [f32; 4] =
+                    let own = &beliefs
+                        [i * labels + LANES * quad..((i + 1) * labels).min(i * labels + LANES * (quad + 1))];
+                    let mut mean: [f32; LANES] =
                         std::array::from_fn(|lane| own.get(lane).map_or(0.0, |b| pull[i] * b));
                     for &(j, w) in &self.neighbors[i] {
                         let other = reached[j as usize * quads + quad];
                         mean.iter_mut().zip(other).for_each(|(m, o)| *m += w * o);
                     }
                     let (old, open) = (&mut reached[i * quads + quad], open[i * quads + quad]);
-                    for lane in 0..4 {
+                    for lane in 0..LANES {
                         let new = open[lane] * mean[lane] / (1.0 + pull[i]);
                         change[lane] = change[lane].max((new - old[lane]).abs());
                         old[lane] = new;
@@ -195,7 +206,7 @@ impl SurfaceGraph {
             }
         }
         let best = |row: &[f32]| (1..labels).fold(0, |best, k| if row[k] > row[best] { k } else { best });
-        let label = |(row, beliefs): (&[[f32; 4]], &[f32])| {
+        let label = |(row, beliefs): (&[[f32; LANES]], &[f32])| {
             let row = row.as_flattened();
             let reached = best(row);
             // What no label reached stays with what its neighborhood takes it for.
@@ -288,8 +299,8 @@ fn pull_of_faces(
 }
 
 /// 1 for every label of every sample that is not out of the question, in lanes of four.
-fn open_labels(costs: &[f32], labels: usize, quads: usize) -> Vec<[f32; 4]> {
-    let mut open = vec![[0.0f32; 4]; costs.len() / labels * quads];
+fn open_labels(costs: &[f32], labels: usize, quads: usize) -> Vec<[f32; LANES]> {
+    let mut open = vec![[0.0f32; LANES]; costs.len() / labels * quads];
     for (row, own) in open.chunks_exact_mut(quads).zip(costs.chunks_exact(labels)) {
         let lanes = row.as_flattened_mut().iter_mut().take(labels);
         lanes.enumerate().for_each(|(k, open)| *open = f32::from(u8::from(!is_ruled_out(own, k))));

@@ -47,20 +47,26 @@ impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
         [dx.hypot(dy), in_circle(dy.atan2(dx))]
     }
 
-    /// Visits the pixels within `radius` of a point: offset x, offset y, magnitude, direction.
-    fn around(&mut self, x: f32, y: f32, radius: f32, mut visit: impl FnMut(f32, f32, f32, f32)) {
+    /// Visits the pixels within `radius` of a point: offset x, offset y, magnitude less by a Gaussian of the
+    /// given standard deviation about the point, direction.
+    fn around(&mut self, x: f32, y: f32, radius: f32, sigma: f32, mut visit: impl FnMut(f32, f32, f32, f32)) {
         let range = |c: f32, n: usize| {
             ((c - radius).ceil().max(0.0) as usize)..((c + radius).floor().max(0.0) as usize + 1).min(n)
         };
+        // The Gaussian of a row by that of a column: few exponentials.
+        let share = |offset: f32| (-offset * offset / (2.0 * sigma * sigma)).exp();
+        let columns: Vec<(usize, f32)> =
+            range(x, self.image.width).map(|px| (px, share(px as f32 - x))).collect();
         for py in range(y, self.image.height) {
-            for px in range(x, self.image.width) {
+            let of_row = share(py as f32 - y);
+            for &(px, of_column) in &columns {
                 let i = py * self.image.width + px;
                 if self.polar[i][0] == 0.0 {
                     self.polar[i] = self.polar(px, py);
                 }
                 let [magnitude, direction] = self.polar[i];
                 if magnitude > 0.0 {
-                    visit(px as f32 - x, py as f32 - y, magnitude, direction);
+                    visit(px as f32 - x, py as f32 - y, magnitude * of_row * of_column, direction);
                 }
             }
         }
@@ -86,8 +92,7 @@ pub(crate) fn orientations(
     // Lowe's section 5: a window of 1.5 scales, peaks from 80 % of the highest.
     let sigma = 1.5 * scale_px;
     let mut histogram = [0.0f32; ORIENTATIONS];
-    gradients.around(x, y, 3.0 * sigma, |dx, dy, magnitude, direction| {
-        let weight = (-(dx * dx + dy * dy) / (2.0 * sigma * sigma)).exp() * magnitude;
+    gradients.around(x, y, 3.0 * sigma, sigma, |_, _, weight, direction| {
         let bin = direction / TAU * ORIENTATIONS as f32;
         let (low, fraction) = (bin.floor(), bin - bin.floor());
         histogram[low as usize % ORIENTATIONS] += weight * (1.0 - fraction);
@@ -135,7 +140,7 @@ pub(crate) fn describe(
     let (sin, cos) = angle_rad.sin_cos();
     let half = 0.5 * CELLS as f32;
     let radius = cell_px * std::f32::consts::SQRT_2 * (half + 0.5);
-    gradients.around(x, y, radius, |dx, dy, magnitude, direction| {
+    gradients.around(x, y, radius, half * cell_px, |dx, dy, weight, direction| {
         let (u, v) = ((cos * dx + sin * dy) / cell_px, (-sin * dx + cos * dy) / cell_px);
         // Cell coordinates with a border cell on each side: the center of inner cell 0 is at 1.
         let (cu, cv) = (u + half + 0.5, v + half + 0.5);
@@ -143,7 +148,6 @@ pub(crate) fn describe(
         if !(cu > 0.0 && cu < top && cv > 0.0 && cv < top) {
             return;
         }
-        let weight = magnitude * (-(u * u + v * v) / (2.0 * half * half)).exp();
         let bin = in_circle(direction - angle_rad) / TAU * DIRECTIONS as f32;
         // Spread over the eight nearest bins, so that a small shift changes the descriptor little.
         let (iu, iv, ib) = (cu as usize, cv as usize, bin as usize);

@@ -1,6 +1,8 @@
 //! Gaussian scale space of a grayscale image (Lowe, "Distinctive image features from scale-invariant
 //! keypoints", IJCV 2004, section 3): octaves of equally spaced blurs and their differences.
 
+use crate::vectors::vectorized;
+
 /// A grayscale image, row-major.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Plane {
@@ -55,40 +57,9 @@ impl Plane {
     /// Convolved with a Gaussian of the given standard deviation in pixels, cut at 4 standard deviations; the
     /// border pixel repeats outside.
     pub fn blurred(&self, sigma_px: f32) -> Self {
-        let kernel = half_kernel(sigma_px);
-        let r = kernel.len() - 1;
-        let (w, h) = (self.width, self.height);
-        let mut rows = Self::zeros(w, h);
-        let mut padded = vec![0.0; w + 2 * r];
-        for y in 0..h {
-            let row = &self.values[y * w..(y + 1) * w];
-            padded[..r].fill(row[0]);
-            padded[r..r + w].copy_from_slice(row);
-            padded[r + w..].fill(row[w - 1]);
-            let out = &mut rows.values[y * w..(y + 1) * w];
-            for (o, &c) in out.iter_mut().zip(&padded[r..r + w]) {
-                *o = kernel[0] * c;
-            }
-            for (j, &k) in kernel.iter().enumerate().skip(1) {
-                add_scaled_pair(out, &padded[r - j..r - j + w], &padded[r + j..r + j + w], k);
-            }
-        }
-        let mut out = Self::zeros(w, h);
-        for y in 0..h {
-            let target = &mut out.values[y * w..(y + 1) * w];
-            for (o, &c) in target.iter_mut().zip(&rows.values[y * w..(y + 1) * w]) {
-                *o = kernel[0] * c;
-            }
-            for (j, &k) in kernel.iter().enumerate().skip(1) {
-                let (above, below) = (y.saturating_sub(j), (y + j).min(h - 1));
-                add_scaled_pair(
-                    target,
-                    &rows.values[above * w..(above + 1) * w],
-                    &rows.values[below * w..(below + 1) * w],
-                    k,
-                );
-            }
-        }
+        let (mut rows, mut out) =
+            (Self::zeros(self.width, self.height), Self::zeros(self.width, self.height));
+        blur(self, &half_kernel(sigma_px), &mut rows, &mut out);
         out
     }
 
@@ -99,7 +70,48 @@ impl Plane {
     }
 }
 
+vectorized! {
+    /// Convolves an image with a kernel along rows, then along columns.
+    fn blur(image: &Plane, kernel: &[f32], rows: &mut Plane, out: &mut Plane) = convolve
+}
+
+#[inline(always)]
+fn convolve(image: &Plane, kernel: &[f32], rows: &mut Plane, out: &mut Plane) {
+    let r = kernel.len() - 1;
+    let (w, h) = (image.width, image.height);
+    let mut padded = vec![0.0; w + 2 * r];
+    for y in 0..h {
+        let row = &image.values[y * w..(y + 1) * w];
+        padded[..r].fill(row[0]);
+        padded[r..r + w].copy_from_slice(row);
+        padded[r + w..].fill(row[w - 1]);
+        let out = &mut rows.values[y * w..(y + 1) * w];
+        for (o, &c) in out.iter_mut().zip(&padded[r..r + w]) {
+            *o = kernel[0] * c;
+        }
+        for (j, &k) in kernel.iter().enumerate().skip(1) {
+            add_scaled_pair(out, &padded[r - j..r - j + w], &padded[r + j..r + j + w], k);
+        }
+    }
+    for y in 0..h {
+        let target = &mut out.values[y * w..(y + 1) * w];
+        for (o, &c) in target.iter_mut().zip(&rows.values[y * w..(y + 1) * w]) {
+            *o = kernel[0] * c;
+        }
+        for (j, &k) in kernel.iter().enumerate().skip(1) {
+            let (above, below) = (y.saturating_sub(j), (y + j).min(h - 1));
+            add_scaled_pair(
+                target,
+                &rows.values[above * w..(above + 1) * w],
+                &rows.values[below * w..(below + 1) * w],
+                k,
+            );
+        }
+    }
+}
+
 /// `out += factor * (a + b)`.
+#[inline(always)]
 fn add_scaled_pair(out: &mut [f32], a: &[f32], b: &[f32], factor: f32) {
     for ((o, &p), &q) in out.iter_mut().zip(a).zip(b) {
         *o += factor * (p + q);

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
 
 use super::{
@@ -21,6 +21,8 @@ use crate::{
 /// Surfels compared in a round, all pairs together, and least of a pair.
 const COMPARED: usize = 200_000;
 const LEAST_OF_PAIR: usize = 60;
+/// While poses are loose a round compares this part of them: where the surfaces lie is not known better then.
+const COARSE: usize = 4;
 /// Blocks of surfels, a side; every third one is held out.
 const BLOCK: usize = 4;
 const HELD_OUT: usize = 3;
@@ -267,10 +269,11 @@ impl Comparison {
             (share > 0.0)
                 .then(|| (share, Row { poses: by_poses(r), sensor, distance_m: r.distance_m, weight }))
         };
-        let (mut surfels, mut landmarks) = (Vec::with_capacity(self.most()), Vec::new());
+        let most = if loose > 0.0 { self.most() / COARSE } else { self.most() };
+        let (mut surfels, mut landmarks) = (Vec::with_capacity(most), Vec::new());
         let mut agreeing = 0.0;
         let mut ratios = Ratios::default();
-        let tried = self.compare_surfels(pair, views, Subset::Fitted, |r, _| {
+        let tried = self.compare_surfels(pair, views, Subset::Fitted, most, |r, _| {
             ratios.add(r);
             if let Some((share, row)) = row(r) {
                 agreeing += share;
@@ -327,7 +330,7 @@ impl Comparison {
         mut visit: impl FnMut(&Residual, usize),
     ) {
         let surfels = self.sets[subset as usize][pair[0]].iter().map(Vec::len).sum::<usize>();
-        self.compare_surfels(pair, views, subset, &mut visit);
+        self.compare_surfels(pair, views, subset, self.most(), &mut visit);
         self.compare_landmarks(pair, views, subset, |r, place| visit(r, surfels + place));
     }
 
@@ -336,17 +339,20 @@ impl Comparison {
         (self.compared / self.pairs.len().max(1)).max(LEAST_OF_PAIR)
     }
 
-    /// Visits surfels, about as many for every way that they face (normal-space sampling: Rusinkiewicz and
+    /// Visits `most` surfels at most, about as many for every way that they face (normal-space sampling: Rusinkiewicz and
     /// Levoy 2001), since the larger surfaces show the same again and again. Says how many it tried.
     fn compare_surfels(
         &self,
         [i, j]: [usize; 2],
         Views { surfels, world_from_camera }: Views<'_>,
         subset: Subset,
+        most: usize,
         mut visit: impl FnMut(&Residual, usize),
     ) -> usize {
-        let most = self.most() / FACINGS;
-        let other_from_this = world_from_camera[j].inverse() * world_from_camera[i];
+        let most = (most / FACINGS).max(1);
+        // A matrix turns many points sooner than a quaternion.
+        let other_from_this: IsometryMatrix3<f64> =
+            nalgebra::convert(world_from_camera[j].inverse() * world_from_camera[i]);
         let (mut before, mut tried) = (0, 0);
         for cells in &self.sets[subset as usize][i] {
             let stride = cells.len().div_ceil(most).max(1);
@@ -501,7 +507,7 @@ mod tests {
             let r = surfels[0].residual(
                 cell,
                 &surfels[1],
-                &(poses[1].inverse() * poses[0]),
+                &nalgebra::convert(poses[1].inverse() * poses[0]),
                 &PoseNoise::EXPECTED,
             )?;
             Some((r.distance_m, by_poses(&r)))
@@ -514,7 +520,7 @@ mod tests {
             let mut errors = SensorErrors::none(&k);
             errors.step(&DVector::from_fn(errors.count(), |_, _| size * drawn()));
             let warped = Surfels::corrected(&surfels, &errors);
-            let between = poses[1].inverse() * poses[0];
+            let between: IsometryMatrix3<f64> = nalgebra::convert(poses[1].inverse() * poses[0]);
             for &cell in surfels[0].facing().iter().flatten() {
                 let of = |s: &[Surfels]| s[0].residual(cell, &s[1], &between, &PoseNoise::EXPECTED);
                 let (Some(at), Some(there)) = (of(&surfels), of(&warped)) else { continue };

@@ -1,6 +1,6 @@
 //! Surfels: small flat patches of surface in a frame, where averaging leaves the depth with least noise.
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{IsometryMatrix3, Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{depth_warp::Bend, pose_noise::PoseNoise, sensor_errors::SensorErrors};
@@ -313,7 +313,7 @@ impl Surfels {
         &self,
         cell: u32,
         other: &Self,
-        other_from_this: &Pose,
+        other_from_this: &IsometryMatrix3<f64>,
         poses: &PoseNoise,
     ) -> Option<Residual> {
         let this = self.cells[cell as usize]?;
@@ -518,7 +518,7 @@ mod tests {
         let [a, b] = [Point3::new(0.7, 0.5, 0.4), Point3::new(0.6, 0.6, 0.45)]
             .map(|eye| view_of(&shape, k, looking_at_origin(eye)));
         let [sa, sb] = [&a, &b].map(|f| Surfels::of(f, &FINE, |_| true));
-        let b_from_a = b.world_from_camera.inverse() * a.world_from_camera;
+        let b_from_a = nalgebra::convert(b.world_from_camera.inverse() * a.world_from_camera);
         let all: Vec<Residual> = sa
             .facing()
             .iter()
