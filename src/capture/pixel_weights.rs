@@ -1,5 +1,7 @@
 //! How much the depth of a pixel counts.
 
+use nalgebra::Vector3;
+
 use super::{NoiseConfig, RgbdFrame};
 
 /// Weight of every pixel's depth in `[0, 1]`: 0 where it is unknown, at a depth edge or seen at a grazing
@@ -8,6 +10,13 @@ use super::{NoiseConfig, RgbdFrame};
 pub fn pixel_weights(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f32> {
     let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
     let depth = |x: usize, y: usize| f64::from(frame.depth_m[y * w + x]);
+    let k = &frame.intrinsics;
+    // Slopes of the rays, by column and by row.
+    let slopes = [
+        (0..w).map(|x| k.ray(x as f64, 0.0).x).collect::<Vec<_>>(),
+        (0..h).map(|y| k.ray(0.0, y as f64).y).collect(),
+    ];
+    let ray = |x: usize, y: usize| Vector3::new(slopes[0][x], slopes[1][y], 1.0);
     let mut weights = vec![0.0; w * h];
     const R: usize = 2;
     for y in R..h.saturating_sub(R) {
@@ -25,13 +34,12 @@ pub fn pixel_weights(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f32> {
             if around.iter().any(|n| (n - d).abs() > slope + noise.edge_sigmas * noise.sigma_m(d)) {
                 continue;
             }
-            let k = &frame.intrinsics;
-            let at = |x: usize, y: usize| k.unproject(x as f64, y as f64, depth(x, y));
+            let at = |x: usize, y: usize| ray(x, y) * depth(x, y);
             let across = at(x + R, y) - at(x - R, y);
             let down = at(x, y + R) - at(x, y - R);
-            let normal = across.cross(&down);
-            let cosine = normal.dot(&k.ray(x as f64, y as f64)).abs()
-                / (normal.norm() * k.ray(x as f64, y as f64).norm()).max(1e-12);
+            let (normal, ray) = (across.cross(&down), ray(x, y));
+            let lengths = (normal.norm_squared() * ray.norm_squared()).sqrt();
+            let cosine = normal.dot(&ray).abs() / lengths.max(1e-12);
             if cosine >= noise.grazing_cosine {
                 weights[y * w + x] = cosine as f32;
             }

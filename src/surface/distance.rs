@@ -3,7 +3,7 @@
 //! Nodes within 1.5 spacings of the surface get the exact distance to the nearest triangle. From there the
 //! nearest triangle spreads along the exact nearest-node transform, each node walks over the mesh to closer
 //! triangles, and then compares with what its six neighbors found; all distances are exact point-triangle
-//! distances. Far from the surface, where that is asked for, nodes keep the triangle that reached them.
+//! distances. Far from the surface, where that is asked for, nodes take what the nearest-node transform says.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -36,8 +36,8 @@ pub struct DistanceOptions {
     /// At the border of an open mesh the side continues its last face up to this many spacings; further away
     /// the node is outside.
     pub open_reach: f64,
-    /// Up to this distance a node looks for its nearest triangle, meters; further from the surface it takes
-    /// that of the nearest node beside the surface, which is less than two spacings further away.
+    /// Up to this distance a node looks for its nearest triangle, meters; further from the surface it takes its
+    /// distance from the nearest node beside the surface, which is right to a spacing, and that node's side.
     pub near_m: f64,
 }
 
@@ -117,6 +117,12 @@ pub fn signed_distance<T>(
     let reach = options.open_reach as f32;
     let is_free = |i: usize| free.is_some_and(|f| f.values[i]);
     let values = at_nodes(dims, |i, at| {
+        if nearest.triangle[i] == FAR {
+            let side = nearest.band.side[nearest.seed[i] as usize];
+            let inside = side.inside && !side.open && !is_free(i);
+            let distance = position(at).metric_distance(&position(nearest.at(nearest.seed[i])));
+            return spacing_m as f32 * if inside { -distance } else { distance };
+        }
         let p = position(at);
         let t = nearest.refined(&surface, i, at) as usize;
         let (q, feature) = closest_on_triangle(&p, &surface.corners[t]);
@@ -159,11 +165,12 @@ struct Nearest {
     band: Band,
     /// Seed node nearest to each node.
     seed: Vec<u32>,
-    /// Triangle of each node.
+    /// Triangle of each node; [`FAR`] where none was looked for.
     triangle: Vec<u32>,
-    /// A node whose nearest seed is further away than this keeps its triangle, spacings.
-    near: f64,
 }
+
+/// No triangle is looked for: the surface is far.
+const FAR: u32 = NO_SEED - 1;
 
 impl Nearest {
     fn of(surface: &Pseudonormals, dims: [usize; 3], near: f64) -> Result<Self, DistanceError> {
@@ -183,18 +190,19 @@ impl Nearest {
                 let i = row * nx + x;
                 *t = band.triangle[i];
                 if *t == NO_SEED {
-                    let (at, from) = ([x, row % ny, row / ny], band.triangle[seed[i] as usize]);
-                    *t = if is_far(at, seed[i], dims, near) {
-                        from
-                    } else {
-                        // The node before has a closest point no further than a spacing from this one's.
-                        surface.descend(&position(at), [from, previous.unwrap_or(from)])
-                    };
+                    let at = [x, row % ny, row / ny];
+                    if is_far(at, seed_at(seed[i], dims), near) {
+                        (*t, previous) = (FAR, None);
+                        continue;
+                    }
+                    // The node before has a closest point no further than a spacing from this one's.
+                    let from = band.triangle[seed[i] as usize];
+                    *t = surface.descend(&position(at), [from, previous.unwrap_or(from)]);
                 }
                 previous = Some(*t);
             }
         });
-        Ok(Self { dims, band, seed, triangle, near })
+        Ok(Self { dims, band, seed, triangle })
     }
 
     /// Whether a node is inside by the mesh alone. With the seeds within one spacing of the surface, the line
@@ -202,14 +210,19 @@ impl Nearest {
     /// from a seed beyond the crossing to a nearer one.
     fn is_inside(&self, i: usize) -> bool {
         let at = if self.band.triangle[i] == NO_SEED { self.seed[i] as usize } else { i };
-        self.band.inside[at]
+        self.band.side[at].inside
+    }
+
+    /// Place of a seed.
+    fn at(&self, seed: u32) -> [usize; 3] {
+        seed_at(seed, self.dims)
     }
 
     /// The nearest among the candidates of a node and of its six neighbors. Neighbors whose triangle is
     /// beside the node's own see the same piece of surface and are not asked.
     fn refined(&self, surface: &Pseudonormals, i: usize, [x, y, z]: [usize; 3]) -> u32 {
         let own = self.triangle[i];
-        if self.band.triangle[i] != NO_SEED || is_far([x, y, z], self.seed[i], self.dims, self.near) {
+        if self.band.triangle[i] != NO_SEED {
             return own;
         }
         let [nx, ny, nz] = self.dims;
@@ -229,6 +242,7 @@ impl Nearest {
             let j = i.wrapping_add_signed(step);
             let t = self.triangle[j];
             if t != own
+                && t != FAR
                 && t != best.1
                 && (surface.corners[t as usize][0] - place).norm_squared() > SAME_PIECE * SAME_PIECE
             {
@@ -246,14 +260,16 @@ impl Nearest {
     }
 }
 
-/// Whether a node is further than so many spacings from its nearest seed.
-fn is_far(at: [usize; 3], seed: u32, [nx, ny, _]: [usize; 3], near: f64) -> bool {
+/// Place of a seed.
+fn seed_at(seed: u32, [nx, ny, _]: [usize; 3]) -> [usize; 3] {
     // Divisions of 32 bits take half as long.
-    let (nx, ny) = (nx as u32, ny as u32);
-    let (row, x) = (seed / nx, seed % nx);
-    let seed = [x, row % ny, row / ny];
-    let squared: f64 = (0..3).map(|k| (at[k] as f64 - f64::from(seed[k])).powi(2)).sum();
-    squared > near * near
+    let (row, x) = (seed / nx as u32, seed % nx as u32);
+    [x, row % ny as u32, row / ny as u32].map(|c| c as usize)
+}
+
+/// Whether a node is further than so many spacings from its nearest seed.
+fn is_far(at: [usize; 3], seed: [usize; 3], near: f64) -> bool {
+    (0..3).map(|k| (at[k] as f64 - seed[k] as f64).powi(2)).sum::<f64>() > near * near
 }
 
 /// The nodes near the surface.
@@ -262,16 +278,28 @@ struct Band {
     triangle: Vec<u32>,
     /// Whether the node hands its triangle on.
     seeds: Vec<bool>,
-    /// Whether the node is inside, by the pseudo-normal at its closest point.
-    inside: Vec<bool>,
+    /// On which side of the surface the node is.
+    side: Vec<Side>,
+}
+
+/// A side of the surface, by the closest point of a node.
+#[derive(Clone, Copy, Default)]
+struct Side {
+    /// By the pseudo-normal there.
+    inside: bool,
+    /// Whether that point is on the border of an open mesh.
+    open: bool,
 }
 
 impl Band {
     fn of(surface: &Pseudonormals, dims: [usize; 3]) -> Self {
         let [nx, ny, nz] = dims;
         let (plane, count) = (nx * ny, nx * ny * nz);
-        let mut band =
-            Self { triangle: vec![NO_SEED; count], seeds: vec![false; count], inside: vec![false; count] };
+        let mut band = Self {
+            triangle: vec![NO_SEED; count],
+            seeds: vec![false; count],
+            side: vec![Side::default(); count],
+        };
         // Each task fills layers of its own, by the triangles that reach them.
         let lists = triangles_of_tasks(surface, nz.div_ceil(LAYERS_PER_TASK));
         let size = plane * LAYERS_PER_TASK;
@@ -279,8 +307,8 @@ impl Band {
             .triangle
             .par_chunks_mut(size)
             .zip(band.seeds.par_chunks_mut(size))
-            .zip(band.inside.par_chunks_mut(size));
-        chunks.zip(lists).enumerate().for_each(|(task, (((triangle, seeds), inside), list))| {
+            .zip(band.side.par_chunks_mut(size));
+        chunks.zip(lists).enumerate().for_each(|(task, (((triangle, seeds), side), list))| {
             let first = task * LAYERS_PER_TASK;
             let mut distance2 = vec![BAND * BAND; triangle.len()];
             for t in list {
@@ -295,7 +323,10 @@ impl Band {
                         if d2 < distance2[i] {
                             distance2[i] = d2;
                             triangle[i] = t;
-                            inside[i] = away.dot(&surface.normal(t as usize, feature)) < 0.0;
+                            side[i] = Side {
+                                inside: away.dot(&surface.normal(t as usize, feature)) < 0.0,
+                                open: surface.is_open(t as usize, feature),
+                            };
                         }
                     },
                 );

@@ -44,7 +44,7 @@ impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
             return [0.0; 2];
         }
         let (dx, dy) = (image.at(x + 1, y) - image.at(x - 1, y), image.at(x, y + 1) - image.at(x, y - 1));
-        [dx.hypot(dy), in_circle(dy.atan2(dx))]
+        [(dx * dx + dy * dy).sqrt(), in_circle(dy.atan2(dx))]
     }
 
     /// Visits the pixels within `radius` of a point: offset x, offset y, magnitude less by a Gaussian of the

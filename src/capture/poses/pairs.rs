@@ -148,16 +148,21 @@ impl SensorSums {
 
     fn add(&mut self, [i, j]: [usize; 2], row: &Row) {
         let weight = row.weight;
+        let (poses, values) = self.between.shape();
+        let (own, other) = row.poses.split_at(6);
         for (at, &(a, x)) in row.sensor.iter().enumerate() {
             let scaled = weight * x;
             self.gradient[a] += scaled * row.distance_m;
-            for k in 0..6 {
-                self.between[(6 * i + k, a)] += scaled * row.poses[k];
-                self.between[(6 * j + k, a)] += scaled * row.poses[6 + k];
+            // Columns lie in one piece.
+            let between = &mut self.between.as_mut_slice()[a * poses..][..poses];
+            for (frame, by_pose) in [(i, own), (j, other)] {
+                let sums = between[6 * frame..6 * frame + 6].iter_mut();
+                sums.zip(by_pose).for_each(|(sum, d)| *sum += scaled * d);
             }
             // Half of the products; `whole` makes the other half.
+            let information = &mut self.information.as_mut_slice()[a * values..][..values];
             for &(b, y) in &row.sensor[at..] {
-                self.information[(a, b)] += scaled * y;
+                information[b] += scaled * y;
             }
         }
         // Squares stand once in the sum with its transpose.
