@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use super::{NoiseConfig, RgbdFrame, pixel_weights};
+use super::{NoiseConfig, RgbdFrame, pixel_weights::PixelWeights};
 use crate::geometry::SceneBox;
 
 /// Cells along the longest side when looking for points that several frames agree on.
@@ -21,11 +21,14 @@ const STRIDE: usize = 3;
 pub fn scene_box(states: &[&[RgbdFrame]], noise: &NoiseConfig) -> Option<SceneBox> {
     let frames: Vec<&RgbdFrame> = states.iter().copied().flatten().collect();
     let of_frame = |(f, frame): (usize, &&RgbdFrame)| {
-        let weights = pixel_weights(frame, noise);
+        let weights = PixelWeights::of(frame, noise);
         let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
-        let some = (0..h).step_by(STRIDE).flat_map(|y| (0..w).step_by(STRIDE).map(move |x| y * w + x));
-        let wanted = some.filter(|&i| weights[i] > 0.0 && frame.is_object(i));
-        wanted.filter_map(|i| frame.world_point(i).map(|p| (f, p))).collect::<Vec<_>>()
+        let some = (0..h).step_by(STRIDE).flat_map(|y| (0..w).step_by(STRIDE).map(move |x| (x, y)));
+        let wanted = some.filter(|&(x, y)| frame.is_object(y * w + x) && weights.at(x, y) > 0.0);
+        wanted
+            .map(|(x, y)| y * w + x)
+            .filter_map(|i| frame.world_point(i).map(|p| (f, p)))
+            .collect::<Vec<_>>()
     };
     let points: Vec<(usize, Point3<f64>)> = frames.par_iter().enumerate().flat_map_iter(of_frame).collect();
     let (mut lower, mut upper) = (Point3::origin(), Point3::origin());

@@ -5,6 +5,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use rayon::prelude::*;
+
 use super::{
     ahead::Ahead,
     bag::Bag,
@@ -73,7 +75,8 @@ pub fn open_ahead(
     // Denoising last: it works on the object's pixels and hides the noise that was measured.
     if config.denoise {
         let noise = capture.noise;
-        capture.states.iter_mut().flatten().for_each(|frame| denoise(frame, &noise));
+        let frames = capture.states.par_iter_mut().flat_map(|frames| frames.par_iter_mut());
+        frames.for_each(|frame| denoise(frame, &noise));
     }
     // Without masks a pixel without depth may show anything.
     if had_masks {

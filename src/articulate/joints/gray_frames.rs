@@ -1,6 +1,6 @@
 //! Gray frames of one state, and patches of its surface averaged from them.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::articulate::joints::patch_alignment::Patch;
@@ -17,6 +17,8 @@ pub(crate) struct Tangent {
 /// Gray frames of one state.
 pub(crate) struct GrayFrames<'a> {
     frames: &'a [RgbdFrame],
+    /// Where the world stands before each camera: matrices turn many points sooner than quaternions.
+    camera_from_world: Vec<IsometryMatrix3<f64>>,
     gray: Vec<Vec<f32>>,
     noise: &'a NoiseConfig,
 }
@@ -24,14 +26,21 @@ pub(crate) struct GrayFrames<'a> {
 impl<'a> GrayFrames<'a> {
     pub fn new(frames: &'a [RgbdFrame], noise: &'a NoiseConfig) -> Self {
         let gray = frames.par_iter().map(|f| f.rgb.iter().map(|c| luma(*c)).collect()).collect();
-        Self { frames, gray, noise }
+        let camera_from_world =
+            frames.iter().map(|f| nalgebra::convert(f.world_from_camera.inverse())).collect();
+        Self { frames, camera_from_world, gray, noise }
     }
 
     /// Bilinear gray value of a surface point in a frame; `None` where the frame does not see it.
     fn see(&self, frame: usize, point: &Point3<f64>) -> Option<f32> {
         let f = &self.frames[frame];
-        let in_camera = f.in_camera(point);
-        let pixel = f.intrinsics.pixel(&in_camera)?;
+        let in_camera = self.camera_from_world[frame] * point;
+        let (u, v) = f.intrinsics.project(&in_camera)?;
+        let (w, h) = (f.intrinsics.width, f.intrinsics.height);
+        if !(u >= -0.5 && v >= -0.5 && u + 0.5 < w as f64 && v + 0.5 < h as f64) {
+            return None;
+        }
+        let pixel = (v + 0.5) as usize * w + (u + 0.5) as usize;
         let depth = f64::from(f.depth_m[pixel]);
         // A reading at another depth is of a surface before or behind the point, whose texture is not its
         // own.
@@ -41,8 +50,6 @@ impl<'a> GrayFrames<'a> {
         {
             return None;
         }
-        let (u, v) = f.intrinsics.project(&in_camera)?;
-        let (w, h) = (f.intrinsics.width, f.intrinsics.height);
         let (x, y) = (u.max(0.0) as usize, v.max(0.0) as usize);
         if x + 1 >= w || y + 1 >= h {
             return None;
@@ -60,7 +67,7 @@ impl<'a> GrayFrames<'a> {
                 let f = &self.frames[i];
                 let ray = point - Point3::from(f.world_from_camera.translation.vector);
                 let cosine = -ray.dot(normal) / ray.norm();
-                let pixel_m = f.in_camera(point).z / f.intrinsics.fx;
+                let pixel_m = (self.camera_from_world[i] * point).z / f.intrinsics.fx;
                 // The score is the number of pixels on a unit of surface; grazing views smear the texture.
                 (cosine > 0.35 && self.see(i, point).is_some()).then_some((
                     cosine / (pixel_m * pixel_m),

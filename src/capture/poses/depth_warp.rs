@@ -14,9 +14,7 @@ use crate::{capture::RgbdFrame, geometry::Intrinsics};
 /// Intervals of the spline along the width of an image.
 const INTERVALS: f64 = 8.0;
 /// Values that the spline has support from, along one side.
-const ORDER: usize = 4;
-/// Values that a pixel has support from.
-pub(in crate::capture) const SUPPORT: usize = ORDER * ORDER;
+pub(in crate::capture) const ORDER: usize = 4;
 /// Distance over which the errors are alike, as a share of the width: 90 pixels of 640 (residual errors of
 /// lens and rectification: Teichman, Miller and Thrun 2013).
 const CORRELATED: f64 = 0.14;
@@ -44,11 +42,17 @@ pub(in crate::capture) struct Support {
 }
 
 impl Support {
+    /// Of each row of values the index of the first, and the weights of all.
+    pub fn rows(&self) -> [(usize, [f64; ORDER]); ORDER] {
+        std::array::from_fn(|row| {
+            (self.first + row * self.columns, self.weights[0].map(|across| across * self.weights[1][row]))
+        })
+    }
+
     /// Indices of the values, and their weights.
-    pub fn iter(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
-        (0..SUPPORT).map(|i| {
-            let (row, column) = (i / ORDER, i % ORDER);
-            (self.first + row * self.columns + column, self.weights[0][column] * self.weights[1][row])
+    pub fn iter(&self) -> impl Iterator<Item = (usize, f64)> {
+        self.rows().into_iter().flat_map(|(first, weights)| {
+            weights.into_iter().enumerate().map(move |(i, weight)| (first + i, weight))
         })
     }
 }

@@ -26,6 +26,7 @@ mod reading_weights;
 mod residual_scale;
 mod sensor;
 pub(super) mod sensor_errors;
+pub(super) mod sensor_sums;
 mod solve;
 pub(super) mod surfels;
 mod trajectory;

@@ -2,15 +2,15 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix6, Vector3, Vector6};
+use nalgebra::{IsometryMatrix3, Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
 
 use super::{
-    depth_warp::SUPPORT,
     pose_noise::PoseNoise,
     reading_weights::ReadingWeights,
     residual_scale::{MEDIAN_EVERY, Ratios, robust_scale},
     sensor_errors::SensorErrors,
+    sensor_sums::{BySensor, Row, SensorSums, add_rows, by_sensor},
     surfels::{FACINGS, Residual, Surfels},
 };
 use crate::{
@@ -65,9 +65,6 @@ pub(in crate::capture) enum Subset {
     HeldOut,
 }
 
-/// Values of the sensor that a residual depends on: those of the warp at both ends, and the shift of color.
-const SENSOR: usize = 2 * SUPPORT + 2;
-
 /// Normal equations of all pairs.
 pub(in crate::capture) struct Sums {
     /// Of each, in their order.
@@ -84,23 +81,6 @@ pub(in crate::capture) struct PairSums {
     pub frames: [usize; 2],
     pub information: [Matrix6<f64>; 3],
     pub gradient: [Vector6<f64>; 2],
-}
-
-/// Normal equations of the sensor's errors.
-#[derive(Clone)]
-pub(in crate::capture) struct SensorSums {
-    pub information: DMatrix<f64>,
-    /// Between the poses (six rows each) and the sensor.
-    pub between: DMatrix<f64>,
-    pub gradient: DVector<f64>,
-}
-
-/// One residual in the normal equations.
-struct Row {
-    poses: [f64; 12],
-    sensor: [(usize, f64); SENSOR],
-    distance_m: f64,
-    weight: f64,
 }
 
 /// The residuals of a pair.
@@ -135,54 +115,6 @@ struct PairChange {
     gain: f64,
     /// Distances before and after, meters, of some of them.
     distances_m: [Vec<f64>; 2],
-}
-
-impl SensorSums {
-    fn none(poses: usize, values: usize) -> Self {
-        Self {
-            information: DMatrix::zeros(values, values),
-            between: DMatrix::zeros(6 * poses, values),
-            gradient: DVector::zeros(values),
-        }
-    }
-
-    fn add(&mut self, [i, j]: [usize; 2], row: &Row) {
-        let weight = row.weight;
-        let (poses, values) = self.between.shape();
-        let (own, other) = row.poses.split_at(6);
-        for (at, &(a, x)) in row.sensor.iter().enumerate() {
-            let scaled = weight * x;
-            self.gradient[a] += scaled * row.distance_m;
-            // Columns lie in one piece.
-            let between = &mut self.between.as_mut_slice()[a * poses..][..poses];
-            for (frame, by_pose) in [(i, own), (j, other)] {
-                let sums = between[6 * frame..6 * frame + 6].iter_mut();
-                sums.zip(by_pose).for_each(|(sum, d)| *sum += scaled * d);
-            }
-            // Half of the products; `whole` makes the other half.
-            let information = &mut self.information.as_mut_slice()[a * values..][..values];
-            for &(b, y) in &row.sensor[at..] {
-                information[b] += scaled * y;
-            }
-        }
-        // Squares stand once in the sum with its transpose.
-        for &(a, x) in &row.sensor {
-            self.information[(a, a)] -= 0.5 * weight * x * x;
-        }
-    }
-
-    /// Makes whole what was summed by halves.
-    fn whole(mut self) -> Self {
-        self.information = &self.information + self.information.transpose();
-        self
-    }
-
-    fn plus(mut self, other: Self) -> Self {
-        self.information += other.information;
-        self.between += other.between;
-        self.gradient += other.gradient;
-        self
-    }
 }
 
 impl Comparison {
@@ -236,7 +168,7 @@ impl Comparison {
                 }
                 sums.push(pair_sums(pair, &rows.surfels));
                 if let Some(sums) = &mut of_sensor {
-                    rows.surfels.iter().for_each(|row| sums.add(pair, row));
+                    add_rows(sums, pair, &rows.surfels);
                 }
             }
             (sums, ratios, of_sensor)
@@ -269,7 +201,7 @@ impl Comparison {
             let variance_m2 = (r.sigma_m * scale).powi(2) + (loose * r.displacement_m).powi(2);
             // Tukey's biweight: surfels of other surfaces have no say at all.
             let share = (1.0 - r.distance_m.powi(2) / (variance_m2 * CUT * CUT)).max(0.0).powi(2);
-            let sensor = sensor.map_or([(0, 0.0); SENSOR], |errors| by_sensor(r, errors));
+            let sensor = sensor.map_or_else(BySensor::default, |errors| by_sensor(r, errors));
             let weight = share / variance_m2;
             (share > 0.0)
                 .then(|| (share, Row { poses: by_poses(r), sensor, distance_m: r.distance_m, weight }))
@@ -445,19 +377,6 @@ pub(in crate::capture) fn by_poses(r: &Residual) -> [f64; 12] {
     put(&mut row, 3, &own, 1.0);
     put(&mut row, 6, &r.other_normal, -1.0);
     put(&mut row, 9, &other, -1.0);
-    row
-}
-
-/// Derivatives of the distance by the sensor's errors about the pixel of the point, and about that where the
-/// other frame sees it: a point moves along its ray, and so does the plane. Features move with the color.
-fn by_sensor(r: &Residual, errors: &SensorErrors) -> [(usize, f64); SENSOR] {
-    // docs/method.md (2.21).
-    let [this, other] = r.pixels.map(|pixel| errors.warp.support(pixel));
-    let this = this.iter().map(|(k, w)| (k, w * r.normal.dot(&r.point.coords)));
-    let other = other.iter().map(|(k, w)| (k, -w * r.other_normal.dot(&r.other_point.coords)));
-    let shift = r.by_color_shift.iter().enumerate().map(|(k, d)| (errors.first_of_shift() + k, *d));
-    let mut row = [(0, 0.0); SENSOR];
-    row.iter_mut().zip(this.chain(other).chain(shift)).for_each(|(at, value)| *at = value);
     row
 }
 

@@ -11,8 +11,9 @@ use super::{
     drift::{Drift, PoseErrors, growth, half_log_determinant},
     error_draw::{Drawn, drawn},
     inverse::inverse,
-    pairs::{Comparison, Matches, PairSums, SensorSums, Sums, Views},
+    pairs::{Comparison, Matches, PairSums, Sums, Views},
     sensor_errors::SensorErrors,
+    sensor_sums::SensorSums,
     surfels::Surfels,
     trajectory::Trajectory,
 };

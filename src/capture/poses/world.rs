@@ -11,9 +11,10 @@ use super::{
     drift::adjoint,
     error_draw::ErrorDraw,
     observed::Observed,
-    pairs::{Comparison, Gain, Matches, PairSums, SensorSums, Views},
+    pairs::{Comparison, Gain, Matches, PairSums, Views},
     pose_noise::PoseNoise,
     sensor_errors::SensorErrors,
+    sensor_sums::SensorSums,
     solve::LOOSE,
     surfels::Surfels,
 };
