@@ -42,7 +42,7 @@ pub(crate) use isolate::{CLEARLY, LEAST_PATCH, cell, clusters};
 pub use mask::dilated;
 pub use noise::{GRAZING_COSINE, NoiseConfig};
 pub use noise_estimate::noise_factor;
-pub use pixel_weights::pixel_weights;
+pub use pixel_weights::{object_weights, pixel_weights};
 pub use poses::{
     ErrorDraw, PoseAgreement, PoseCorrection, PoseFindings, PoseNoise, RefinePoses, SensorCalibration,
     align_worlds, refine_poses,

@@ -70,3 +70,12 @@ pub fn pixel_weights(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f32> {
     let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
     (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).map(|(x, y)| weights.at(x, y)).collect()
 }
+
+/// The same of the pixels of the object; 0 off it.
+#[must_use]
+pub fn object_weights(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f32> {
+    let weights = PixelWeights::of(frame, noise);
+    let width = frame.intrinsics.width;
+    let of = |i: usize| if frame.is_object(i) { weights.at(i % width, i / width) } else { 0.0 };
+    (0..frame.depth_m.len()).map(of).collect()
+}

@@ -9,7 +9,7 @@ use crate::{
         ArticulationProblem, ArticulationStart, ArticulationTrainer, FreeSpace, RegisterMethod, Registrar,
         Registration, StateModel, StatePair, SurfaceRay, United, register_by_difference, unite,
     },
-    capture::{NoiseConfig, RgbdFrame, pixel_weights},
+    capture::{NoiseConfig, RgbdFrame, object_weights},
     config::Init,
     geometry::{Intrinsics, Pose},
     random::stage_rng,
@@ -227,11 +227,8 @@ fn surface_rays(frames: &[RgbdFrame], noise: &NoiseConfig, count: usize) -> Vec<
         .iter()
         .enumerate()
         .flat_map(|(f, frame)| {
-            let weights = pixel_weights(frame, noise);
-            (0..weights.len())
-                .filter(|&i| weights[i] > 0.0 && frame.is_object(i))
-                .map(|i| (f, i))
-                .collect::<Vec<_>>()
+            let weights = object_weights(frame, noise);
+            (0..weights.len()).filter(|&i| weights[i] > 0.0).map(|i| (f, i)).collect::<Vec<_>>()
         })
         .collect();
     // Evenly over all frames, without a draw.

@@ -154,7 +154,8 @@ fn seen(
     let agreed = mean(&|s| {
         s.0 * (-(s.1 - first).norm_squared() / (2.0 * DISAGREEMENT * DISAGREEMENT)).exp().max(1e-6)
     })?;
-    Some(agreed.map(|c| c.round().clamp(0.0, 255.0) as u8).into())
+    // Cutting off rounds, and keeps to what a byte holds.
+    Some(agreed.map(|c| (c + 0.5) as u8).into())
 }
 
 /// A view, and how the mesh stands before its camera.

@@ -34,11 +34,15 @@ pub fn differences(frame: &RgbdFrame, model: &Rendered, sigma_m: impl Fn(usize) 
             return Difference::Unread;
         }
         let around = Around::of(model, &frame.intrinsics, i);
+        // Surroundings, most of the pixels.
+        if around.is_bare && !frame.is_object(i) {
+            return Difference::Unread;
+        }
         let error_m = SIGMAS * sigma_m(i);
         let is_behind = reading_m > around.farthest_m + error_m;
         match (frame.is_object(i), around.is_bare) {
             (true, _) if reading_m < around.nearest_m - error_m => Difference::Lacks,
-            (true, false) | (false, false) if is_behind => Difference::Surplus,
+            (_, false) if is_behind => Difference::Surplus,
             // Beside the edge of the model a reading behind it may be past the edge.
             (true, true) if is_behind => Difference::Unread,
             (true, _) => Difference::Same,

@@ -2,6 +2,7 @@
 //! much brighter a surface is that faces one way than when it faced another.
 
 use nalgebra::{DMatrix, SVector, Vector3};
+use rayon::prelude::*;
 
 use super::light::{Light, TERMS, harmonics};
 
@@ -54,8 +55,14 @@ impl Lighting {
         // Gains of the photos, then terms of the light; a column a channel.
         let mut logs = DMatrix::zeros(photos + TERMS, 3);
         for _ in 0..ROUNDS {
-            let mut equations = Equations::new(photos);
-            spots.iter().for_each(|spot| equations.add(spot, &logs));
+            let of_some = |spots: &[Vec<Shown>]| {
+                let mut sums = Equations::none(photos);
+                spots.iter().for_each(|spot| sums.add(spot, &logs));
+                sums
+            };
+            // Summed in their order, whatever the number of threads.
+            let sums: Vec<Equations> = spots.par_chunks(CHUNK).map(of_some).collect();
+            let equations = sums.into_iter().fold(Equations::new(photos), Equations::plus);
             let Some(solver) = equations.normal.cholesky() else { break };
             logs = solver.solve(&equations.right);
         }
@@ -69,6 +76,9 @@ impl Lighting {
         Self { gains, light }
     }
 }
+
+/// Spots that one task adds up.
+const CHUNK: usize = 256;
 
 /// Normal equations of the logarithms of gains and light.
 struct Equations {
@@ -94,7 +104,19 @@ impl Equations {
         };
         let precision = |i: usize| (COLOR / deviation(i)).powi(2);
         let normal = DMatrix::from_fn(size, size, |i, j| if i == j { precision(i) } else { 0.0 });
-        Self { normal, right: DMatrix::zeros(size, 3) }
+        Self { normal, ..Self::none(photos) }
+    }
+
+    /// Of nothing.
+    fn none(photos: usize) -> Self {
+        let size = photos + TERMS;
+        Self { normal: DMatrix::zeros(size, size), right: DMatrix::zeros(size, 3) }
+    }
+
+    fn plus(mut self, other: Self) -> Self {
+        self.normal += other.normal;
+        self.right += other.right;
+        self
     }
 
     /// Adds a spot, its own color eliminated; `logs` as found so far.

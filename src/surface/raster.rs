@@ -129,7 +129,8 @@ pub fn render(
                     Paint::Texture(texture) => texture.color(color.xy() / near),
                     Paint::Vertices | Paint::Tint(_) => color / near,
                 };
-                rgb[i] = color.map(|c| c.round().clamp(0.0, 255.0) as u8).into();
+                // Cutting off rounds, and keeps to what a byte holds.
+                rgb[i] = color.map(|c| (c + 0.5) as u8).into();
                 depth_m[i] = 1.0 / near;
                 item[i] = Some(facet.item);
             });

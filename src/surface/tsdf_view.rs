@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::rows::RowCamera;
 use crate::{
-    capture::{NoiseConfig, RgbdFrame, pixel_weights},
+    capture::{NoiseConfig, RgbdFrame, object_weights},
     geometry::{Intrinsics, Pose},
 };
 
@@ -117,7 +117,7 @@ impl<'a> TsdfView<'a> {
     /// A view of a whole object in its own world.
     #[must_use]
     pub fn of_object(frame: &'a RgbdFrame, noise: &NoiseConfig) -> Self {
-        let weights = pixel_weights(frame, noise);
+        let weights = object_weights(frame, noise);
         Self::new(frame, &weights, &object_roles(frame, &weights), Pose::identity(), noise)
     }
 }

@@ -214,10 +214,13 @@ impl MotionEvidence<'_> {
     /// state does not tell it.
     fn distance(&self, state: usize, y: &Point3<f64>) -> Option<(f64, Vector3<f64>)> {
         let visible = self.visible[state];
+        // First, as it costs least.
+        if !visible.nearest(y).is_some_and(|i| visible.values[i]) {
+            return None;
+        }
         let (d, g) = self.sdf[state].sample_with_gradient(y);
         let (d, g) = (f64::from(d), g.cast::<f64>());
-        let seen = visible.nearest(y).is_some_and(|i| visible.values[i]);
-        (seen && SLOPES.contains(&g.norm()) && d.abs() <= self.reach_m).then_some((d, g))
+        (SLOPES.contains(&g.norm()) && d.abs() <= self.reach_m).then_some((d, g))
     }
 
     /// What a sample of a state is of an independent observation: samples closer than errors run together are

@@ -92,15 +92,14 @@ fn cell_size(capture: &Capture) -> f64 {
     (2.0 * capture.noise.sigma_m(depth_m)).max(2.0 * pixel_m).clamp(0.002, 0.05)
 }
 
-/// Cells that each frame sees, of the pixels that satisfy a test of pixel and world point.
-fn seen(
-    frames: &[RgbdFrame],
-    size_m: f64,
-    test: impl Fn(&RgbdFrame, usize, &Point3<f64>) -> bool + Sync,
-) -> Vec<HashSet<Cell>> {
+/// Cells that each frame sees of what its mask shows.
+fn seen(frames: &[RgbdFrame], size_m: f64) -> Vec<HashSet<Cell>> {
     let of_frame = |f: &RgbdFrame| {
-        let points = (0..f.depth_m.len()).filter_map(|p| f.world_point(p).filter(|point| test(f, p, point)));
-        points.filter_map(|point| cell(&point, size_m)).collect()
+        let points = (0..f.depth_m.len()).filter(|p| f.is_object(*p)).filter_map(|p| f.world_point(p));
+        let mut cells: Vec<Cell> = points.filter_map(|point| cell(&point, size_m)).collect();
+        // Beside each other most pixels see one cell: a set takes longer to say so.
+        cells.dedup();
+        cells.into_iter().collect()
     };
     frames.par_iter().map(of_frame).collect()
 }
@@ -110,7 +109,7 @@ fn clean_masks(capture: &mut Capture, config: &CaptureConfig, size_m: f64) {
     let mut forgotten = 0;
     for frames in &mut capture.states {
         // One frame is enough, since masks leave no background whose noise could count.
-        let cells = supported(&seen(frames, size_m, |f, p, _| f.is_object(p)), 1);
+        let cells = supported(&seen(frames, size_m), 1);
         let bad = outlier_cells(&cells, size_m);
         let workspace = config.isolate.workspace;
         let is_bad =
@@ -294,7 +293,7 @@ fn check(capture: &Capture, size_m: f64) -> Result<[[f64; 3]; 2], CaptureError> 
             );
             return Err(CaptureError::Isolation { reason });
         }
-        cells.push(supported(&seen(frames, size_m, |f, p, _| f.is_object(p)), frames_needed(frames.len())));
+        cells.push(supported(&seen(frames, size_m), frames_needed(frames.len())));
     }
     let (lower, upper) = bounds(cells.iter().flatten());
     let corners = [lower, upper.map(|v| v.saturating_add(1))].map(|c| c.map(|v| f64::from(v) * size_m));

@@ -10,9 +10,15 @@ pub type Cell = [i32; 3];
 /// Cell of a point; `None` far outside any scene.
 #[must_use]
 pub fn cell(point: &Point3<f64>, size_m: f64) -> Option<Cell> {
-    let c = [point.x, point.y, point.z].map(|v| (v / size_m).floor());
+    let c = [point.x, point.y, point.z].map(|v| v / size_m);
     // Sums with a reach must not overflow.
-    c.iter().all(|v| v.abs() < 1e6).then(|| c.map(|v| v as i32))
+    c.iter().all(|v| v.abs() < 1e6).then(|| c.map(floor))
+}
+
+/// The whole number below; `floor` is a library call on processors without SSE 4.1.
+fn floor(v: f64) -> i32 {
+    let whole = v as i32;
+    whole - i32::from(f64::from(whole) > v)
 }
 
 /// Center of a cell, meters.

@@ -21,7 +21,8 @@ use crate::{
 /// Surfels compared in a round, all pairs together, and least of a pair.
 const COMPARED: usize = 200_000;
 const LEAST_OF_PAIR: usize = 60;
-/// While poses are loose a round compares this part of them: where the surfaces lie is not known better then.
+/// Of many frames a round compares this part of them while poses are loose.
+/// measured: shared/bags/laptop: the same twin, in half of the time
 const COARSE: usize = 4;
 /// Blocks of surfels, a side; every third one is held out.
 const BLOCK: usize = 4;
@@ -51,6 +52,8 @@ pub(in crate::capture) struct Comparison {
     noise: PoseNoise,
     /// Surfels compared in a round, all pairs together.
     compared: usize,
+    /// What part of them is enough while poses are loose.
+    coarse: usize,
 }
 
 /// Landmarks of two frames that show the same, by their numbers; of every ordered pair of frames.
@@ -126,7 +129,12 @@ impl Comparison {
         noise: PoseNoise,
     ) -> Self {
         let sets = [false, true].map(|held_out| surfels.clone().map(|s| subset(s, held_out)).collect());
-        Self { sets, pairs, matches, noise, compared: COMPARED }
+        Self { sets, pairs, matches, noise, compared: COMPARED, coarse: 1 }
+    }
+
+    /// The same with fewer surfels while poses are loose: of many frames they are enough to come near.
+    pub fn coarse_while_loose(self) -> Self {
+        Self { coarse: COARSE, ..self }
     }
 
     /// The same with about so many surfels in a round, all pairs together.
@@ -206,7 +214,7 @@ impl Comparison {
             (share > 0.0)
                 .then(|| (share, Row { poses: by_poses(r), sensor, distance_m: r.distance_m, weight }))
         };
-        let most = if loose > 0.0 { self.most() / COARSE } else { self.most() };
+        let most = if loose > 0.0 { self.most() / self.coarse } else { self.most() };
         let (mut surfels, mut landmarks) = (Vec::with_capacity(most), Vec::new());
         let mut agreeing = 0.0;
         let mut ratios = Ratios::default();
@@ -410,7 +418,7 @@ fn bounded(z: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Point3, SVector};
+    use nalgebra::{DVector, Point3, SVector};
 
     use super::*;
     use crate::{
@@ -449,7 +457,7 @@ mod tests {
                 let of = |s: &[Surfels]| s[0].residual(cell, &s[1], &between, &PoseNoise::EXPECTED);
                 let (Some(at), Some(there)) = (of(&surfels), of(&warped)) else { continue };
                 let values = errors.values();
-                let expected: f64 = by_sensor(&at, &errors).iter().map(|(k, d)| d * values[*k]).sum();
+                let expected: f64 = by_sensor(&at, &errors).iter().map(|(k, d)| d * values[k]).sum();
                 let change = there.distance_m - at.distance_m;
                 assert!((change - expected).abs() < 0.03 * size.abs(), "{change} {expected}");
                 checked += 1;
@@ -515,7 +523,7 @@ mod tests {
         for m in numbers[0].iter().zip(&numbers[1]).filter_map(|(a, b)| Some([(*a)?, (*b)?])) {
             for (r, changed) in at(&surfels, &poses, m).into_iter().zip(at(&spoilt, &poses, m)) {
                 let (Some(r), Some(changed)) = (r, changed) else { continue };
-                let expected: f64 = by_sensor(&r, &errors).iter().map(|(k, d)| d * values[*k]).sum();
+                let expected: f64 = by_sensor(&r, &errors).iter().map(|(k, d)| d * values[k]).sum();
                 let change = changed.distance_m - r.distance_m;
                 assert!((change - expected).abs() < 3e-6, "{change} {expected}");
                 checked += 1;

@@ -34,6 +34,15 @@ pub(super) struct BySensor {
     color_shift: (usize, [f64; 2]),
 }
 
+#[cfg(test)]
+impl BySensor {
+    /// Indices of values, and the derivatives by them.
+    pub fn iter(&self) -> impl Iterator<Item = (usize, f64)> {
+        let warp = self.warp.iter().flat_map(|(first, piece)| (*first..).zip(piece.iter().copied()));
+        warp.chain((self.color_shift.0..).zip(self.color_shift.1))
+    }
+}
+
 impl SensorSums {
     /// Of no residuals; the poses lie along columns until it is `whole`, so that sums lie side by side.
     pub fn none(poses: usize, values: usize) -> Self {

@@ -96,8 +96,9 @@ impl<'a> Problem<'a> {
         let count = reported.len();
         let pairs = (0..count).flat_map(|i| (0..count).filter(move |j| *j != i).map(move |j| [i, j]));
         let expected = PoseErrors::EXPECTED.jitter;
+        let comparison = Comparison::new(surfels.iter(), pairs.collect(), matches, expected);
         Self {
-            comparison: Comparison::new(surfels.iter(), pairs.collect(), matches, expected),
+            comparison: comparison.coarse_while_loose(),
             surfels,
             drift: Drift::along(&reported),
             reported,
