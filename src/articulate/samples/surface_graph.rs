@@ -179,23 +179,28 @@ impl SurfaceGraph {
         let quads = labels.div_ceil(LANES);
         let mut reached = vec![[0.0f32; LANES]; n * quads];
         let open = open_labels(costs, labels, quads);
+        // What every sample is pulled to by itself, and what all pulls on it sum to.
+        let mut own = vec![[0.0f32; LANES]; n * quads];
+        for ((own, beliefs), pull) in own.chunks_exact_mut(quads).zip(beliefs.chunks_exact(labels)).zip(&pull)
+        {
+            own.as_flattened_mut().iter_mut().zip(beliefs).for_each(|(own, b)| *own = pull * b);
+        }
+        let whole: Vec<f32> = pull.iter().map(|pull| 1.0 + pull).collect();
         for round in 0..FILL_ROUNDS {
             let mut change = [0.0f32; LANES];
             for k in 0..n {
                 // Forth and back, so that labels cross the surface in few rounds.
                 let i = if round % 2 == 0 { k } else { n - 1 - k };
-                for quad in 0..quads {
-                    let own = &beliefs
-                        [i * labels + LANES * quad..((i + 1) * labels).min(i * labels + LANES * (quad + 1))];
-                    let mut mean: [f32; LANES] =
-                        std::array::from_fn(|lane| own.get(lane).map_or(0.0, |b| pull[i] * b));
-                    for &(j, w) in &self.neighbors[i] {
-                        let other = reached[j as usize * quads + quad];
+                let (neighbors, whole) = (&self.neighbors[i], whole[i]);
+                for at in i * quads..(i + 1) * quads {
+                    let (mut mean, quad) = (own[at], at - i * quads);
+                    for &(j, w) in neighbors {
+                        let other = &reached[j as usize * quads + quad];
                         mean.iter_mut().zip(other).for_each(|(m, o)| *m += w * o);
                     }
-                    let (old, open) = (&mut reached[i * quads + quad], open[i * quads + quad]);
+                    let (old, open) = (&mut reached[at], &open[at]);
                     for lane in 0..LANES {
-                        let new = open[lane] * mean[lane] / (1.0 + pull[i]);
+                        let new = open[lane] * mean[lane] / whole;
                         change[lane] = change[lane].max((new - old[lane]).abs());
                         old[lane] = new;
                     }

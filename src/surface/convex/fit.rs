@@ -6,6 +6,7 @@ use super::{
     ConvexSolid, Plane,
     pieces::{Piece, Sample, Seen},
 };
+use crate::vectors::vectorized;
 
 /// Most faces of the surface that a solid takes its own from.
 const OWN_FACES: usize = 20;
@@ -25,6 +26,7 @@ const GRAZING: f64 = 1e-3;
 /// The error of a distance between a solid and the surface, for the area it holds for: about the base-two
 /// logarithm of one and its square in tolerances. So a place that fits counts more than many that nearly do,
 /// and one that is far off still feels what brings it nearer.
+#[inline(always)]
 pub(super) fn error(distance_m: f64, tolerance_m: f64) -> f64 {
     let x = 1.0 + (distance_m / tolerance_m).powi(2);
     // Linear between powers of two: a hundred times as often asked for as anything else here.
@@ -56,10 +58,15 @@ impl Fit {
             .chain(&closing)
             .map(|normal| Plane { normal: *normal, offset_m: f64::NEG_INFINITY })
             .collect();
+        let normals: [Vec<f64>; 3] = [0, 1, 2].map(|k| planes.iter().map(|p| p.normal[k]).collect());
+        let (mut fronts, mut depths) = (vec![0.0; planes.len()], vec![0.0; planes.len()]);
         for piece in pieces {
-            for plane in &mut planes {
-                let front = piece.front.iter().map(|p| plane.normal.dot(p)).fold(f64::NEG_INFINITY, f64::max);
-                plane.offset_m = plane.offset_m.max(front + plane.normal.dot(&piece.back).max(0.0));
+            fronts.fill(f64::NEG_INFINITY);
+            piece.front.iter().for_each(|p| raise(&normals, p, &mut fronts));
+            depths.fill(0.0);
+            raise(&normals, &piece.back, &mut depths);
+            for ((plane, front), depth) in planes.iter_mut().zip(&fronts).zip(&depths) {
+                plane.offset_m = plane.offset_m.max(front + depth);
             }
         }
         settle(&mut planes, own.len(), samples, tolerance_m);
@@ -179,6 +186,59 @@ impl State {
     }
 }
 
+vectorized! {
+    /// Raises each of `highest` to the height of a place along the normals.
+    fn raise(normals: &[Vec<f64>; 3], place: &Vector3<f64>, highest: &mut [f64]) = raise_all
+}
+
+#[inline(always)]
+fn raise_all(normals: &[Vec<f64>; 3], place: &Vector3<f64>, highest: &mut [f64]) {
+    let [x, y, z] = normals;
+    for (((x, y), z), highest) in x.iter().zip(y).zip(z).zip(highest) {
+        let height = x * place.x + y * place.y + z * place.z;
+        *highest = if height > *highest { height } else { *highest };
+    }
+}
+
+/// Samples that feel a plane: their heights along it, meters, the speeds at which it is met along their normals,
+/// distances to the nearest of the other planes, how far they stand out of these, meters, and areas.
+#[derive(Default)]
+struct Felt {
+    heights: Vec<f64>,
+    speeds: Vec<f64>,
+    without: Vec<f64>,
+    outside: Vec<f64>,
+    areas: Vec<f64>,
+}
+
+impl Felt {
+    fn add(&mut self, height: f64, speed: f64, (without, outside): (f64, f64), area: f64) {
+        self.heights.push(height);
+        self.speeds.push(speed);
+        self.without.push(without);
+        self.outside.push(outside);
+        self.areas.push(area);
+    }
+}
+
+vectorized! {
+    /// Errors of samples with a plane at an offset, by a tolerance, both meters.
+    fn errors_at(felt: &Felt, offset_and_tolerance: [f64; 2], errors: &mut [f64]) = errors_of
+}
+
+#[inline(always)]
+fn errors_of(felt: &Felt, [offset_m, tolerance_m]: [f64; 2], errors: &mut [f64]) {
+    let Felt { heights, speeds, without, outside, areas } = felt;
+    let all = heights.iter().zip(speeds).zip(without).zip(outside).zip(areas).zip(errors);
+    for (((((height, speed), without), outside), area), sum) in all {
+        let depth = offset_m - height;
+        let met = if *speed > GRAZING { depth / speed } else { f64::INFINITY };
+        let before = if met < *without { met } else { *without };
+        let outside = if -depth > *outside { -depth } else { *outside };
+        *sum = area * error(if outside > 0.0 { outside } else { before }, tolerance_m);
+    }
+}
+
 /// Moves the first `own` planes, one after the other, from behind all pieces to where they leave least error
 /// with those before.
 fn settle(planes: &mut [Plane], own: usize, samples: &[&Sample], tolerance_m: f64) {
@@ -194,15 +254,14 @@ fn settle(planes: &mut [Plane], own: usize, samples: &[&Sample], tolerance_m: f6
         // Others feel none of the offsets.
         let felt: Vec<usize> =
             (0..samples.len()).filter(|&i| speeds[i] > GRAZING || heights[i] > lowest).collect();
+        let mut feel = Felt::default();
+        for &i in &felt {
+            feel.add(heights[i], speeds[i], (states[i].without(k), states[i].outside_m), samples[i].area_m2);
+        }
         let cost = |offset_m: f64| {
-            let of = |&i: &usize| {
-                let (depth, state) = (offset_m - heights[i], &states[i]);
-                let outside = state.outside_m.max(-depth);
-                let before =
-                    state.without(k).min(if speeds[i] > GRAZING { depth / speeds[i] } else { f64::INFINITY });
-                samples[i].area_m2 * error(if outside > 0.0 { outside } else { before }, tolerance_m)
-            };
-            felt.iter().map(of).sum::<f64>()
+            let mut errors = vec![0.0; felt.len()];
+            errors_at(&feel, [offset_m, tolerance_m], &mut errors);
+            errors.iter().sum::<f64>()
         };
         // The outermost of equals.
         let costs = tried.iter().map(|&o| (cost(o), o));
