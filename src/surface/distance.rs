@@ -36,8 +36,8 @@ pub struct DistanceOptions {
     /// At the border of an open mesh the side continues its last face up to this many spacings; further away
     /// the node is outside.
     pub open_reach: f64,
-    /// Up to this distance a node looks for its nearest triangle, meters; further from the surface it takes its
-    /// distance from the nearest node beside the surface, which is right to a spacing, and that node's side.
+    /// Up to this distance a node looks for its nearest triangle, meters; further from the surface it takes
+    /// its distance from the nearest node beside the surface, right to a spacing, and that node's side.
     pub near_m: f64,
 }
 

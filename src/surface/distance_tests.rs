@@ -79,6 +79,28 @@ fn a_rough_mesh_agrees_with_brute_force() {
     );
 }
 
+#[test]
+fn far_nodes_are_right_to_a_spacing_and_near_ones_are_as_ever() {
+    let nodes = grid_of(0.5, 61, |_| 0.0);
+    let ring = marching_cubes(&grid_of(0.5, 200, torus(0.2, 0.1)), 0.0);
+    let whole = distance(&ring, &nodes);
+    let near_m = 4.0 * nodes.spacing_m;
+    let options = DistanceOptions { near_m, ..DistanceOptions::default() };
+    let some = signed_distance(&ring, &nodes, None, &options).unwrap();
+    let (mut near, mut far) = (0, 0);
+    for (a, b) in whole.values.iter().zip(&some.values) {
+        assert_eq!(*a < 0.0, *b < 0.0);
+        if f64::from(a.abs()) <= near_m {
+            assert_eq!(a, b);
+            near += 1;
+        } else {
+            assert!(f64::from((a - b).abs()) < nodes.spacing_m, "{a} {b}");
+            far += usize::from(a != b);
+        }
+    }
+    assert!(near > 10_000 && far > 100_000, "{near} {far}");
+}
+
 /// A spherical shell: outer radius 0.4, cavity of radius 0.25 whose surface faces into the cavity.
 fn hollow() -> TriangleMesh {
     let mut cavity = sphere_mesh(0.25, 60);

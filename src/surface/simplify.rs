@@ -68,8 +68,8 @@ impl Quadric {
     }
 }
 
-/// Solves a symmetric system by its Cholesky factor, as nalgebra does, in a third of the time; `None` where it
-/// is not positive definite.
+/// Solves a symmetric system by its Cholesky factor, as nalgebra does, in a third of the time; `None` where
+/// it is not positive definite.
 fn solved(a: &Matrix3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
     let root = |square: f64| (square > 0.0).then(|| square.sqrt());
     let l00 = root(a[(0, 0)])?;
@@ -335,7 +335,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn systems_are_solved_as_by_nalgebra(v in prop::array::uniform9(-1.0..1.0f64), b in prop::array::uniform3(-9.0..9.0f64)) {
+        fn systems_are_solved_as_by_nalgebra(
+            v in prop::array::uniform9(-1.0..1.0f64),
+            b in prop::array::uniform3(-9.0..9.0f64),
+        ) {
             let root = Matrix3::from_row_slice(&v);
             let (system, b) = (root * root.transpose(), Vector3::from(b));
             prop_assert_eq!(solved(&system, &b), system.cholesky().map(|c| c.solve(&b)));

@@ -48,8 +48,8 @@ pub fn object_roles(frame: &RgbdFrame, weights: &[f32]) -> Vec<PixelRole> {
 pub(super) struct Reading {
     /// z-depth, meters; infinite where nothing but free space is known.
     pub depth_m: f32,
-    /// Its weight, 1 for a pixel of weight 1 at the reference depth, negative where its depth is no surface of
-    /// the volume's object; 0: it says nothing.
+    /// Its weight, 1 for a pixel of weight 1 at the reference depth, negative where its depth is no surface
+    /// of the volume's object; 0: it says nothing.
     signed_weight: f32,
 }
 
@@ -98,8 +98,8 @@ pub struct TsdfView<'a> {
 
 impl<'a> TsdfView<'a> {
     /// A view whose pixels have these weights, e.g. of [`crate::capture::pixel_weights`], and roles, e.g. of
-    /// [`object_roles`]. `volume_from_world` moves it before it is fused: the identity, or the motion of a part
-    /// from the frame's state to the volume's.
+    /// [`object_roles`]. `volume_from_world` moves it before it is fused: the identity, or the motion of a
+    /// part from the frame's state to the volume's.
     ///
     /// # Panics
     /// If `weights` or `roles` do not have one value a pixel.

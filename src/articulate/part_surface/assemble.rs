@@ -196,4 +196,27 @@ mod tests {
         assert!(at(&still, -0.3, -0.17) > 0.02 && at(&still, -0.3, -0.23) < -0.02, "seen in state 1 only");
         assert!(at(&still, 0.3, 0.05) > 0.0);
     }
+
+    #[test]
+    fn blocks_say_what_their_places_do_one_by_one() {
+        let states = [state(0.0, false), state(0.1, true)];
+        let turned =
+            Pose::new(nalgebra::Vector3::new(0.05, 0.02, 0.08), nalgebra::Vector3::new(0.1, 0.3, 0.2));
+        for (part, motion) in [(0, Pose::identity()), (1, Pose::translation(0.0, 0.0, 0.1)), (1, turned)] {
+            let motions = [Pose::identity(), motion];
+            let field = part_tsdf(part, &motions, &states);
+            let (mut empty, mut nothing) = (0, 0);
+            for (i, found) in field.values.iter().enumerate() {
+                let alone = vote(part, &field.position(i), &motions, &states);
+                // Empty space is said at once, not as the mean of votes for it.
+                assert!(
+                    (found - alone).abs() < 1e-7 || (found.is_nan() && alone.is_nan()),
+                    "{found} {alone}"
+                );
+                empty += usize::from(*found == 0.08);
+                nothing += usize::from(found.is_nan());
+            }
+            assert!(empty > 10_000 && nothing > 1000, "{empty} {nothing}");
+        }
+    }
 }

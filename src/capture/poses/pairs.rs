@@ -284,8 +284,9 @@ impl Comparison {
         (self.compared / self.pairs.len().max(1)).max(LEAST_OF_PAIR)
     }
 
-    /// Visits `most` surfels at most, about as many for every way that they face (normal-space sampling: Rusinkiewicz and
-    /// Levoy 2001), since the larger surfaces show the same again and again. Says how many it tried.
+    /// Visits `most` surfels at most, about as many for every way that they face (normal-space sampling:
+    /// Rusinkiewicz and Levoy 2001), since the larger surfaces show the same again and again. Says how many
+    /// it tried.
     fn compare_surfels(
         &self,
         [i, j]: [usize; 2],

@@ -200,8 +200,8 @@ fn raise_all(normals: &[Vec<f64>; 3], place: &Vector3<f64>, highest: &mut [f64])
     }
 }
 
-/// Samples that feel a plane: their heights along it, meters, the speeds at which it is met along their normals,
-/// distances to the nearest of the other planes, how far they stand out of these, meters, and areas.
+/// Samples that feel a plane: their heights along it, meters, the speeds at which it is met along their
+/// normals, distances to the nearest of the other planes, how far they stand out of these, meters, and areas.
 #[derive(Default)]
 struct Felt {
     heights: Vec<f64>,
