@@ -60,7 +60,7 @@ fn wheel(python: &Path) -> PathBuf {
     });
     let mut maturin = Command::new(python.with_file_name("maturin"));
     maturin.env("CARGO", own("cargo")).env("REAL_CARGO", env!("CARGO")).env("BUILT", built.to_string());
-    output(maturin.current_dir(ROOT).args(["build", "--release", "--offline", "--quiet", "--out"]).arg(&out));
+    output(maturin.current_dir(ROOT).args(["build", "--release", "--locked", "--quiet", "--out"]).arg(&out));
     let found: Vec<_> = std::fs::read_dir(&out).unwrap().map(|e| e.unwrap().path()).collect();
     let [wheel] = found.as_slice() else { panic!("one wheel is expected, not {found:?}") };
     wheel.clone()

@@ -33,7 +33,12 @@ impl Intrinsics {
     /// Index of the pixel that holds the projection of a point, row-major; `None` outside the image.
     #[must_use]
     pub fn pixel(&self, point_in_camera: &Point3<f64>) -> Option<usize> {
-        let (u, v) = self.project(point_in_camera)?;
+        self.pixel_at(self.project(point_in_camera)?)
+    }
+
+    /// Index of the pixel that holds a place in the image, row-major; `None` outside the image.
+    #[must_use]
+    pub fn pixel_at(&self, (u, v): (f64, f64)) -> Option<usize> {
         // The cast cuts off, which rounds here; `round` is a library call on processors without SSE 4.1.
         let (x, y) = (u + 0.5, v + 0.5);
         (x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64)

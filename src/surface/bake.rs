@@ -1,6 +1,6 @@
 //! Photos painted into a texture.
 
-use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{IsometryMatrix3, Point3, UnitQuaternion, Vector3};
 use rand_core::Rng;
 use rayon::prelude::*;
 
@@ -161,23 +161,21 @@ fn seen(
 /// A view, and how the mesh stands before its camera.
 struct Eye<'a> {
     view: &'a BakeView<'a>,
-    turn: Matrix3<f64>,
-    shift: Vector3<f64>,
+    camera_from_mesh: IsometryMatrix3<f64>,
 }
 
 impl<'a> Eye<'a> {
     fn of(view: &'a BakeView<'a>) -> Self {
         let camera_from_mesh = view.frame.world_from_camera.inverse() * view.world_from_mesh;
-        let turn = camera_from_mesh.rotation.to_rotation_matrix().into_inner();
-        Self { view, turn, shift: camera_from_mesh.translation.vector }
+        Self { view, camera_from_mesh: nalgebra::convert(camera_from_mesh) }
     }
 
     /// Weight and color of a place on the mesh.
     fn sample(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<(f32, Vector3<f32>)> {
         let BakeView { frame, depth_m, gain, .. } = self.view;
         let k = &frame.intrinsics;
-        let p = Point3::from(self.turn * point.coords + self.shift);
-        let cosine = -(self.turn * normal).dot(&p.coords) / p.coords.norm();
+        let p = self.camera_from_mesh * point;
+        let cosine = -(self.camera_from_mesh * normal).dot(&p.coords) / p.coords.norm();
         if cosine < MIN_COSINE {
             return None;
         }
@@ -189,8 +187,7 @@ impl<'a> Eye<'a> {
         {
             return None;
         }
-        // Both are positive: cutting off rounds.
-        let pixel = (v + 0.5) as usize * k.width + (u + 0.5) as usize;
+        let pixel = k.pixel_at((u, v))?;
         let (model, measured) = (f64::from(depth_m[pixel]), f64::from(frame.depth_m[pixel]));
         // Readings scatter more than the depth of the model: three times its slack.
         let hidden = (model > 0.0 && p.z > model * (1.0 + DEPTH_SHARE))

@@ -120,7 +120,7 @@ pub fn signed_distance<T>(
         if nearest.triangle[i] == FAR {
             let side = nearest.band.side[nearest.seed[i] as usize];
             let inside = side.inside && !side.open && !is_free(i);
-            let distance = position(at).metric_distance(&position(nearest.at(nearest.seed[i])));
+            let distance = position(at).metric_distance(&position(seed_at(nearest.seed[i], dims)));
             return spacing_m as f32 * if inside { -distance } else { distance };
         }
         let p = position(at);
@@ -211,11 +211,6 @@ impl Nearest {
     fn is_inside(&self, i: usize) -> bool {
         let at = if self.band.triangle[i] == NO_SEED { self.seed[i] as usize } else { i };
         self.band.side[at].inside
-    }
-
-    /// Place of a seed.
-    fn at(&self, seed: u32) -> [usize; 3] {
-        seed_at(seed, self.dims)
     }
 
     /// The nearest among the candidates of a node and of its six neighbors. Neighbors whose triangle is

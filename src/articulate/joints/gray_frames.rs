@@ -37,10 +37,7 @@ impl<'a> GrayFrames<'a> {
         let in_camera = self.camera_from_world[frame] * point;
         let (u, v) = f.intrinsics.project(&in_camera)?;
         let (w, h) = (f.intrinsics.width, f.intrinsics.height);
-        if !(u >= -0.5 && v >= -0.5 && u + 0.5 < w as f64 && v + 0.5 < h as f64) {
-            return None;
-        }
-        let pixel = (v + 0.5) as usize * w + (u + 0.5) as usize;
+        let pixel = f.intrinsics.pixel_at((u, v))?;
         let depth = f64::from(f.depth_m[pixel]);
         // A reading at another depth is of a surface before or behind the point, whose texture is not its
         // own.

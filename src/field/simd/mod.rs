@@ -2,7 +2,7 @@
 //! the compiler turns into NEON on aarch64).
 //!
 //! Every kernel is written once, generic over [`Lanes`], and compiled once for every instruction set. This
-//! folder holds all `unsafe` code of the crate's numeric layers: kernels check the lengths of their slices
+//! folder holds most `unsafe` code of the crate's numeric layers: kernels check the lengths of their slices
 //! once and then work on pointers.
 
 mod adam;
