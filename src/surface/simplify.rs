@@ -68,8 +68,8 @@ impl Quadric {
     }
 }
 
-/// Solves a symmetric system by its Cholesky factor, as nalgebra does, in a third of the time; `None` where
-/// it is not positive definite.
+/// Solves a symmetric system by its Cholesky factor, to the last bit as nalgebra does, whose loops are for
+/// any size; `None` where it is not positive definite.
 fn solved(a: &Matrix3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
     let root = |square: f64| (square > 0.0).then(|| square.sqrt());
     let l00 = root(a[(0, 0)])?;

@@ -15,7 +15,8 @@ use super::{
 use crate::geometry::Grid3;
 
 /// Layers that one task fills, and rows of it that all views are added to before the next rows.
-/// measured: laptop, default: 16 by 16 and 4 by 32 take as long
+/// derived: sums of so many rows of 224 nodes and the pixels that they fall on are less than a cache of 1 MB;
+/// other sizes were not tried
 const LAYERS: usize = 8;
 const LINES: usize = 16;
 

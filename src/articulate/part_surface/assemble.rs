@@ -114,11 +114,11 @@ pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<
             let (middle, radius_m) = (nalgebra::center(&low, &high), 0.5 * (high - low).norm());
             let says = |(k, state): (usize, &LabelledState)| state.about(&(motions[k] * middle), radius_m);
             let said: Vec<Says> = states.iter().enumerate().map(says).collect();
-            // All votes are for empty space.
-            let is_empty = !said.contains(&Says::Mixed) && said.contains(&Says::Free);
-            if !is_empty && said.iter().all(|s| *s == Says::Nothing) {
+            if said.iter().all(|s| *s == Says::Nothing) {
                 continue;
             }
+            // All votes are for empty space.
+            let is_empty = !said.contains(&Says::Mixed);
             let free = states[0].truncation_m as f32;
             for (z, y) in layers.clone().flat_map(|z| lines.clone().map(move |y| (z, y))) {
                 for x in columns.clone() {
