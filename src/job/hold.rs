@@ -1,21 +1,21 @@
 //! One process at a time works on a job.
 
 use std::{
-    fs::{self, File, OpenOptions, TryLockError},
+    fs,
     path::{Path, PathBuf},
 };
 
 use super::JobError;
-use crate::io::open_plain;
+use crate::io::LockedFile;
 
 /// Times that a lock is looked for whose file was removed by the one that held it.
 const TRIES: usize = 16;
 
-/// A lock on a file, which goes away with it. The system takes the lock of a process that was killed.
+/// A lock on a file, which goes away with it.
 #[derive(Debug)]
 pub struct Hold {
     path: PathBuf,
-    _file: File,
+    _file: LockedFile,
 }
 
 impl Hold {
@@ -27,13 +27,11 @@ impl Hold {
         let fails = |source| JobError::Disk { path: path.clone(), source };
         fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).map_err(fails)?;
         for _ in 0..TRIES {
-            let file = open_plain(&path, OpenOptions::new().write(true).create(true)).map_err(fails)?;
-            match file.try_lock() {
-                Ok(()) if is_at(&file, &path) => return Ok(Self { path, _file: file }),
+            match LockedFile::take(&path).map_err(fails)? {
+                Some(file) if file.is_at(&path) => return Ok(Self { path, _file: file }),
                 // Who held it has removed the file since it was opened here: a new one is locked.
-                Ok(()) => {}
-                Err(TryLockError::WouldBlock) => return Err(JobError::Busy(path)),
-                Err(TryLockError::Error(source)) => return Err(fails(source)),
+                Some(_) => {}
+                None => break,
             }
         }
         Err(JobError::Busy(path))
@@ -45,18 +43,6 @@ impl Drop for Hold {
         // While the lock is held, so that nobody who finds the file takes it for a lock of his own.
         fs::remove_file(&self.path).ok();
     }
-}
-
-#[cfg(unix)]
-fn is_at(file: &File, path: &Path) -> bool {
-    use std::os::unix::fs::MetadataExt as _;
-    let same = |a: fs::Metadata, b: fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
-    file.metadata().is_ok_and(|a| fs::symlink_metadata(path).is_ok_and(|b| same(a, b)))
-}
-
-#[cfg(not(unix))]
-fn is_at(_: &File, path: &Path) -> bool {
-    path.exists()
 }
 
 #[cfg(test)]

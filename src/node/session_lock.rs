@@ -1,12 +1,11 @@
 //! One node works on a session's folder at a time.
 
 use std::{
-    fs::{self, File, OpenOptions, TryLockError},
-    io,
+    fs, io,
     path::{Path, PathBuf},
 };
 
-use crate::io::open_plain;
+use crate::io::LockedFile;
 
 const LOCK_FILE: &str = ".node.lock";
 
@@ -14,8 +13,7 @@ const LOCK_FILE: &str = ".node.lock";
 #[derive(Debug)]
 pub struct SessionLock {
     folder: PathBuf,
-    /// The lock lasts as long as this file is open.
-    _file: File,
+    _file: LockedFile,
 }
 
 /// Why a session cannot be worked on.
@@ -43,15 +41,9 @@ impl SessionLock {
     pub fn take(folder: &Path) -> Result<Self, SessionLockError> {
         let fails = |source| SessionLockError::Disk { folder: folder.to_owned(), source };
         fs::create_dir_all(folder).map_err(fails)?;
-        let file =
-            open_plain(&folder.join(LOCK_FILE), OpenOptions::new().write(true).create(true).truncate(false))
-                .map_err(fails)?;
-        // The system frees this lock with the process, however it ends; a file that only exists would stay.
-        match file.try_lock() {
-            Ok(()) => Ok(Self { folder: folder.to_owned(), _file: file }),
-            Err(TryLockError::WouldBlock) => Err(SessionLockError::InUse(folder.to_owned())),
-            Err(TryLockError::Error(source)) => Err(fails(source)),
-        }
+        let file = LockedFile::take(&folder.join(LOCK_FILE)).map_err(fails)?;
+        let file = file.ok_or_else(|| SessionLockError::InUse(folder.to_owned()))?;
+        Ok(Self { folder: folder.to_owned(), _file: file })
     }
 }
 
@@ -60,7 +52,6 @@ impl Drop for SessionLock {
     fn drop(&mut self) {
         let names = fs::read_dir(&self.folder)
             .map(|entries| entries.flatten().map(|e| e.file_name()).collect::<Vec<_>>());
-        // x
         if names.is_ok_and(|names| names == [LOCK_FILE]) {
             fs::remove_file(self.folder.join(LOCK_FILE)).ok();
             fs::remove_dir(&self.folder).ok();

@@ -4,7 +4,7 @@
 //! refused.
 
 use std::{
-    fs::{self, File, OpenOptions, TryLockError},
+    fs::{self, File, OpenOptions},
     io::{self, BufReader, BufWriter, Read as _},
     path::{Path, PathBuf},
 };
@@ -16,7 +16,7 @@ use super::{
     checkpoint_error::CheckpointError,
     stage_file::{STAGE_FILE, StageFile, stage_name, write_whole},
 };
-use crate::io::open_plain;
+use crate::io::{LockedFile, open_plain};
 
 /// Largest fingerprint file, bytes.
 const MAX_FINGERPRINT_BYTES: u64 = 1 << 20;
@@ -31,8 +31,7 @@ pub struct Checkpoint {
     continued: bool,
     /// Whether the folder around it was made for it.
     made_parent: bool,
-    /// The lock lasts as long as this file is open.
-    _lock: File,
+    _lock: LockedFile,
 }
 
 impl Checkpoint {
@@ -59,15 +58,8 @@ impl Checkpoint {
         if let Some(path) = foreign(folder).map_err(fails)? {
             return Err(CheckpointError::Foreign { path });
         }
-        let lock = open_plain(&folder.join(LOCK_FILE), OpenOptions::new().write(true).create(true))
-            .map_err(fails)?;
-        match lock.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                return Err(CheckpointError::InUse { folder: folder.to_owned() });
-            }
-            Err(TryLockError::Error(source)) => return Err(fails(source)),
-        }
+        let lock = LockedFile::take(&folder.join(LOCK_FILE)).map_err(fails)?;
+        let lock = lock.ok_or_else(|| CheckpointError::InUse { folder: folder.to_owned() })?;
         // Under the lock, so that nobody writes it meanwhile.
         let earlier = read_fingerprint(&folder.join(FINGERPRINT_FILE));
         if let Some(earlier) = earlier.as_ref().filter(|e| resume && *e != fingerprint) {

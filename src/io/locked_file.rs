@@ -1,0 +1,71 @@
+//! A lock file: one process at a time.
+
+use std::{
+    fs::{File, OpenOptions, TryLockError},
+    io,
+    path::Path,
+};
+
+use super::open_plain;
+
+/// A file that one owner holds at a time. The system takes the lock of a process that was killed; a file that
+/// only exists would stay.
+#[derive(Debug)]
+pub struct LockedFile(File);
+
+impl LockedFile {
+    /// Locks the file at `path`, which is made where it is missing; `None` while another owner holds it.
+    ///
+    /// # Errors
+    /// If it is no plain file or the disk refuses.
+    pub fn take(path: &Path) -> io::Result<Option<Self>> {
+        let file = open_plain(path, OpenOptions::new().write(true).create(true).truncate(false))?;
+        match file.try_lock() {
+            Ok(()) => Ok(Some(Self(file))),
+            Err(TryLockError::WouldBlock) => Ok(None),
+            Err(TryLockError::Error(source)) => Err(source),
+        }
+    }
+
+    /// Whether `path` still leads to this file.
+    #[cfg(unix)]
+    #[must_use]
+    pub fn is_at(&self, path: &Path) -> bool {
+        use std::{fs, os::unix::fs::MetadataExt as _};
+        let same = |a: fs::Metadata, b: fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
+        self.0.metadata().is_ok_and(|a| fs::symlink_metadata(path).is_ok_and(|b| same(a, b)))
+    }
+
+    /// Whether `path` still leads to this file.
+    #[cfg(not(unix))]
+    #[must_use]
+    pub fn is_at(&self, path: &Path) -> bool {
+        path.exists()
+    }
+}
+
+impl Drop for LockedFile {
+    /// Closing alone would not do: a process that another thread is about to start has a copy of the file
+    /// until its program is loaded, and a lock lasts as long as the last copy.
+    fn drop(&mut self) {
+        self.0.unlock().ok();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::temp::Temp;
+
+    #[test]
+    fn a_dropped_lock_is_free_although_a_copy_of_its_file_is_open() {
+        let folder = Temp::new("locked-file");
+        let path = folder.0.join("lock");
+        let first = LockedFile::take(&path).unwrap().unwrap();
+        let copy = first.0.try_clone().unwrap();
+        assert!(LockedFile::take(&path).unwrap().is_none());
+        drop(first);
+        assert!(LockedFile::take(&path).unwrap().is_some());
+        drop(copy);
+    }
+}
