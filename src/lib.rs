@@ -69,6 +69,7 @@ pub mod internal;
 mod io;
 mod job;
 mod limits;
+mod lists;
 mod model;
 #[cfg(feature = "node")]
 mod node;

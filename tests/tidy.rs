@@ -22,9 +22,10 @@ use house::{House, reached};
 use reader::{Source, blank, functions, paths, sources, without_tests};
 
 /// Modules of the crate; each may use itself and what stands before it.
-const LAYERS: [&str; 24] = [
+const LAYERS: [&str; 25] = [
     "limits",
     "vectors",
+    "lists",
     "note",
     "random",
     "statistics",

@@ -1,10 +1,7 @@
 //! Small pictures of the twin: a thumbnail and a turntable on which the joints move.
 
-use image::{
-    Delay, ExtendedColorType, Frame, ImageEncoder as _, RgbaImage,
-    codecs::gif::{GifEncoder, Repeat},
-    codecs::png::PngEncoder,
-};
+use gif::{DisposalMethod, Encoder, Frame, Repeat};
+use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
@@ -22,8 +19,10 @@ const THUMBNAIL_PX: [usize; 2] = [480, 360];
 const TURNTABLE_PX: [usize; 2] = [320, 240];
 /// Pictures of a full turn.
 const FRAMES: usize = 24;
-/// Milliseconds between two pictures.
-const FRAME_MS: u32 = 110;
+/// Time between two pictures, hundredths of a second.
+const FRAME_DELAY: u16 = 11;
+/// The fastest of the encoder's speeds: it samples fewer pixels for a palette.
+const SPEED: i32 = 30;
 /// Distance of the camera in radii of the object.
 const DISTANCE: f64 = 3.0;
 /// Height of the camera above the object's middle, in radii.
@@ -57,27 +56,27 @@ pub fn turntable(model: &ArticulatedModel, drawn: &[Drawn]) -> Vec<u8> {
     let small: Vec<(usize, TriangleMesh)> = drawn.par_iter().map(fewer).collect();
     let meshes: Vec<(usize, &TriangleMesh)> = small.iter().map(|(link, mesh)| (*link, mesh)).collect();
     let (Some(first), Some(last)) = (model.states.first(), model.states.last()) else { return Vec::new() };
-    let mut bytes = Vec::new();
-    // 30 is the fastest of the encoder's speeds: it samples fewer pixels for a palette.
-    let mut encoder = GifEncoder::new_with_speed(&mut bytes, 30);
-    let mut whole = encoder.set_repeat(Repeat::Infinite).is_ok();
-    let [w, h] = TURNTABLE_PX.map(|x| x as u32);
+    let [w, h] = TURNTABLE_PX.map(|x| x as u16);
     let picture = |k: usize| {
         let turn = std::f64::consts::TAU * k as f64 / FRAMES as f64;
         // Once there and back in a turn, slow at both ends, so that the loop has no jump.
         let share = 0.5 - 0.5 * turn.cos();
         let positions: Vec<f64> = first.iter().zip(last).map(|(a, b)| a + (b - a) * share).collect();
         let rgb = view(model, &meshes, &positions, AZIMUTH_RAD + turn, TURNTABLE_PX);
-        rgb.iter().flat_map(|&[r, g, b]| [r, g, b, 255]).collect()
+        let mut frame = Frame::from_rgb_speed(w, h, rgb.as_flattened(), SPEED);
+        (frame.delay, frame.dispose) = (FRAME_DELAY, DisposalMethod::Background);
+        frame.make_lzw_pre_encoded();
+        frame
     };
-    for rgba in (0..FRAMES).into_par_iter().map(picture).collect::<Vec<_>>() {
-        let Some(image) = RgbaImage::from_raw(w, h, rgba) else { return Vec::new() };
-        let delay = Delay::from_numer_denom_ms(FRAME_MS, 1);
-        whole &= encoder.encode_frame(Frame::from_parts(image, 0, 0, delay)).is_ok();
-    }
-    // The encoder writes the end of the file when it is dropped.
-    drop(encoder);
-    if whole { bytes } else { Vec::new() }
+    let frames: Vec<Frame> = (0..FRAMES).into_par_iter().map(picture).collect();
+    let written = || {
+        let mut encoder = Encoder::new(Vec::new(), w, h, &[])?;
+        encoder.set_repeat(Repeat::Infinite)?;
+        frames.iter().try_for_each(|frame| encoder.write_lzw_pre_encoded_frame(frame))?;
+        Ok::<_, gif::EncodingError>(encoder.into_inner()?)
+    };
+    // Writing to memory fails only for a size that does not fit its pixels.
+    written().unwrap_or_default()
 }
 
 /// The meshes that draw a model, each with its link.

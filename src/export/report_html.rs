@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use rayon::prelude::*;
+
 use super::{
     difference_report::StateDifference,
     link_report::{FileTriangles, LinkReport},
@@ -182,8 +184,8 @@ fn push_pictures(
     let columns = columns.min(pictures.len());
     let class = if columns == 3 { "pictures triples" } else { "pictures" };
     writeln!(out, "<section>\n<h2>{title}</h2>\n<div class=\"{class}\" style=\"--columns: {columns}\">").ok();
-    for picture in pictures {
-        out.push_str(&picture.figure()?);
+    for figure in pictures.par_iter().map(|picture| picture.figure()).collect::<Vec<_>>() {
+        out.push_str(&figure?);
         out.push('\n');
     }
     let legend =

@@ -145,8 +145,10 @@ pub fn build(
         }
         model.links[i].inertial = inertial(&model.links[i], &walls, i, config);
     }
-    for j in 0..model.joints.len() {
-        model.joints[j].limit.closed = seat(&model, j, config.collision.gap_m);
+    let of_joint = |j| seat(&model, j, config.collision.gap_m);
+    let seats: Vec<_> = (0..model.joints.len()).into_par_iter().map(of_joint).collect();
+    for (j, seat) in seats.into_iter().enumerate() {
+        model.joints[j].limit.closed = seat;
         if config.limits == LimitPolicy::Seated {
             seated(&mut model, j);
         }

@@ -61,7 +61,7 @@ pub fn seat(model: &ArticulatedModel, j: usize, tolerance_m: f64) -> Option<Seat
             Seat { position, std, contact_share: share, above }
         })
     };
-    let (a, b) = (of(false), of(true));
+    let (a, b) = rayon::join(|| of(false), || of(true));
     let share = |s: &Option<Seat>| s.map_or(0.0, |s| s.contact_share);
     let (best, rival) = if share(&a) >= share(&b) { (a, b) } else { (b, a) };
     best.filter(|_| share(&rival) <= RIVAL * share(&best))

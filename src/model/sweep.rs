@@ -2,6 +2,7 @@
 //! measured.
 
 use nalgebra::{Matrix3, Point3, Vector3};
+use rayon::prelude::*;
 
 use super::{ArticulatedModel, Joint, JointKind};
 use crate::{
@@ -196,7 +197,7 @@ fn carve(
     config: &ConvexConfig,
 ) {
     let paths: Vec<[Path; 2]> =
-        moving.iter().map(|solid| fixed_from_moving.map(|poses| Path::of(solid, poses))).collect();
+        moving.par_iter().map(|solid| fixed_from_moving.map(|poses| Path::of(solid, poses))).collect();
     let parts = |piece: ConvexSolid| {
         // Along the solid's own axes, so that cuts run with its faces.
         let axes = piece.axes();
@@ -210,7 +211,8 @@ fn carve(
         let gaps = fused(paths.iter().filter_map(way).collect());
         gaps.iter().fold(vec![piece], cut)
     };
-    *fixed = fixed.drain(..).flat_map(parts).collect();
+    let cut: Vec<_> = std::mem::take(fixed).into_par_iter().map(parts).collect();
+    *fixed = cut.into_iter().flatten().collect();
 }
 
 /// A solid at the poses of its path, with its bounds.
@@ -291,17 +293,19 @@ fn keep_most_seen(solids: &mut Vec<ConvexSolid>, visual: &TriangleMesh, config: 
     if solids.len() <= config.max_solids {
         return;
     }
-    let mut areas = vec![0.0; solids.len()];
     let planes: Vec<Vec<Plane>> = solids.iter().map(ConvexSolid::planes).collect();
-    for t in 0..visual.triangles.len() {
+    let nearest = |t: usize| {
         let middle = visual.middle(t);
-        let area = 0.5 * f64::from(visual.area_normal(t).norm());
         let outside =
             |q: &Vec<Plane>| q.iter().map(|q| q.distance_m(&middle)).fold(f64::NEG_INFINITY, f64::max);
         let near = (0..solids.len()).map(|i| (outside(&planes[i]), i)).min_by(|a, b| a.0.total_cmp(&b.0));
-        if let Some((_, i)) = near.filter(|n| n.0 <= config.tolerance_m) {
-            areas[i] += area;
-        }
+        near.filter(|n| n.0 <= config.tolerance_m).map(|n| n.1)
+    };
+    let nearest: Vec<Option<usize>> =
+        (0..visual.triangles.len()).into_par_iter().with_min_len(256).map(nearest).collect();
+    let mut areas = vec![0.0; solids.len()];
+    for (t, i) in nearest.into_iter().enumerate() {
+        i.into_iter().for_each(|i| areas[i] += 0.5 * f64::from(visual.area_normal(t).norm()));
     }
     let mut order: Vec<usize> = (0..solids.len()).collect();
     order.sort_by(|a, b| areas[*b].total_cmp(&areas[*a]).then(a.cmp(b)));

@@ -1,6 +1,7 @@
 //! The stage that finds the joints of parts that move.
 
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
 use super::{
     articulation::{Articulation, PartsOfState},
@@ -31,7 +32,7 @@ pub(super) fn joints(
         let spacing_m = s.surface.sdf.spacing_m;
         SurfaceDraws::new(&poses.draws, k, &s.surface.samples, s.frames, &scene.noise, spacing_m)
     };
-    let draws: Vec<SurfaceDraws> = states.iter().enumerate().map(draws).collect();
+    let draws: Vec<SurfaceDraws> = states.par_iter().enumerate().map(draws).collect();
     // Joints are those of the twin, whose frame is its static part: where that is off as a whole in state 0,
     // so is all that it carries.
     let labels = &articulation.states[0].labels;
@@ -40,11 +41,12 @@ pub(super) fn joints(
     let in_frame = |(draws, s): (SurfaceDraws, &State)| draws.without(&frame, &s.surface.samples.points);
     let draws: Vec<SurfaceDraws> = draws.into_iter().zip(states).map(in_frame).collect();
     let evidence = Evidence::new(states, &draws, articulation, scene);
-    let parts: Vec<PartEvidence> = (1..articulation.parts()).filter_map(|part| evidence.part(part)).collect();
+    let parts = (1..articulation.parts()).into_par_iter().filter_map(|part| evidence.part(part));
+    let parts: Vec<PartEvidence> = parts.collect();
     // What the static part seems to move by is the error of the world
     // frames; joints against it are free of that.
     let root: Vec<ParentMotion> =
-        (1..states.len()).map(|state| evidence.root(state, &states[state], poses)).collect();
+        (1..states.len()).into_par_iter().map(|state| evidence.root(state, &states[state], poses)).collect();
     let extent_m = scene.bounds.extent_m();
     kinematic_tree(&root, &parts, &evidence.states, extent_m, &scene.config.joint)
 }

@@ -60,7 +60,7 @@ impl TriangleMesh {
     }
 
     /// Sides of the triangles, three each in their order: start, end and triangle.
-    pub(crate) fn sides(&self) -> impl Iterator<Item = (u32, u32, u32)> + '_ {
+    pub(crate) fn sides(&self) -> impl Iterator<Item = (u32, u32, u32)> + Clone + '_ {
         let of_triangle =
             |(t, &[a, b, c]): (usize, &[u32; 3])| [(a, b), (b, c), (c, a)].map(|(p, q)| (p, q, t as u32));
         self.triangles.iter().enumerate().flat_map(of_triangle)

@@ -13,6 +13,7 @@ mod cube_table;
 mod depth_tiles;
 mod difference;
 mod distance;
+mod edges;
 mod edt;
 mod inertia;
 mod light;

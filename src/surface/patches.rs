@@ -1,10 +1,10 @@
 //! A mesh cut into patches that are flat to a tolerance.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 
 use nalgebra::{Point3, Vector3};
 
-use super::TriangleMesh;
+use super::{TriangleMesh, edges::Edges};
 
 /// Cosine of the largest angle between a triangle and its patch, and the triangle that the patch began with.
 const MIN_COSINE: f64 = 0.82;
@@ -45,7 +45,7 @@ pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
     let count = mesh.triangles.len();
     let corners: Vec<[Point3<f64>; 3]> = (0..count).map(|t| mesh.corners(t).map(|p| p.cast())).collect();
     let normals: Vec<Vector3<f64>> = corners.iter().map(|[a, b, c]| (b - a).cross(&(c - a))).collect();
-    let neighbors = neighbors(mesh);
+    let neighbors = Edges::of(mesh).neighbors(mesh.triangles.len(), |_| true);
     let mut order: Vec<usize> = (0..count).filter(|&t| normals[t].norm() > 0.0).collect();
     // Large triangles have the surest normals, so that patches begin there. Equal ones go by number.
     order.sort_by(|a, b| normals[*b].norm_squared().total_cmp(&normals[*a].norm_squared()).then(a.cmp(b)));
@@ -80,21 +80,6 @@ pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
     }
     found.sort_by(|a, b| b.area_m2.total_cmp(&a.area_m2));
     found
-}
-
-/// Triangles that share a side with each triangle.
-fn neighbors(mesh: &TriangleMesh) -> Vec<Vec<u32>> {
-    let mut sides: BTreeMap<(u32, u32), Vec<u32>> = BTreeMap::new();
-    for (p, q, t) in mesh.sides() {
-        sides.entry((p.min(q), p.max(q))).or_default().push(t);
-    }
-    let mut out = vec![Vec::new(); mesh.triangles.len()];
-    for same in sides.values() {
-        for &t in same {
-            out[t as usize].extend(same.iter().filter(|u| **u != t));
-        }
-    }
-    out
 }
 
 #[cfg(test)]

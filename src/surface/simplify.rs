@@ -4,7 +4,7 @@ use std::{cmp::Reverse, collections::BinaryHeap};
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::{TriangleMesh, drop_unused_vertices};
+use super::{TriangleMesh, drop_unused_vertices, edges::Edges};
 
 /// Weight of the planes that hold open borders in place, against the surface.
 const BORDER_WEIGHT: f64 = 10.0;
@@ -12,6 +12,8 @@ const BORDER_WEIGHT: f64 = 10.0;
 const CENTERING: f64 = 1e-4;
 /// A collapse may not turn a triangle's normal by more than this cosine.
 const MIN_TURN_COSINE: f64 = 0.3;
+/// Triangles about a vertex for which there is room at once: six are usual.
+const USUAL_RING: usize = 8;
 
 /// The mesh with at most `max_triangles` triangles, or as few as collapses allow that keep its topology and
 /// turn no triangle over. Collapses the edge that changes the shape least, one after the other; stops early
@@ -19,13 +21,9 @@ const MIN_TURN_COSINE: f64 = 0.3;
 /// for). Colors are interpolated. Deterministic.
 #[must_use]
 pub fn simplify(mesh: &TriangleMesh, max_triangles: usize, max_error_m: f64) -> TriangleMesh {
-    let mut work = Collapse::of(mesh);
+    let mut work = Collapse::of(mesh, max_error_m * max_error_m);
     while work.alive > max_triangles {
-        let Some(Reverse(candidate)) = work.queue.pop() else { break };
-        // The queue is in order of cost: all others would cost more.
-        if candidate.cost() > max_error_m * max_error_m {
-            break;
-        }
+        let Some(candidate) = work.next() else { break };
         work.try_collapse(&candidate);
     }
     work.finish()
@@ -94,9 +92,39 @@ struct Candidate {
     versions: [u32; 2],
 }
 
-impl Candidate {
-    fn cost(&self) -> f64 {
-        f64::from_bits(self.cost_bits)
+/// Bits of a cost that its bin leaves out: bins hold costs that differ by less than a quarter.
+const BIN_SHIFT: u32 = 50;
+/// Bins of all costs that are not negative.
+const BINS: usize = 1 << (63 - BIN_SHIFT);
+
+/// Candidates in their order. Only those of the lowest bin are sorted: a heap of all would not stay near the
+/// processor.
+struct Queue {
+    /// The bin that is in the heap.
+    bin: usize,
+    heap: BinaryHeap<Reverse<Candidate>>,
+    /// The rest; of the bins up to `bin` nothing.
+    bins: Vec<Vec<Candidate>>,
+}
+
+impl Queue {
+    fn new() -> Self {
+        Self { bin: 0, heap: BinaryHeap::new(), bins: vec![Vec::new(); BINS] }
+    }
+
+    fn push(&mut self, candidate: Candidate) {
+        let bin = (candidate.cost_bits >> BIN_SHIFT) as usize;
+        if bin <= self.bin { self.heap.push(Reverse(candidate)) } else { self.bins[bin].push(candidate) }
+    }
+
+    /// The least candidate; those of a bin that are not `valid` when the queue comes to it are dropped.
+    fn pop(&mut self, valid: impl Fn(&Candidate) -> bool) -> Option<Candidate> {
+        while self.heap.is_empty() {
+            self.bin += 1;
+            let of_bin = std::mem::take(self.bins.get_mut(self.bin)?);
+            self.heap = of_bin.into_iter().filter(&valid).map(Reverse).collect();
+        }
+        self.heap.pop().map(|Reverse(candidate)| candidate)
     }
 }
 
@@ -111,11 +139,13 @@ struct Collapse {
     /// Triangles around each vertex.
     rings: Vec<Vec<u32>>,
     alive: usize,
-    queue: BinaryHeap<Reverse<Candidate>>,
+    queue: Queue,
+    /// Edges that cost more are not collapsed, square meters.
+    max_cost: f64,
 }
 
 impl Collapse {
-    fn of(mesh: &TriangleMesh) -> Self {
+    fn of(mesh: &TriangleMesh, max_cost: f64) -> Self {
         let origin = mesh.vertices.first().map(|p| p.coords.cast()).unwrap_or_default();
         let has_colors = mesh.colors.len() == mesh.vertices.len();
         let colors = if has_colors {
@@ -132,9 +162,10 @@ impl Collapse {
             quadrics: vec![Quadric::default(); count],
             versions: vec![0; count],
             triangles: mesh.triangles.iter().map(|t| Some(*t)).collect(),
-            rings: vec![Vec::new(); count],
+            rings: (0..count).map(|_| Vec::with_capacity(USUAL_RING)).collect(),
             alive: mesh.triangles.len(),
-            queue: BinaryHeap::new(),
+            queue: Queue::new(),
+            max_cost,
         };
         for (t, corners) in mesh.triangles.iter().enumerate() {
             let normal = work.area_normal(corners);
@@ -152,10 +183,9 @@ impl Collapse {
 
     /// Adds planes through open sides, across their triangle, and queues all edges.
     fn hold_borders(&mut self, mesh: &TriangleMesh) {
-        let mut sides: Vec<(u32, u32, u32)> = mesh.sides().map(|(p, q, t)| (p.min(q), p.max(q), t)).collect();
-        sides.sort_unstable();
-        for same in sides.chunk_by(|p, q| (p.0, p.1) == (q.0, q.1)) {
-            let (a, b, t) = same[0];
+        let edges = Edges::of(mesh);
+        for (a, same) in edges.all() {
+            let (b, t) = same[0];
             if same.len() == 1 {
                 let (p, q) = (self.positions[a as usize], self.positions[b as usize]);
                 let across = (q - p).cross(&self.area_normal(&mesh.triangles[t as usize]));
@@ -167,10 +197,8 @@ impl Collapse {
                 }
             }
         }
-        let edges: Vec<[u32; 2]> =
-            sides.chunk_by(|p, q| (p.0, p.1) == (q.0, q.1)).map(|same| [same[0].0, same[0].1]).collect();
-        for edge in edges {
-            self.enqueue(edge);
+        for (a, same) in edges.all() {
+            self.enqueue([a, same[0].0]);
         }
     }
 
@@ -191,14 +219,25 @@ impl Collapse {
     fn enqueue(&mut self, [a, b]: [u32; 2]) {
         let ends = [a.min(b), a.max(b)];
         let (quadric, place) = self.target(ends);
-        let versions = ends.map(|v| self.versions[v as usize]);
-        self.queue.push(Reverse(Candidate { cost_bits: quadric.error(&place).to_bits(), ends, versions }));
+        let cost = quadric.error(&place);
+        if cost <= self.max_cost {
+            let versions = ends.map(|v| self.versions[v as usize]);
+            self.queue.push(Candidate { cost_bits: cost.to_bits(), ends, versions });
+        }
+    }
+
+    /// The edge that costs least.
+    fn next(&mut self) -> Option<Candidate> {
+        let versions = &self.versions;
+        self.queue.pop(|c| c.versions == c.ends.map(|v| versions[v as usize]))
     }
 
     /// Neighbors of a vertex, ascending.
     fn neighbors(&self, v: u32) -> Vec<u32> {
-        let corners = self.rings[v as usize].iter().filter_map(|&t| self.triangles[t as usize]).flatten();
-        let mut found: Vec<u32> = corners.filter(|&u| u != v).collect();
+        let ring = &self.rings[v as usize];
+        let mut found = Vec::with_capacity(2 * ring.len());
+        let corners = ring.iter().filter_map(|&t| self.triangles[t as usize]).flatten();
+        found.extend(corners.filter(|&u| u != v));
         found.sort_unstable();
         found.dedup();
         found

@@ -8,6 +8,7 @@
 //! chains.
 
 use nalgebra::Matrix6;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -105,18 +106,23 @@ fn with_prior(
 /// The joints of a tree, parents first: each is estimated with its parent's motions as the tree makes them.
 fn grown(
     parents: &[usize],
-    estimate: impl Fn(usize, &[ParentMotion]) -> JointEstimate,
+    estimate: impl Fn(usize, &[ParentMotion]) -> JointEstimate + Sync,
     root: &[ParentMotion],
 ) -> Vec<JointEstimate> {
     let mut found: Vec<Option<JointEstimate>> = vec![None; parents.len()];
-    while let Some(k) = (0..parents.len())
-        .find(|&k| found[k].is_none() && (parents[k] == 0 || found[parents[k] - 1].is_some()))
-    {
-        let carried =
-            parents[k].checked_sub(1).and_then(|p| found[p].as_ref()).map_or_else(|| root.to_vec(), carried);
-        found[k] = Some(estimate(k, &carried));
+    loop {
+        let is_next = |&k: &usize| found[k].is_none() && (parents[k] == 0 || found[parents[k] - 1].is_some());
+        let next: Vec<usize> = (0..parents.len()).filter(is_next).collect();
+        if next.is_empty() {
+            return found.into_iter().flatten().collect();
+        }
+        let of_part = |&k: &usize| {
+            let parent = parents[k].checked_sub(1).and_then(|p| found[p].as_ref());
+            estimate(k, &parent.map_or_else(|| root.to_vec(), carried))
+        };
+        let estimates: Vec<JointEstimate> = next.par_iter().map(of_part).collect();
+        next.into_iter().zip(estimates).for_each(|(k, estimate)| found[k] = Some(estimate));
     }
-    found.into_iter().flatten().collect()
 }
 
 /// What the joint's part does in every state behind state 0.

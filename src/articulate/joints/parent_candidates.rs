@@ -1,5 +1,7 @@
 //! The parts that could carry a part: how simply it moves against each, and whether it touches it.
 
+use rayon::prelude::*;
+
 use crate::{
     articulate::{
         joints::{
@@ -150,11 +152,11 @@ pub(crate) fn candidates(
         parts.iter().map(|p| Body::new(p.surfaces().collect(), p.pairs().map(|p| p.motion), reach_m));
     let bodies: Vec<Body> = std::iter::once(base).chain(moving).collect();
     let of_part = |k: usize| {
-        let others = (0..bodies.len()).filter(|&parent| parent != k + 1);
+        let others = (0..bodies.len()).into_par_iter().filter(|&parent| parent != k + 1);
         let all = others.map(|parent| candidate(&parts[k], &bodies[k + 1], parent, &bodies[parent], config));
         Candidates { all: all.collect(), contact_m }
     };
-    (0..parts.len()).map(of_part).collect()
+    (0..parts.len()).into_par_iter().map(of_part).collect()
 }
 
 /// How well a part would hang on body number `parent`.

@@ -92,8 +92,8 @@ fn mean_height(
 ) -> Option<f64> {
     let (point, normal) = (&surface.points[sample], &surface.normals[sample]);
     let [mut sum, mut weights] = [0.0; 2];
-    index.around(point, |j| {
-        let offset = surface.points[j] - point;
+    index.around(point, |j, place| {
+        let offset = place - point;
         // The other side of a thin panel is as near.
         let near = offset.norm_squared() < radius_m * radius_m && offset.dot(normal).abs() < reach_m;
         if near && normal.dot(&surface.normals[j]) > SAME_NORMAL {

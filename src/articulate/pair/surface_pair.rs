@@ -77,7 +77,8 @@ impl<'a> SurfacePair<'a> {
     /// Prepares the search; deviations are measured on the samples that coincide in both states.
     pub fn new(samples: [&'a SurfaceSamples; 2], free: [Option<FreeSpace<'a>>; 2], reach_m: f64) -> Self {
         let indices = samples.map(|s| SampleIndex::new(s, reach_m));
-        let graphs = [0, 1].map(|s| SurfaceGraph::new(samples[s], &indices[s], reach_m));
+        let graph = |s: usize| SurfaceGraph::new(samples[s], &indices[s], reach_m);
+        let graphs = rayon::join(|| graph(0), || graph(1)).into();
         // The widest scales, until the pair itself is there to measure its own.
         let scales = Scales { plane_m: 0.2 * reach_m, color: 0.15 };
         let spacing_m = samples.map(|s| spacing_m(&s.points, reach_m));

@@ -20,8 +20,8 @@ pub struct LabelledState {
     pub labels: Grid3<u8>,
     /// Truncation distance, meters.
     pub truncation_m: f64,
-    /// What it says of blocks of cells, x fastest.
-    blocks: Grid3<Says>,
+    /// What it knows of blocks of cells, x fastest.
+    blocks: Grid3<Known>,
 }
 
 /// Marks a node that is away from every surface.
@@ -30,15 +30,29 @@ pub const NO_LABEL: u8 = u8::MAX;
 /// Cells along a side of a block.
 const BLOCK: usize = 4;
 
-/// What a state says of a piece of space.
+/// What a state knows of a piece of space.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Says {
-    /// Nothing was observed there.
-    Nothing,
-    /// It is empty, as far as distances go.
-    Free,
-    /// Its places differ.
-    Mixed,
+struct Known {
+    /// Whether something was observed in it, and whether everywhere.
+    some: bool,
+    all: bool,
+    /// Parts that nodes in it have the label of, as bits: see [`bit`].
+    labels: u64,
+}
+
+impl Known {
+    /// Of no place.
+    const NO_PLACE: Self = Self { some: false, all: true, labels: 0 };
+
+    fn and(self, other: Self) -> Self {
+        let Self { some, all, labels } = other;
+        Self { some: self.some | some, all: self.all & all, labels: self.labels | labels }
+    }
+}
+
+/// The bit of a part; parts that are 64 apart share one.
+fn bit(part: u8) -> u64 {
+    1 << (part % 64)
 }
 
 impl LabelledState {
@@ -48,51 +62,48 @@ impl LabelledState {
         let dims = tsdf.dims.map(|n| n.saturating_sub(1).div_ceil(BLOCK).max(1));
         let (origin, spacing_m) = (tsdf.origin, tsdf.spacing_m * BLOCK as f64);
         let blocks = Grid3 { origin, spacing_m, dims, values: Vec::new() };
-        let free = truncation_m as f32;
-        let of_node = |i: usize| match tsdf.values[i] {
-            d if d.is_nan() => Says::Nothing,
-            d if d == free && labels.values[i] == NO_LABEL => Says::Free,
-            _ => Says::Mixed,
+        let of_node = |(distance, label): (&f32, &u8)| {
+            let known = !distance.is_nan();
+            Known { some: known, all: known, labels: if *label == NO_LABEL { 0 } else { bit(*label) } }
         };
         let of_block = |block: usize| {
             // A cell's last nodes are the first of the next one.
             let nodes = blocks.coordinates(block).map(|b| BLOCK * b..BLOCK * (b + 1) + 1);
             let [xs, ys, zs] = [0, 1, 2].map(|k| nodes[k].start..nodes[k].end.min(tsdf.dims[k]));
-            let first = of_node(tsdf.index(xs.start, ys.start, zs.start));
-            let all = zs.flat_map(|z| ys.clone().map(move |y| (y, z)));
-            let is_first = |(y, z)| xs.clone().all(|x| of_node(tsdf.index(x, y, z)) == first);
-            if all.into_iter().all(is_first) { first } else { Says::Mixed }
+            let rows = zs.flat_map(|z| ys.clone().map(move |y| (y, z)));
+            rows.fold(Known::NO_PLACE, |known, (y, z)| {
+                let row = tsdf.index(xs.start, y, z)..tsdf.index(xs.end, y, z);
+                let nodes = tsdf.values[row.clone()].iter().zip(&labels.values[row]);
+                nodes.map(of_node).fold(known, Known::and)
+            })
         };
         let values = (0..dims.iter().product()).into_par_iter().map(of_block).collect();
         let blocks = Grid3 { values, ..blocks };
         Self { tsdf, weight, labels, truncation_m, blocks }
     }
 
-    /// What it says of all places within `radius_m` of one.
-    fn about(&self, place: &Point3<f64>, radius_m: f64) -> Says {
+    /// What it knows of all places within `radius_m` of one.
+    fn about(&self, place: &Point3<f64>, radius_m: f64) -> Known {
         let at = (place - self.tsdf.origin) / self.tsdf.spacing_m;
         // Places outside by half a spacing count as the border's; the rest is rounding.
         let reach = radius_m / self.tsdf.spacing_m + 0.51;
         let last = self.tsdf.dims.map(|n| n.saturating_sub(1) as f64);
         if (0..3).any(|k| at[k] + reach < 0.0 || at[k] - reach > last[k]) {
-            return Says::Nothing;
+            return Known { all: false, ..Known::NO_PLACE };
         }
         let blocks: [RangeInclusive<usize>; 3] = [0, 1, 2].map(|k| {
             let block = |x: f64| (x.max(0.0) as usize / BLOCK).min(self.blocks.dims[k] - 1);
             block(at[k] - reach)..=block(at[k] + reach)
         });
         let [xs, ys, zs] = blocks;
-        let mut all = zs.flat_map(|z| ys.clone().map(move |y| (y, z))).flat_map(|(y, z)| {
+        let rows = zs.flat_map(|z| ys.clone().map(move |y| (y, z)));
+        let all = rows.flat_map(|(y, z)| {
             let row = self.blocks.index(0, y, z);
             &self.blocks.values[row + xs.start()..=row + xs.end()]
         });
-        let Some(&first) = all.next() else { return Says::Nothing };
+        let known = all.copied().fold(Known::NO_PLACE, Known::and);
         let is_inside = (0..3).all(|k| at[k] - reach >= 0.0 && at[k] + reach <= last[k]);
-        if all.all(|says| *says == first) && (is_inside || first == Says::Nothing) {
-            first
-        } else {
-            Says::Mixed
-        }
+        Known { all: known.all && is_inside, ..known }
     }
 }
 
@@ -103,7 +114,7 @@ pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<
     let Grid3 { origin, spacing_m, dims, .. } = states[0].tsdf;
     let mut out = Grid3 { origin, spacing_m, dims, values: vec![f32::NAN; dims.iter().product()] };
     let [nx, ny, nz] = dims;
-    let template = &states[0].tsdf;
+    let (template, free) = (&states[0].tsdf, states[0].truncation_m as f32);
     let blocks = |n: usize| (0..n).step_by(BLOCK).map(move |start| start..(start + BLOCK).min(n));
     out.values.par_chunks_mut((nx * ny * BLOCK).max(1)).enumerate().for_each(|(slab, values)| {
         let layers = slab * BLOCK..((slab + 1) * BLOCK).min(nz);
@@ -112,19 +123,24 @@ pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<
             let [low, high] =
                 [ends.map(|r| r.start), ends.map(|r| r.end - 1)].map(|[x, y, z]| template.node(x, y, z));
             let (middle, radius_m) = (nalgebra::center(&low, &high), 0.5 * (high - low).norm());
-            let says = |(k, state): (usize, &LabelledState)| state.about(&(motions[k] * middle), radius_m);
-            let said: Vec<Says> = states.iter().enumerate().map(says).collect();
-            if said.iter().all(|s| *s == Says::Nothing) {
+            let (mut some, mut all, mut labels) = (false, false, 0);
+            for (motion, state) in motions.iter().zip(states) {
+                let known = state.about(&(motion * middle), radius_m);
+                (some, all, labels) = (some | known.some, all | known.all, labels | known.labels);
+            }
+            if !some {
                 continue;
             }
-            // All votes are for empty space.
-            let is_empty = !said.contains(&Says::Mixed);
-            let free = states[0].truncation_m as f32;
+            // Where no state has its label, what is known is that the part is not there.
+            let is_elsewhere = all && labels & bit(part) == 0;
             for (z, y) in layers.clone().flat_map(|z| lines.clone().map(move |y| (z, y))) {
                 for x in columns.clone() {
                     let value = &mut values[((z - layers.start) * ny + y) * nx + x];
-                    *value =
-                        if is_empty { free } else { vote(part, &template.node(x, y, z), motions, states) };
+                    *value = if is_elsewhere {
+                        free
+                    } else {
+                        vote(part, &template.node(x, y, z), motions, states)
+                    };
                 }
             }
         }

@@ -19,6 +19,8 @@ pub(crate) struct SampleIndex<'a> {
     /// First entry of every cell in `order`, and the end.
     starts: Vec<u32>,
     order: Vec<u32>,
+    /// Places of the samples in that order: those of a row of cells lie side by side in memory.
+    points: Vec<Point3<f64>>,
 }
 
 impl<'a> SampleIndex<'a> {
@@ -34,10 +36,9 @@ impl<'a> SampleIndex<'a> {
         }
         let dims = dims_of(cell_m).map(|d| d as usize);
         let mut index =
-            Self { samples, origin, cell_m, reach_m, dims, starts: Vec::new(), order: Vec::new() };
+            Self { samples, origin, cell_m, reach_m, dims, starts: vec![], order: vec![], points: vec![] };
         let cells: Vec<usize> =
             samples.points.iter().map(|p| index.cell_index(index.cell(p).map(|c| c as usize))).collect();
-        // Counted, summed and filled: the samples of a row of cells lie side by side in memory.
         let mut starts = vec![0u32; dims.iter().product::<usize>() + 1];
         cells.iter().for_each(|&c| starts[c + 1] += 1);
         for i in 1..starts.len() {
@@ -49,6 +50,7 @@ impl<'a> SampleIndex<'a> {
             index.order[next[c] as usize] = i as u32;
             next[c] += 1;
         }
+        index.points = index.order.iter().map(|&i| samples.points[i as usize]).collect();
         index.starts = starts;
         index
     }
@@ -62,8 +64,9 @@ impl<'a> SampleIndex<'a> {
         x + self.dims[0] * (y + self.dims[1] * z)
     }
 
-    /// Visits all samples in the cells around a point: every sample within the reach, and some beyond.
-    pub fn around(&self, point: &Point3<f64>, mut visit: impl FnMut(usize)) {
+    /// Visits all samples in the cells around a point with their places: every sample within the reach, and
+    /// some beyond.
+    pub fn around(&self, point: &Point3<f64>, mut visit: impl FnMut(usize, &Point3<f64>)) {
         let c = self.cell(point);
         let range = |k: usize| {
             let (low, high) = ((c[k] - 1).max(0), (c[k] + 1).min(self.dims[k] as i64 - 1));
@@ -78,8 +81,11 @@ impl<'a> SampleIndex<'a> {
                     continue;
                 }
                 let at = |x: i64| self.cell_index([x as usize, y as usize, z as usize]);
-                let (from, to) = (self.starts[at(first)], self.starts[at(last) + 1]);
-                self.order[from as usize..to as usize].iter().for_each(|&i| visit(i as usize));
+                let row = self.starts[at(first)] as usize..self.starts[at(last) + 1] as usize;
+                self.order[row.clone()]
+                    .iter()
+                    .zip(&self.points[row])
+                    .for_each(|(&i, p)| visit(i as usize, p));
             }
         }
     }
@@ -87,7 +93,7 @@ impl<'a> SampleIndex<'a> {
     /// Distance to the nearest sample, meters; the reach where none is nearer.
     pub fn distance_m(&self, point: &Point3<f64>) -> f64 {
         let mut squared = self.reach_m * self.reach_m;
-        self.around(point, |i| squared = squared.min((self.samples.points[i] - point).norm_squared()));
+        self.around(point, |_, p| squared = squared.min((p - point).norm_squared()));
         squared.sqrt()
     }
 
@@ -96,8 +102,8 @@ impl<'a> SampleIndex<'a> {
     pub fn nearest(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<usize> {
         let bend = 0.25 * self.reach_m * self.reach_m;
         let (mut best, mut best_squared) = (None, self.reach_m * self.reach_m);
-        self.around(point, |i| {
-            let squared = (self.samples.points[i] - point).norm_squared();
+        self.around(point, |i, p| {
+            let squared = (p - point).norm_squared();
             // The normal is read only where the distance alone does not decide.
             if squared < best_squared {
                 let with_normal = squared + bend * (self.samples.normals[i] - normal).norm_squared();

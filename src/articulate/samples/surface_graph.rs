@@ -2,9 +2,12 @@
 
 use rayon::prelude::*;
 
-use crate::articulate::{
-    observations::SurfaceSamples,
-    samples::{flat_patch::flat_patches, index_sets::IndexSets, sample_index::SampleIndex},
+use crate::{
+    articulate::{
+        observations::SurfaceSamples,
+        samples::{flat_patch::flat_patches, index_sets::IndexSets, sample_index::SampleIndex},
+    },
+    lists::Lists,
 };
 
 /// Neighbors of a sample.
@@ -13,6 +16,10 @@ const NEIGHBORS: usize = 8;
 const LANES: usize = 4;
 /// Rounds of mean-field smoothing.
 const ROUNDS: usize = 15;
+/// A smaller change of a sample's shares is not handed on to its neighbors in that round.
+///
+/// derived: over all rounds such changes sum to less than [`FILL_CHANGE`]
+const SMOOTHING_STEP: f32 = FILL_CHANGE / ROUNDS as f32;
 /// Cost of a neighborhood that disagrees entirely, against 1 for a missing surface.
 ///
 /// tuned: shared/bags
@@ -44,6 +51,10 @@ const FILL_ROUNDS: usize = 60;
 ///
 /// derived: a thousandth of a share decides no label
 const FILL_CHANGE: f32 = 1e-3;
+/// A smaller change of a sample's shares is not handed on to its neighbors.
+///
+/// derived: over all rounds such changes sum to less than [`FILL_CHANGE`]
+const FILL_STEP: f32 = FILL_CHANGE / FILL_ROUNDS as f32;
 /// Pull of a sample's own evidence against that of its neighbors while filling, at a cost difference of 1.
 ///
 /// tuned: shared/bags
@@ -95,6 +106,8 @@ pub(crate) struct SurfaceGraph {
     /// Neighbors of every sample with weights that sum to 1; unused slots point at the sample itself with
     /// weight 0.
     neighbors: Vec<[(u32, f32); NEIGHBORS]>,
+    /// The samples that every sample is a neighbor of.
+    neighbor_of: Lists<u32>,
     /// Number of the smooth sheet that every sample is on.
     sheets: Vec<u32>,
     /// Number of the flat patch that every sample is on.
@@ -112,7 +125,7 @@ impl SurfaceGraph {
         let in_plane = |i: usize, j: usize| are_in_one_plane(samples, i, j);
         let sheets = components(&neighbors, in_plane);
         let patches = flat_patches(&samples.normals, NORMAL_SIGMA, |i| beside(&neighbors, i), in_plane);
-        Self { neighbors, sheets, patches }
+        Self { neighbor_of: neighbor_of(&neighbors), neighbors, sheets, patches }
     }
 
     /// Neighbors of a sample.
@@ -138,8 +151,17 @@ impl SurfaceGraph {
         // All labels alike at first, so that the first round is by costs alone.
         let mut beliefs = vec![[1.0 / labels as f32; LANES]; n * quads];
         let mut next = beliefs.clone();
+        // Whether each sample changed in the last round: one about which nothing did stays as it is.
+        let (mut changed, mut changes) = (vec![true; n], vec![true; n]);
         for _ in 0..ROUNDS {
-            next.par_chunks_mut(quads).with_min_len(512).enumerate().for_each(|(i, energies)| {
+            let rows = next.par_chunks_mut(quads).zip(&mut changes).with_min_len(512).enumerate();
+            rows.for_each(|(i, (energies, changes))| {
+                let before = &beliefs[i * quads..(i + 1) * quads];
+                *changes = self.neighbors[i].iter().any(|(j, _)| changed[*j as usize]);
+                if !*changes {
+                    energies.copy_from_slice(before);
+                    return;
+                }
                 for (quad, energy) in energies.iter_mut().enumerate() {
                     let mut sum = costs[i * quads + quad];
                     for &(j, w) in &self.neighbors[i] {
@@ -154,8 +176,11 @@ impl SurfaceGraph {
                 energy.iter_mut().for_each(|e| *e = (-(*e - least) / TEMPERATURE).exp());
                 let sum: f32 = energy.iter().sum();
                 energy.iter_mut().for_each(|e| *e /= sum);
+                let moved = energy.iter().zip(before.as_flattened()).map(|(e, b)| (e - b).abs());
+                *changes = moved.fold(0.0, f32::max) >= SMOOTHING_STEP;
             });
             std::mem::swap(&mut beliefs, &mut next);
+            std::mem::swap(&mut changed, &mut changes);
         }
         beliefs.chunks_exact(quads).flat_map(|b| &b.as_flattened()[..labels]).copied().collect()
     }
@@ -186,12 +211,18 @@ impl SurfaceGraph {
             own.as_flattened_mut().iter_mut().zip(beliefs).for_each(|(own, b)| *own = pull * b);
         }
         let whole: Vec<f32> = pull.iter().map(|pull| 1.0 + pull).collect();
+        // Whether something about a sample changed since it was looked at: others stay as they are.
+        let mut stirred = vec![true; n];
         for round in 0..FILL_ROUNDS {
-            let mut change = [0.0f32; LANES];
+            let mut most = 0.0f32;
             for k in 0..n {
                 // Forth and back, so that labels cross the surface in few rounds.
                 let i = if round % 2 == 0 { k } else { n - 1 - k };
-                let (neighbors, whole) = (&self.neighbors[i], whole[i]);
+                if !std::mem::take(&mut stirred[i]) {
+                    continue;
+                }
+                let neighbors = &self.neighbors[i];
+                let mut change = [0.0f32; LANES];
                 for at in i * quads..(i + 1) * quads {
                     let (mut mean, quad) = (own[at], at - i * quads);
                     for &(j, w) in neighbors {
@@ -200,13 +231,18 @@ impl SurfaceGraph {
                     }
                     let (old, open) = (&mut reached[at], &open[at]);
                     for lane in 0..LANES {
-                        let new = open[lane] * mean[lane] / whole;
+                        let new = open[lane] * mean[lane] / whole[i];
                         change[lane] = change[lane].max((new - old[lane]).abs());
                         old[lane] = new;
                     }
                 }
+                let change = change.into_iter().fold(0.0, f32::max);
+                if change >= FILL_STEP {
+                    self.neighbor_of.at(i as u32).iter().for_each(|&j| stirred[j as usize] = true);
+                }
+                most = most.max(change);
             }
-            if change.into_iter().fold(0.0, f32::max) < FILL_CHANGE {
+            if most < FILL_CHANGE {
                 break;
             }
         }
@@ -319,8 +355,14 @@ fn is_ruled_out(costs: &[f32], label: usize) -> bool {
 }
 
 /// Neighbors of a sample, without the slots that are unused.
-fn beside(neighbors: &[[(u32, f32); NEIGHBORS]], sample: usize) -> impl Iterator<Item = usize> {
+fn beside(neighbors: &[[(u32, f32); NEIGHBORS]], sample: usize) -> impl Iterator<Item = usize> + Clone {
     neighbors[sample].iter().filter(|n| n.1 > 0.0).map(|n| n.0 as usize)
+}
+
+/// The samples that every sample is a neighbor of.
+fn neighbor_of(neighbors: &[[(u32, f32); NEIGHBORS]]) -> Lists<u32> {
+    let pairs = (0..neighbors.len()).flat_map(|i| beside(neighbors, i).map(move |j| (j as u32, i as u32)));
+    Lists::of(neighbors.len(), pairs)
 }
 
 /// The nearest neighbors of a sample with weights that sum to 1.
@@ -331,8 +373,8 @@ fn neighbors_of(
     reach_m: f64,
 ) -> [(u32, f32); NEIGHBORS] {
     let mut near: Vec<(f64, u32)> = Vec::new();
-    index.around(&samples.points[i], |j| {
-        let offset = samples.points[j] - samples.points[i];
+    index.around(&samples.points[i], |j, place| {
+        let offset = place - samples.points[i];
         let squared = offset.norm_squared();
         if j != i && squared < reach_m * reach_m {
             let bend = (samples.normals[j] - samples.normals[i]).norm_squared();
@@ -406,8 +448,10 @@ mod tests {
             slots[1] = ((i + 1).min(last), 0.5);
             slots
         };
+        let neighbors: Vec<_> = (0..6).map(slots).collect();
         SurfaceGraph {
-            neighbors: (0..6).map(slots).collect(),
+            neighbor_of: neighbor_of(&neighbors),
+            neighbors,
             sheets: (0..6).collect(),
             patches: (0..6).collect(),
         }

@@ -2,9 +2,12 @@
 //! compared by the Hellinger kernel (Arandjelovic and Zisserman, "Three things everyone should know...", CVPR
 //! 2012).
 
-use std::f32::consts::TAU;
+use std::{
+    f32::consts::{FRAC_PI_2, PI, SQRT_2, TAU},
+    ops::Range,
+};
 
-use crate::capture::features::scale_space::Plane;
+use crate::{capture::features::scale_space::Plane, vectors::vectorized};
 
 /// Numbers in a descriptor: 4 x 4 cells of 8 gradient directions.
 pub const DESCRIPTOR_LENGTH: usize = 128;
@@ -19,67 +22,158 @@ pub type Descriptor = [i16; DESCRIPTOR_LENGTH];
 const ORIENTATIONS: usize = 36;
 /// Cells along one side of the descriptor.
 const CELLS: usize = 4;
+/// Cells along one side of the descriptor with those of its border.
+const SIDE: usize = CELLS + 2;
 /// Directions in a cell.
 const DIRECTIONS: usize = 8;
 
 /// Gradient magnitude and direction (radians in `[0, 2 pi)`, counter-clockwise with y down) of pixels: of
-/// those that were asked for, as most lie near no feature.
+/// the stretches of rows that were asked for, as most lie near no feature.
 pub(crate) struct Gradients<'a, K> {
     image: &'a Plane,
     keep: K,
-    /// The magnitude is 0 until it is asked for: memory of zeros costs nothing where nobody looks.
-    polar: Vec<[f32; 2]>,
+    magnitudes: Vec<f32>,
+    directions: Vec<f32>,
+    /// Columns of every row that are known.
+    known: Vec<Range<usize>>,
+}
+
+/// Pixels that are worked on at once.
+const LANES: usize = 16;
+
+/// A stretch of a row about a point: by how much it lies below, and per lane magnitude less by a Gaussian,
+/// offset x and direction; lanes beyond its end have magnitude 0.
+struct Stretch {
+    below: f32,
+    weights: [f32; LANES],
+    right: [f32; LANES],
+    directions: [f32; LANES],
 }
 
 impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
     /// Central differences; pixels where `keep` says no, and the border, have magnitude 0.
     pub fn of(image: &'a Plane, keep: K) -> Self {
-        Self { image, keep, polar: vec![[0.0; 2]; image.width * image.height] }
+        let pixels = image.width * image.height;
+        // Memory of zeros costs nothing where nobody looks.
+        let (magnitudes, directions) = (vec![0.0; pixels], vec![0.0; pixels]);
+        Self { image, keep, magnitudes, directions, known: vec![0..0; image.height] }
     }
 
-    fn polar(&self, x: usize, y: usize) -> [f32; 2] {
-        let image = self.image;
-        let is_inner = x > 0 && y > 0 && x + 1 < image.width && y + 1 < image.height;
-        if !(is_inner && (self.keep)(x, y)) {
-            return [0.0; 2];
+    /// Makes the gradients of a stretch of a row known.
+    fn look_at(&mut self, y: usize, columns: Range<usize>) {
+        let Range { start, end } = self.known[y].clone();
+        if start < end && start <= columns.start && columns.end <= end {
+            return;
         }
-        let (dx, dy) = (image.at(x + 1, y) - image.at(x - 1, y), image.at(x, y + 1) - image.at(x, y - 1));
-        [(dx * dx + dy * dy).sqrt(), in_circle(dy.atan2(dx))]
+        let Plane { width, height, .. } = *self.image;
+        let all = if start < end { start.min(columns.start)..end.max(columns.end) } else { columns };
+        self.known[y] = all.clone();
+        let inner = all.start.max(1)..all.end.min(width - 1);
+        if y == 0 || y + 1 >= height || inner.is_empty() {
+            return;
+        }
+        let row = |y: usize| &self.image.values[y * width..(y + 1) * width];
+        let at = y * width + inner.start..y * width + inner.end;
+        let (magnitudes, directions) = (&mut self.magnitudes[at.clone()], &mut self.directions[at]);
+        let [before, behind] = [inner.start - 1..inner.end - 1, inner.start + 1..inner.end + 1];
+        polar(
+            [&row(y)[before], &row(y)[behind]],
+            [&row(y - 1)[inner.clone()], &row(y + 1)[inner.clone()]],
+            [magnitudes, directions],
+        );
+        for x in inner.filter(|x| !(self.keep)(*x, y)) {
+            self.magnitudes[y * width + x] = 0.0;
+        }
     }
 
-    /// Visits the pixels within `radius` of a point: offset x, offset y, magnitude less by a Gaussian of the
-    /// given standard deviation about the point, direction.
-    fn around(&mut self, x: f32, y: f32, radius: f32, sigma: f32, mut visit: impl FnMut(f32, f32, f32, f32)) {
-        let range = |c: f32, n: usize| {
-            ((c - radius).ceil().max(0.0) as usize)..((c + radius).floor().max(0.0) as usize + 1).min(n)
+    /// Visits the pixels near a point by stretches of rows: `columns` gives the offsets x of a row with an
+    /// offset y, `sigma` is the standard deviation of the Gaussian about the point.
+    fn around(
+        &mut self,
+        [x, y]: [f32; 2],
+        radius: f32,
+        sigma: f32,
+        columns: impl Fn(f32) -> [f32; 2],
+        mut visit: impl FnMut(&Stretch),
+    ) {
+        let range = |c: f32, [first, last]: [f32; 2], n: usize| {
+            ((c + first).ceil().max(0.0) as usize)
+                ..((c + last).floor().max(-1.0) + 1.0).min(n as f32) as usize
         };
         // The Gaussian of a row by that of a column: few exponentials.
         let share = |offset: f32| (-offset * offset / (2.0 * sigma * sigma)).exp();
-        let columns: Vec<(usize, f32)> =
-            range(x, self.image.width).map(|px| (px, share(px as f32 - x))).collect();
-        for py in range(y, self.image.height) {
-            let of_row = share(py as f32 - y);
-            for &(px, of_column) in &columns {
-                let i = py * self.image.width + px;
-                if self.polar[i][0] == 0.0 {
-                    self.polar[i] = self.polar(px, py);
+        let whole = range(x, [-radius, radius], self.image.width);
+        let of_columns: Vec<f32> = whole.clone().map(|px| share(px as f32 - x)).collect();
+        for py in range(y, [-radius, radius], self.image.height) {
+            let below = py as f32 - y;
+            let row = range(x, columns(below), self.image.width);
+            let row = row.start.max(whole.start)..row.end.min(whole.end);
+            if row.is_empty() {
+                continue;
+            }
+            self.look_at(py, row.clone());
+            let of_row = share(below);
+            for start in row.clone().step_by(LANES) {
+                let count = LANES.min(row.end - start);
+                let at = py * self.image.width + start;
+                let of_columns = &of_columns[start - whole.start..];
+                let mut stretch =
+                    Stretch { below, weights: [0.0; LANES], right: [0.0; LANES], directions: [0.0; LANES] };
+                for k in 0..count {
+                    stretch.weights[k] = self.magnitudes[at + k] * of_row * of_columns[k];
+                    stretch.right[k] = (start + k) as f32 - x;
+                    stretch.directions[k] = self.directions[at + k];
                 }
-                let [magnitude, direction] = self.polar[i];
-                if magnitude > 0.0 {
-                    visit(px as f32 - x, py as f32 - y, magnitude * of_row * of_column, direction);
-                }
+                visit(&stretch);
             }
         }
     }
 }
 
-/// An angle in `(-2 pi, 4 pi)` brought to `[0, 2 pi)`, without a division.
-fn in_circle(angle_rad: f32) -> f32 {
-    match angle_rad {
-        a if a < 0.0 => a + TAU,
-        a if a >= TAU => a - TAU,
-        a => a,
+vectorized! {
+    /// Magnitudes and directions of gradients by the values [left, right] and [above, below] of each pixel.
+    fn polar(beside: [&[f32]; 2], about: [&[f32]; 2], out: [&mut [f32]; 2]) = polar_kernel
+}
+
+#[inline(always)]
+fn polar_kernel(
+    [left, right]: [&[f32]; 2],
+    [above, below]: [&[f32]; 2],
+    [magnitudes, directions]: [&mut [f32]; 2],
+) {
+    let n = magnitudes.len();
+    let (left, right, above, below) = (&left[..n], &right[..n], &above[..n], &below[..n]);
+    let directions = &mut directions[..n];
+    for i in 0..n {
+        let (dx, dy) = (right[i] - left[i], below[i] - above[i]);
+        magnitudes[i] = (dx * dx + dy * dy).sqrt();
+        directions[i] = direction(dx, dy);
     }
+}
+
+/// The angle of a vector in `[0, 2 pi)`, radians; 0 of none.
+///
+/// The arctangent's polynomial is 4.4.49 of Abramowitz and Stegun, right to 2e-8.
+#[inline(always)]
+fn direction(dx: f32, dy: f32) -> f32 {
+    let (x, y) = (dx.abs(), dy.abs());
+    let t = x.min(y) / x.max(y).max(f32::MIN_POSITIVE);
+    let s = t * t;
+    let p = 0.002_866_225_7 * s - 0.016_165_737;
+    let p = (p * s + 0.042_909_614) * s - 0.075_289_64;
+    let p = (p * s + 0.106_562_64) * s - 0.142_088_99;
+    let p = (p * s + 0.199_935_51) * s - 0.333_331_45;
+    let first = t + t * s * p;
+    let first = if y > x { FRAC_PI_2 - first } else { first };
+    let upper = if dx < 0.0 { PI - first } else { first };
+    in_circle(if dy < 0.0 { -upper } else { upper })
+}
+
+/// An angle in `(-2 pi, 4 pi)` brought to `[0, 2 pi)`, without a division.
+#[inline(always)]
+fn in_circle(angle_rad: f32) -> f32 {
+    let angle_rad = if angle_rad < 0.0 { angle_rad + TAU } else { angle_rad };
+    if angle_rad >= TAU { angle_rad - TAU } else { angle_rad }
 }
 
 /// Dominant gradient directions around a point, radians, strongest first; at most 3.
@@ -90,14 +184,27 @@ pub(crate) fn orientations(
     scale_px: f32,
 ) -> Vec<f32> {
     // Lowe's section 5: a window of 1.5 scales, peaks from 80 % of the highest.
-    let sigma = 1.5 * scale_px;
-    let mut histogram = [0.0f32; ORIENTATIONS];
-    gradients.around(x, y, 3.0 * sigma, sigma, |_, _, weight, direction| {
-        let bin = direction / TAU * ORIENTATIONS as f32;
-        let (low, fraction) = (bin.floor(), bin - bin.floor());
-        histogram[low as usize % ORIENTATIONS] += weight * (1.0 - fraction);
-        histogram[(low as usize + 1) % ORIENTATIONS] += weight * fraction;
-    });
+    let (sigma, radius) = (1.5 * scale_px, 4.5 * scale_px);
+    // The last bin is the first one again.
+    let mut turns = [0.0f32; ORIENTATIONS + 2];
+    gradients.around(
+        [x, y],
+        radius,
+        sigma,
+        |_| [-radius, radius],
+        |stretch| {
+            for (direction, weight) in stretch.directions.iter().zip(&stretch.weights) {
+                let bin = direction * (ORIENTATIONS as f32 / TAU);
+                let low = bin as usize;
+                let fraction = bin - low as f32;
+                turns[low] += weight * (1.0 - fraction);
+                turns[low + 1] += weight * fraction;
+            }
+        },
+    );
+    turns[0] += turns[ORIENTATIONS];
+    turns[1] += turns[ORIENTATIONS + 1];
+    let mut histogram: [f32; ORIENTATIONS] = std::array::from_fn(|i| turns[i]);
     // Smoothed, so that noise makes no second peak beside the first.
     for _ in 0..2 {
         let h = histogram;
@@ -134,40 +241,81 @@ pub(crate) fn describe(
     scale_px: f32,
     angle_rad: f32,
 ) -> Option<Descriptor> {
-    const SIDE: usize = CELLS + 2;
-    let mut cells = [[[0.0f32; DIRECTIONS]; SIDE]; SIDE];
     let cell_px = 3.0 * scale_px;
     let (sin, cos) = angle_rad.sin_cos();
     let half = 0.5 * CELLS as f32;
-    let radius = cell_px * std::f32::consts::SQRT_2 * (half + 0.5);
-    gradients.around(x, y, radius, half * cell_px, |dx, dy, weight, direction| {
-        let (u, v) = ((cos * dx + sin * dy) / cell_px, (-sin * dx + cos * dy) / cell_px);
-        // Cell coordinates with a border cell on each side: the center of inner cell 0 is at 1.
-        let (cu, cv) = (u + half + 0.5, v + half + 0.5);
-        let top = (SIDE - 1) as f32;
-        if !(cu > 0.0 && cu < top && cv > 0.0 && cv < top) {
-            return;
-        }
-        let bin = in_circle(direction - angle_rad) / TAU * DIRECTIONS as f32;
-        // Spread over the eight nearest bins, so that a small shift changes the descriptor little.
-        let (iu, iv, ib) = (cu as usize, cv as usize, bin as usize);
-        let (fu, fv, fb) = (cu - iu as f32, cv - iv as f32, bin - ib as f32);
-        for (j, wv) in [(iv, 1.0 - fv), (iv + 1, fv)] {
-            for (i, wu) in [(iu, 1.0 - fu), (iu + 1, fu)] {
-                let w = weight * wu * wv;
-                cells[j][i][ib % DIRECTIONS] += w * (1.0 - fb);
-                cells[j][i][(ib + 1) % DIRECTIONS] += w * fb;
-            }
-        }
+    let reach = cell_px * (half + 0.5);
+    // Of a row only what the turned square covers: |cos dx + sin dy| and |-sin dx + cos dy| below the reach.
+    let columns = |dy: f32| {
+        let between = |slope: f32, middle: f32| {
+            let slope = if slope.abs() < 1e-6 { 1e-6 } else { slope };
+            let (a, b) = ((-reach - middle) / slope, (reach - middle) / slope);
+            [a.min(b), a.max(b)]
+        };
+        let (a, b) = (between(cos, sin * dy), between(-sin, cos * dy));
+        [a[0].max(b[0]), a[1].min(b[1])]
+    };
+    let mut cells: Cells = [[[0.0; DIRECTIONS + 2]; SIDE * SIDE]; 2];
+    gradients.around([x, y], SQRT_2 * reach, half * cell_px, columns, |stretch| {
+        add(&mut cells, stretch, [sin, cos], [cell_px, angle_rad]);
     });
     let mut values = [0.0f32; DESCRIPTOR_LENGTH];
     for j in 0..CELLS {
         for i in 0..CELLS {
             let at = (j * CELLS + i) * DIRECTIONS;
-            values[at..at + DIRECTIONS].copy_from_slice(&cells[j + 1][i + 1]);
+            let [even, odd] = [0, 1].map(|k| &cells[k][(j + 1) * SIDE + i + 1]);
+            let cell: [f32; DIRECTIONS + 2] = std::array::from_fn(|d| even[d] + odd[d]);
+            values[at..at + DIRECTIONS].copy_from_slice(&cell[..DIRECTIONS]);
+            // The directions behind the last are the first ones again.
+            values[at] += cell[DIRECTIONS];
+            values[at + 1] += cell[DIRECTIONS + 1];
         }
     }
     hellinger(&mut values)
+}
+
+/// Histograms of the cells, row by row, with a border of cells that is not used; twice, as pixels beside each
+/// other would wait for one another's sums.
+type Cells = [[[f32; DIRECTIONS + 2]; SIDE * SIDE]; 2];
+
+vectorized! {
+    /// Adds a stretch of pixels. `turn` is the sine and cosine of the angle from which directions are counted,
+    /// `cell` the length of a cell, pixels, and that angle.
+    fn add(cells: &mut Cells, stretch: &Stretch, turn: [f32; 2], cell: [f32; 2]) = add_stretch
+}
+
+#[inline(always)]
+fn add_stretch(cells: &mut Cells, stretch: &Stretch, [sin, cos]: [f32; 2], [cell_px, angle_rad]: [f32; 2]) {
+    const TOP: f32 = (SIDE - 1) as f32;
+    // Cell coordinates with a border cell on each side: the center of inner cell 0 is at 1.
+    let middle = 0.5 * TOP;
+    let (mut at, mut bins, mut fractions) = ([0i32; LANES], [0i32; LANES], [[0.0f32; LANES]; 3]);
+    for k in 0..LANES {
+        let (dx, dy) = (stretch.right[k], stretch.below);
+        let u = (cos * dx + sin * dy) / cell_px + middle;
+        let v = (cos * dy - sin * dx) / cell_px + middle;
+        let bin = in_circle(stretch.directions[k] - angle_rad) * (DIRECTIONS as f32 / TAU);
+        let inside = (stretch.weights[k] > 0.0) & (u > 0.0) & (u < TOP) & (v > 0.0) & (v < TOP);
+        let (iu, iv, ib) = (u as i32, v as i32, bin as i32);
+        (at[k], bins[k]) = (if inside { iv * SIDE as i32 + iu } else { -1 }, ib);
+        fractions[0][k] = u - iu as f32;
+        fractions[1][k] = v - iv as f32;
+        fractions[2][k] = bin - ib as f32;
+    }
+    let [right, below, turned] = fractions;
+    for k in 0..LANES {
+        let Ok(at) = usize::try_from(at[k]) else { continue };
+        let (weight, bin, cells) = (stretch.weights[k], bins[k] as usize, &mut cells[k % 2]);
+        // Spread over the eight nearest bins, so that a small shift changes the descriptor little.
+        let [above, below] = [weight * (1.0 - below[k]), weight * below[k]];
+        let (left, right) = (1.0 - right[k], right[k]);
+        let shares = [above * left, above * right, below * left, below * right];
+        for (cell, share) in [at, at + 1, at + SIDE, at + SIDE + 1].into_iter().zip(shares) {
+            let pair = &mut cells[cell][bin..bin + 2];
+            pair[0] += share * (1.0 - turned[k]);
+            pair[1] += share * turned[k];
+        }
+    }
 }
 
 /// Clips strong gradients at 0.2 of the vector's length, divides by the sum and takes square roots.
@@ -184,7 +332,7 @@ fn hellinger(values: &mut [f32; DESCRIPTOR_LENGTH]) -> Option<Descriptor> {
 }
 
 /// Inner product; at most `DESCRIPTOR_NORM^2` up to rounding, so it fits.
-#[inline]
+#[inline(always)]
 pub(crate) fn dot(a: &Descriptor, b: &Descriptor) -> i32 {
     a.iter().zip(b).map(|(&p, &q)| i32::from(p) * i32::from(q)).sum()
 }

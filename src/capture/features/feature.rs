@@ -10,7 +10,7 @@ use crate::capture::features::{
     luma::luma,
     scale_space::{Octave, Plane, octaves},
 };
-use crate::capture::frame::RgbdFrame;
+use crate::{capture::frame::RgbdFrame, vectors::vectorized};
 
 /// How features are found.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -98,22 +98,24 @@ fn bounds(mask: &[bool], width: usize) -> Option<[usize; 4]> {
 
 /// Pixels whose whole `(2 radius + 1)` square is set.
 fn eroded(mask: &[bool], width: usize, radius: usize) -> Vec<bool> {
-    let height = mask.len() / width;
-    let along = |source: &[bool], n: usize, lines: usize, at: &dyn Fn(usize, usize) -> usize| {
-        let mut out = vec![false; source.len()];
-        for line in 0..lines {
-            let mut run = 0;
-            for i in 0..n {
-                run = if source[at(line, i)] { run + 1 } else { 0 };
-                if run > 2 * radius {
-                    out[at(line, i - radius)] = true;
+    // How many pixels before each one, it included, are set without a gap: along its row, then of those
+    // along which enough are, along its column.
+    let (mut out, mut below) = (vec![false; mask.len()], vec![0usize; width]);
+    for (y, row) in mask.chunks_exact(width).enumerate() {
+        let mut run = 0;
+        for (x, set) in row.iter().enumerate() {
+            run = if *set { run + 1 } else { 0 };
+            // A square's middle lies `radius` before its last pixel.
+            if x >= radius {
+                let below = &mut below[x - radius];
+                *below = if run > 2 * radius { *below + 1 } else { 0 };
+                if *below > 2 * radius {
+                    out[(y - radius) * width + x - radius] = true;
                 }
             }
         }
-        out
-    };
-    let rows = along(mask, width, height, &|y, x| y * width + x);
-    along(&rows, height, width, &|x, y| y * width + x)
+    }
+    out
 }
 
 /// An extremum: octave coordinates, level with fraction, response.
@@ -182,11 +184,14 @@ fn extrema(
     let d = &octave.differences;
     let (w, h) = (d[level].width, d[level].height);
     let mut found = Vec::new();
+    let mut candidates = Vec::new();
     for y in 1..h - 1 {
-        let row = &d[level].values[y * w..(y + 1) * w];
-        for (x, &value) in row.iter().enumerate().take(w - 1).skip(1) {
-            // Half, because the refined value may be larger than that at the pixel.
-            if value.abs() > 0.5 * config.contrast && is_extremum(d, level, x, y, value) && inside(x, y) {
+        let rows = [y - 1, y, y + 1].map(|y| &d[level].values[y * w..(y + 1) * w]);
+        candidates.clear();
+        // Half, because the refined value may be larger than that at the pixel.
+        stands_out(rows, 0.5 * config.contrast, &mut candidates);
+        for &x in &candidates {
+            if is_extremum(d, level, x, y, rows[1][x]) && inside(x, y) {
                 found.extend(refined(d, level, x, y, config));
             }
         }
@@ -194,10 +199,47 @@ fn extrema(
     found
 }
 
+vectorized! {
+    /// Appends the x of those pixels of the middle one of three rows that are larger than `least`, and above
+    /// or below the four beside them.
+    fn stands_out(rows: [&[f32]; 3], least: f32, candidates: &mut Vec<usize>) = stand_out
+}
+
+#[inline(always)]
+fn stand_out([above, row, below]: [&[f32]; 3], least: f32, candidates: &mut Vec<usize>) {
+    const LANES: usize = 32;
+    let n = row.len();
+    for first in (1..n.saturating_sub(1)).step_by(LANES) {
+        let count = LANES.min(n - 1 - first);
+        let part = |row: &[f32], shift: usize| -> [f32; LANES] {
+            let part = &row[first + shift - 1..first + shift - 1 + count];
+            <[f32; LANES]>::try_from(part).unwrap_or_else(|_| {
+                // The end of a row.
+                let mut lanes = [0.0; LANES];
+                lanes[..count].copy_from_slice(part);
+                lanes
+            })
+        };
+        let middle = part(row, 1);
+        let others = [part(row, 0), part(row, 2), part(above, 1), part(below, 1)];
+        let mut stands = [0u8; LANES];
+        for k in 0..LANES {
+            let value = middle[k];
+            let highest = others[0][k].max(others[1][k]).max(others[2][k].max(others[3][k]));
+            let lowest = others[0][k].min(others[1][k]).min(others[2][k].min(others[3][k]));
+            stands[k] =
+                u8::from(((value > least) & (value >= highest)) | ((-value > least) & (value <= lowest)));
+        }
+        if stands != [0; LANES] {
+            candidates.extend((0..count).filter(|k| stands[*k] != 0).map(|k| first + k));
+        }
+    }
+}
+
 /// Whether a pixel is above or below all 26 neighbors in space and scale.
 fn is_extremum(d: &[Plane], level: usize, x: usize, y: usize, value: f32) -> bool {
     let sign = value.signum();
-    // Its own level and row first: most pixels fail there.
+    // Its own level first: most pixels fail there.
     [level, level - 1, level + 1].into_iter().all(|level| {
         let plane = &d[level];
         [y, y - 1, y + 1].into_iter().all(|row| {

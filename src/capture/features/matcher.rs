@@ -10,7 +10,7 @@ use crate::capture::features::{
     feature::{Feature, FeatureConfig, features},
     pixel_match::PixelMatch,
 };
-use crate::capture::frame::RgbdFrame;
+use crate::{capture::frame::RgbdFrame, vectors::vectorized};
 
 /// How matches are found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -150,14 +150,28 @@ fn best_two(row: &[i32], partners: &[Feature]) -> Option<(usize, i32, i32)> {
     Some((best, top, second))
 }
 
+vectorized! {
+    /// Inner products of the descriptors of each of `a` with each of `b`. Those of integers are exact, whatever
+    /// the instruction set.
+    fn inner_products(a: &[Feature], b: &[Feature], products: &mut [i32]) = products_of
+}
+
+#[inline(always)]
+fn products_of(a: &[Feature], b: &[Feature], products: &mut [i32]) {
+    for (f, row) in a.iter().zip(products.chunks_exact_mut(b.len())) {
+        for (g, product) in b.iter().zip(row) {
+            *product = dot(&f.descriptor, &g.descriptor);
+        }
+    }
+}
+
 /// Indices of features that are each other's best match and pass the ratio test in both directions.
 pub(in crate::capture) fn mutual_matches(a: &[Feature], b: &[Feature], ratio: f32) -> Vec<(usize, usize)> {
     if a.is_empty() || b.is_empty() {
         return Vec::new();
     }
-    // Inner products of integers are exact, whatever the instruction set.
-    let products: Vec<i32> =
-        a.iter().flat_map(|f| b.iter().map(|g| dot(&f.descriptor, &g.descriptor))).collect();
+    let mut products = vec![0; a.len() * b.len()];
+    inner_products(a, b, &mut products);
     // Squared distance of unit vectors: 2 - 2 cosine.
     let squared = |product: i32| (2.0 - 2.0 * product as f32 / (DESCRIPTOR_NORM * DESCRIPTOR_NORM)).max(0.0);
     let clear = |(best, top, second): (usize, i32, i32)| {

@@ -1,19 +1,18 @@
 //! The border of an open mesh as closed loops of vertices.
 
-use crate::surface::TriangleMesh;
+use crate::surface::{TriangleMesh, edges::sides_by_vertex};
 
 /// The border as closed loops, each with the surface on its left seen from outside; no loop passes a vertex
 /// twice. `None` where two triangles have the same side in the same direction: such a mesh has no clear
 /// border. Loops stand in the order of their ends along the walk, which begins at the lowest vertex.
 #[must_use]
 pub(super) fn border_loops(mesh: &TriangleMesh) -> Option<Vec<Vec<u32>>> {
-    let mut sides: Vec<(u32, u32)> = mesh.sides().map(|(p, q, _)| (p, q)).collect();
-    sides.sort_unstable();
-    if sides.windows(2).any(|w| w[0] == w[1]) {
+    let sides = sides_by_vertex(mesh);
+    if sides.all().any(|(_, ends)| ends.windows(2).any(|w| w[0] == w[1])) {
         return None;
     }
-    let is_open = |&(p, q): &(u32, u32)| sides.binary_search(&(q, p)).is_err();
-    let open: Vec<(u32, u32)> = sides.iter().copied().filter(is_open).collect();
+    let all = sides.all().flat_map(|(p, ends)| ends.iter().map(move |q| (p, *q)));
+    let open: Vec<(u32, u32)> = all.filter(|&(p, q)| !sides.at(q).contains(&p)).collect();
     // As many open sides begin at a vertex as end there: every triangle brings one of each, and so does
     // every pair that is taken away. So every walk along unused ones comes back.
     let mut used = vec![false; open.len()];

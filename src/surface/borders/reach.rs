@@ -2,32 +2,19 @@
 
 use std::{cmp::Ordering, collections::BinaryHeap};
 
-use crate::surface::TriangleMesh;
+use crate::{lists::Lists, surface::TriangleMesh};
 
 /// The vertices that share a side with each vertex, ascending.
-pub(super) struct Neighbors {
-    first: Vec<u32>,
-    to: Vec<u32>,
-}
+pub(super) struct Neighbors(Lists<u32>);
 
 impl Neighbors {
     pub(super) fn of(mesh: &TriangleMesh) -> Self {
-        let mut pairs: Vec<(u32, u32)> = mesh.sides().flat_map(|(p, q, _)| [(p, q), (q, p)]).collect();
-        pairs.sort_unstable();
-        pairs.dedup();
-        let mut first = vec![0; mesh.vertices.len() + 1];
-        for (p, _) in &pairs {
-            first[*p as usize + 1] += 1;
-        }
-        for i in 1..first.len() {
-            first[i] += first[i - 1];
-        }
-        Self { first, to: pairs.into_iter().map(|(_, q)| q).collect() }
+        let pairs = mesh.sides().flat_map(|(p, q, _)| [(p, q), (q, p)]);
+        Self(Lists::of(mesh.vertices.len(), pairs).unique())
     }
 
     pub(super) fn at(&self, vertex: u32) -> &[u32] {
-        let v = vertex as usize;
-        &self.to[self.first[v] as usize..self.first[v + 1] as usize]
+        self.0.at(vertex)
     }
 
     pub(super) fn are_joined(&self, a: u32, b: u32) -> bool {

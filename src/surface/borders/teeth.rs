@@ -6,7 +6,7 @@ use super::{
     sheet::Sheet,
     straight::MAX_MOVE,
 };
-use crate::surface::components::components;
+use crate::surface::{components::components, edges::sides_by_vertex};
 
 /// Disks smaller than this do not hold a strip, voxels: tuned, strips narrower than two voxels hold less
 /// surface than noise.
@@ -37,9 +37,8 @@ pub(super) fn drop_shreds(sheet: &mut Sheet, voxel_m: f64) {
 /// Takes off triangles that hang by one side, until none does.
 pub(super) fn drop_hanging(sheet: &mut Sheet) {
     loop {
-        let mut sides: Vec<(u32, u32)> = sheet.mesh.sides().map(|(p, q, _)| (p, q)).collect();
-        sides.sort_unstable();
-        let is_open = |(p, q): (u32, u32)| sides.binary_search(&(q, p)).is_err();
+        let sides = sides_by_vertex(&sheet.mesh);
+        let is_open = |(p, q): (u32, u32)| !sides.at(q).contains(&p);
         let holds = |&[a, b, c]: &[u32; 3]| {
             [(a, b), (b, c), (c, a)].into_iter().filter(|&side| is_open(side)).count() < 2
         };

@@ -9,7 +9,8 @@ use rayon::prelude::*;
 use super::{
     ConvexSolid, Plane,
     fit::{Fit, error},
-    pieces::{Piece, Sample, Seen},
+    pieces::{Piece, Seen},
+    sample_columns::SampleColumns,
 };
 
 /// Faces with the most error that a cell is cut along.
@@ -81,29 +82,32 @@ impl Cover<'_> {
     /// The cell of some pieces and samples; its solid and error by all of them, or by a part of either that
     /// `step` being more than one asks for.
     fn cell(&self, pieces: Vec<Arc<Piece>>, samples: Vec<u32>, step: usize) -> Cell {
-        let of: Vec<&Sample> =
-            samples.iter().step_by(step).map(|&i| &self.seen.samples[i as usize]).collect();
+        let of = self.columns(samples.iter().step_by(step).copied());
         let tolerance_m = self.wanted.tolerance_m;
         let sizes = [tolerance_m, self.wanted.thin_m];
         let some = if step > 1 { (pieces.len() / RANKED).max(1) } else { 1 };
         let around = pieces.iter().step_by(some).map(AsRef::as_ref);
         let fit = Fit::new(self.seen, around, &of, &self.frame, sizes);
-        let own: f64 = of.iter().map(|s| s.area_m2 * error(fit.distance_m(s), tolerance_m)).sum();
+        let own: f64 = fit.errors(&of, tolerance_m).iter().sum();
         let loss = own * step as f64 + self.covered(&fit, &samples);
         Cell { pieces, samples, fit, loss }
+    }
+
+    fn columns(&self, samples: impl Iterator<Item = u32>) -> SampleColumns {
+        SampleColumns::of(samples.map(|i| &self.seen.samples[i as usize]))
     }
 
     /// The error of a solid that stands before samples which are not its own (sorted), by a part of all.
     fn covered(&self, fit: &Fit, own: &[u32]) -> f64 {
         let count = self.seen.samples.len();
         let step = count.div_ceil(FOREIGN).max(1);
-        let foreign = (0..count).step_by(step).filter_map(|i| {
-            let sample = &self.seen.samples[i];
-            let inside = fit.planes.iter().all(|p| p.normal.dot(&sample.place) < p.offset_m);
-            let counts = inside && own.binary_search(&(i as u32)).is_err();
-            counts.then(|| sample.area_m2 * error(fit.distance_m(sample), self.wanted.tolerance_m))
-        });
-        foreign.sum::<f64>() * step as f64
+        let is_foreign = |i: &u32| {
+            let place = &self.seen.samples[*i as usize].place;
+            let inside = fit.planes.iter().all(|p| p.normal.dot(place) < p.offset_m);
+            inside && own.binary_search(i).is_err()
+        };
+        let foreign = self.columns((0..count as u32).step_by(step).filter(is_foreign));
+        fit.errors(&foreign, self.wanted.tolerance_m).iter().sum::<f64>() * step as f64
     }
 
     /// Cells cut where it helps most, until no cut is worth a solid or there are enough to join.
@@ -113,8 +117,9 @@ impl Cover<'_> {
         let mut open: Vec<(Cell, Cut)> = Vec::new();
         let mut fresh = vec![whole];
         while done.len() + open.len() + fresh.len() < SPARE * self.wanted.solids || !fresh.is_empty() {
-            for cell in fresh.drain(..) {
-                match self.best_cut(&cell).filter(|cut| cut.gain.max(HOPE * cell.loss) > least) {
+            let cuts: Vec<_> = fresh.par_iter().map(|cell| self.best_cut(cell)).collect();
+            for (cell, cut) in fresh.drain(..).zip(cuts) {
+                match cut.filter(|cut| cut.gain.max(HOPE * cell.loss) > least) {
                     Some(cut) => open.push((cell, cut)),
                     None => done.push(cell),
                 }
@@ -144,24 +149,28 @@ impl Cover<'_> {
             self.planes(cell).par_iter().map(|plane| self.cut(cell, plane, step)).collect();
         let loss = |h: &[Cell; 2]| h[0].loss + h[1].loss;
         let best = halves.into_iter().flatten().min_by(|a, b| loss(a).total_cmp(&loss(b)))?;
-        let halves = best.map(|h| if step > 1 { self.cell(h.pieces, h.samples, 1) } else { h });
+        let whole = |h: Cell| if step > 1 { self.cell(h.pieces, h.samples, 1) } else { h };
+        let [left, right] = best;
+        let halves: [Cell; 2] = rayon::join(|| whole(left), || whole(right)).into();
         Some(Cut { gain: cell.loss - loss(&halves), halves })
     }
 
     /// Planes that a cell may be cut at: along its faces that it stands farthest from, and across its axes.
     fn planes(&self, cell: &Cell) -> Vec<Plane> {
         let mut by_face: Vec<(u32, f64, f64, u32)> = Vec::new();
-        for &i in &cell.samples {
-            let sample = &self.seen.samples[i as usize];
-            let off = error(cell.fit.distance_m(sample), self.wanted.tolerance_m);
-            match by_face.iter_mut().find(|f| f.0 == sample.face) {
+        let samples = self.columns(cell.samples.iter().copied());
+        let distances = samples.distances_m(&cell.fit.planes);
+        let faces = samples.faces.iter().zip(&samples.areas_m2);
+        for ((&i, distance_m), (&face, area_m2)) in cell.samples.iter().zip(distances).zip(faces) {
+            let off = error(distance_m, self.wanted.tolerance_m);
+            match by_face.iter_mut().find(|f| f.0 == face) {
                 Some(f) => {
-                    f.1 += sample.area_m2 * off;
+                    f.1 += area_m2 * off;
                     if off > f.2 {
                         (f.2, f.3) = (off, i);
                     }
                 }
-                None => by_face.push((sample.face, sample.area_m2 * off, off, i)),
+                None => by_face.push((face, area_m2 * off, off, i)),
             }
         }
         by_face.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));

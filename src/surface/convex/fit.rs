@@ -4,7 +4,8 @@ use nalgebra::{Point3, Vector3};
 
 use super::{
     ConvexSolid, Plane,
-    pieces::{Piece, Sample, Seen},
+    pieces::{Piece, Seen},
+    sample_columns::{GRAZING, SampleColumns, Slopes},
 };
 use crate::vectors::vectorized;
 
@@ -20,8 +21,6 @@ const ALONG: f64 = 0.9;
 const OFFSET_SHARES: [f64; 5] = [0.3, 0.5, 0.7, 0.9, 1.0];
 /// Offsets nearer to each other than this share of the tolerance are one.
 const NEXT_SHARE: f64 = 0.1;
-/// Rays along a face leave a solid elsewhere.
-const GRAZING: f64 = 1e-3;
 
 /// The error of a distance between a solid and the surface, for the area it holds for: about the base-two
 /// logarithm of one and its square in tolerances. So a place that fits counts more than many that nearly do,
@@ -48,7 +47,7 @@ impl Fit {
     pub fn new<'a>(
         seen: &Seen,
         pieces: impl Iterator<Item = &'a Piece> + Clone,
-        samples: &[&Sample],
+        samples: &SampleColumns,
         frame: &[Vector3<f64>],
         [tolerance_m, thin_m]: [f64; 2],
     ) -> Self {
@@ -74,19 +73,11 @@ impl Fit {
         Self { planes }
     }
 
-    /// Distance between the solid and a sample, meters: how far the sample stands out of it, or the solid
-    /// before the sample along its normal.
-    pub fn distance_m(&self, sample: &Sample) -> f64 {
-        let (mut nearest, mut outside) = (f64::INFINITY, 0.0f64);
-        for plane in &self.planes {
-            let depth = plane.offset_m - plane.normal.dot(&sample.place);
-            outside = outside.max(-depth);
-            let speed = plane.normal.dot(&sample.normal);
-            if speed > GRAZING {
-                nearest = nearest.min(depth / speed);
-            }
-        }
-        if outside > 0.0 { outside } else { nearest }
+    /// Errors of samples against the solid by a tolerance, weighed by their areas.
+    pub fn errors(&self, samples: &SampleColumns, tolerance_m: f64) -> Vec<f64> {
+        let mut errors = samples.distances_m(&self.planes);
+        weigh(&mut errors, &samples.areas_m2, tolerance_m);
+        errors
     }
 
     /// The solid, at least `thin_m` thick, without faces that would cut off less than `least_m`; `None` where
@@ -149,40 +140,71 @@ fn thicken(planes: &mut [Plane], own: usize, thin_m: f64) {
     }
 }
 
-/// What the planes so far make of a sample.
-struct State {
-    /// The two planes before which the solid ends first along its normal: distance, meters, and number.
-    nearest: [(f64, usize); 2],
-    /// How far it stands out of the solid, meters.
-    outside_m: f64,
+vectorized! {
+    /// Makes errors of distances, meters.
+    fn weigh(distances: &mut [f64], areas_m2: &[f64], tolerance_m: f64) = weigh_all
 }
 
-impl State {
-    fn of(planes: &[Plane], sample: &Sample) -> Self {
-        let mut state = Self { nearest: [(f64::INFINITY, usize::MAX); 2], outside_m: 0.0 };
+#[inline(always)]
+fn weigh_all(distances: &mut [f64], areas_m2: &[f64], tolerance_m: f64) {
+    for (distance, area_m2) in distances.iter_mut().zip(areas_m2) {
+        *distance = area_m2 * error(*distance, tolerance_m);
+    }
+}
+
+/// What the planes so far make of the samples.
+struct States {
+    /// The two planes before which the solid ends first along each sample's normal: distances, meters, and
+    /// the number of the first.
+    first: Vec<f64>,
+    second: Vec<f64>,
+    by: Vec<u64>,
+    /// How far each stands out of the solid, meters.
+    outside_m: Vec<f64>,
+}
+
+/// No plane.
+const NONE: u64 = u64::MAX;
+
+impl States {
+    fn of(planes: &[Plane], samples: &SampleColumns) -> Self {
+        let n = samples.len();
+        let far = || vec![f64::INFINITY; n];
+        let mut states = Self { first: far(), second: far(), by: vec![NONE; n], outside_m: vec![0.0; n] };
+        let mut slopes = Slopes::default();
         for (k, plane) in planes.iter().enumerate() {
-            let speed = plane.normal.dot(&sample.normal);
-            if speed > GRAZING {
-                state.meet((plane.offset_m - plane.normal.dot(&sample.place)).max(0.0) / speed, k);
-            }
+            samples.slopes(&plane.normal, &mut slopes);
+            meet(&slopes, (plane.offset_m, k as u64), &mut states);
         }
-        state
+        states
     }
 
-    /// A plane, which may have been farther away before, is met at a distance.
-    fn meet(&mut self, distance_m: f64, plane: usize) {
-        if self.nearest[0].1 == plane {
-            self.nearest[0].0 = self.nearest[0].0.min(distance_m);
-        } else if distance_m < self.nearest[0].0 {
-            self.nearest = [(distance_m, plane), self.nearest[0]];
-        } else if distance_m < self.nearest[1].0 {
-            self.nearest[1] = (distance_m, plane);
-        }
+    /// Distance of a sample to the nearest of all planes but one, meters.
+    fn without(&self, sample: usize, plane: usize) -> f64 {
+        if self.by[sample] == plane as u64 { self.second[sample] } else { self.first[sample] }
     }
+}
 
-    /// Distance to the nearest of all planes but one, meters.
-    fn without(&self, plane: usize) -> f64 {
-        self.nearest[usize::from(self.nearest[0].1 == plane)].0
+vectorized! {
+    /// A plane (offset, meters, and number), which may have been farther away before, is met by samples.
+    fn meet(slopes: &Slopes, plane: (f64, u64), states: &mut States) = meet_all
+}
+
+#[inline(always)]
+fn meet_all(slopes: &Slopes, (offset_m, plane): (f64, u64), states: &mut States) {
+    let Slopes { heights, speeds } = slopes;
+    let States { first, second, by, .. } = states;
+    for ((((height, speed), first), second), by) in heights.iter().zip(speeds).zip(first).zip(second).zip(by)
+    {
+        let depth = offset_m - height;
+        let depth = if depth > 0.0 { depth } else { 0.0 };
+        let met = if *speed > GRAZING { depth / speed } else { f64::INFINITY };
+        let (is_own, is_nearer) = (*by == plane, met < *first);
+        let behind = if met < *second { met } else { *second };
+        let pushed = if is_nearer { *first } else { behind };
+        *second = if is_own { *second } else { pushed };
+        *first = if is_nearer { met } else { *first };
+        *by = if is_nearer { plane } else { *by };
     }
 }
 
@@ -202,7 +224,6 @@ fn raise_all(normals: &[Vec<f64>; 3], place: &Vector3<f64>, highest: &mut [f64])
 
 /// Samples that feel a plane: their heights along it, meters, the speeds at which it is met along their
 /// normals, distances to the nearest of the other planes, how far they stand out of these, meters, and areas.
-#[derive(Default)]
 struct Felt {
     heights: Vec<f64>,
     speeds: Vec<f64>,
@@ -212,6 +233,16 @@ struct Felt {
 }
 
 impl Felt {
+    fn with_room(samples: usize) -> Self {
+        let room = || Vec::with_capacity(samples);
+        Self { heights: room(), speeds: room(), without: room(), outside: room(), areas: room() }
+    }
+
+    fn clear(&mut self) {
+        let Self { heights, speeds, without, outside, areas } = self;
+        [heights, speeds, without, outside, areas].into_iter().for_each(Vec::clear);
+    }
+
     fn add(&mut self, height: f64, speed: f64, (without, outside): (f64, f64), area: f64) {
         self.heights.push(height);
         self.speeds.push(speed);
@@ -241,39 +272,37 @@ fn errors_of(felt: &Felt, [offset_m, tolerance_m]: [f64; 2], errors: &mut [f64])
 
 /// Moves the first `own` planes, one after the other, from behind all pieces to where they leave least error
 /// with those before.
-fn settle(planes: &mut [Plane], own: usize, samples: &[&Sample], tolerance_m: f64) {
-    let mut states: Vec<State> = samples.iter().map(|s| State::of(planes, s)).collect();
-    for k in 0..own {
-        let Plane { normal, offset_m } = planes[k];
-        let heights: Vec<f64> = samples.iter().map(|s| normal.dot(&s.place)).collect();
-        let speeds: Vec<f64> = samples.iter().map(|s| normal.dot(&s.normal)).collect();
+fn settle(planes: &mut [Plane], own: usize, samples: &SampleColumns, tolerance_m: f64) {
+    let mut states = States::of(planes, samples);
+    let (mut slopes, mut felt) = (Slopes::default(), Felt::with_room(samples.len()));
+    for (k, plane) in planes.iter_mut().enumerate().take(own) {
+        let offset_m = plane.offset_m;
+        samples.slopes(&plane.normal, &mut slopes);
+        let Slopes { heights, speeds } = &slopes;
         let along = (0..samples.len()).filter(|&i| speeds[i] > ALONG);
-        let tried =
-            tried_offsets(along.map(|i| (heights[i], samples[i].area_m2)).collect(), offset_m, tolerance_m);
+        let along = along.map(|i| (heights[i], samples.areas_m2[i])).collect();
+        let tried = tried_offsets(along, offset_m, tolerance_m);
         let (Some(lowest), true) = (tried.last().copied(), tried.len() > 1) else { continue };
         // Others feel none of the offsets.
-        let felt: Vec<usize> =
-            (0..samples.len()).filter(|&i| speeds[i] > GRAZING || heights[i] > lowest).collect();
-        let mut feel = Felt::default();
-        for &i in &felt {
-            feel.add(heights[i], speeds[i], (states[i].without(k), states[i].outside_m), samples[i].area_m2);
+        felt.clear();
+        for i in (0..samples.len()).filter(|&i| speeds[i] > GRAZING || heights[i] > lowest) {
+            let others = (states.without(i, k), states.outside_m[i]);
+            felt.add(heights[i], speeds[i], others, samples.areas_m2[i]);
         }
-        let cost = |offset_m: f64| {
-            let mut errors = vec![0.0; felt.len()];
-            errors_at(&feel, [offset_m, tolerance_m], &mut errors);
+        let mut errors = vec![0.0; felt.heights.len()];
+        let mut cost = |offset_m: f64| {
+            errors_at(&felt, [offset_m, tolerance_m], &mut errors);
             errors.iter().sum::<f64>()
         };
         // The outermost of equals.
         let costs = tried.iter().map(|&o| (cost(o), o));
         let best = costs.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(offset_m, |c| c.1);
         if best < offset_m {
-            planes[k].offset_m = best;
-            for &i in &felt {
-                states[i].outside_m = states[i].outside_m.max(heights[i] - best);
-                if speeds[i] > GRAZING {
-                    states[i].meet((best - heights[i]).max(0.0) / speeds[i], k);
-                }
+            plane.offset_m = best;
+            for (outside_m, height) in states.outside_m.iter_mut().zip(heights) {
+                *outside_m = outside_m.max(height - best);
             }
+            meet(&slopes, (best, k as u64), &mut states);
         }
     }
 }
@@ -300,18 +329,18 @@ fn tried_offsets(mut along: Vec<(f64, f64)>, offset_m: f64, tolerance_m: f64) ->
 /// Directions of the seen faces, and those that close the solid.
 fn directions(
     seen: &Seen,
-    samples: &[&Sample],
+    samples: &SampleColumns,
     frame: &[Vector3<f64>],
 ) -> (Vec<Vector3<f64>>, Vec<Vector3<f64>>) {
     let mut areas: Vec<(u32, f64)> = Vec::new();
     let mut slot = vec![u32::MAX; seen.faces.len()];
-    for sample in samples {
-        let k = &mut slot[sample.face as usize];
+    for (&face, area_m2) in samples.faces.iter().zip(&samples.areas_m2) {
+        let k = &mut slot[face as usize];
         if *k == u32::MAX {
             *k = areas.len() as u32;
-            areas.push((sample.face, 0.0));
+            areas.push((face, 0.0));
         }
-        areas[*k as usize].1 += sample.area_m2;
+        areas[*k as usize].1 += area_m2;
     }
     areas.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     let is_new = |found: &[Vector3<f64>], d: &Vector3<f64>, same: f64| found.iter().all(|f| f.dot(d) < same);

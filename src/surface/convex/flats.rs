@@ -3,12 +3,12 @@
 
 use std::{
     cmp::Reverse,
-    collections::{BTreeMap, BTreeSet, BinaryHeap},
+    collections::{BTreeSet, BinaryHeap},
 };
 
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
-use crate::surface::{TriangleMesh, patches::Patch};
+use crate::surface::{TriangleMesh, edges::Edges, patches::Patch};
 
 /// Least length of the sum of a patch's normals over its area: beyond, it bends.
 const LEAST_STRAIGHT: f64 = 0.85;
@@ -71,7 +71,8 @@ pub(super) fn flats(mesh: &TriangleMesh, flat_m: f64) -> Vec<Patch> {
     let of = |t: usize| Moments::of(&mesh.corners(t).map(|p| p.coords.cast::<f64>() - origin));
     let mut moments: Vec<Moments> = (0..mesh.triangles.len()).map(of).collect();
     let mut members: Vec<Vec<u32>> = (0..moments.len() as u32).map(|t| vec![t]).collect();
-    let mut near = neighbors(mesh, &moments);
+    let near = Edges::of(mesh).neighbors(moments.len(), |t| moments[t as usize].area > 0.0);
+    let mut near: Vec<BTreeSet<u32>> = near.into_iter().map(BTreeSet::from_iter).collect();
     let cost = |moments: &[Moments], a: usize, b: usize| {
         let both = moments[a].and(&moments[b]);
         let (_, _, mean_square) = both.plane();
@@ -118,19 +119,4 @@ pub(super) fn flats(mesh: &TriangleMesh, flat_m: f64) -> Vec<Patch> {
         .collect();
     found.sort_by(|a, b| b.area_m2.total_cmp(&a.area_m2));
     found
-}
-
-/// Triangles with area that share a side with each triangle.
-fn neighbors(mesh: &TriangleMesh, moments: &[Moments]) -> Vec<BTreeSet<u32>> {
-    let mut sides: BTreeMap<(u32, u32), Vec<u32>> = BTreeMap::new();
-    for (p, q, t) in mesh.sides().filter(|s| moments[s.2 as usize].area > 0.0) {
-        sides.entry((p.min(q), p.max(q))).or_default().push(t);
-    }
-    let mut near = vec![BTreeSet::new(); moments.len()];
-    for same in sides.values() {
-        for &t in same {
-            near[t as usize].extend(same.iter().filter(|u| **u != t));
-        }
-    }
-    near
 }

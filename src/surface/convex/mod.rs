@@ -10,6 +10,7 @@ mod quality;
 mod raster;
 mod rays;
 mod rectangles;
+mod sample_columns;
 mod settings;
 mod shell;
 mod solid;

@@ -108,8 +108,12 @@ fn span(planes: &[Plane], p: &Point3<f64>, direction: &Vector3<f64>) -> Option<[
         } else {
             from = from.max(-height / speed);
         }
+        // Most solids are missed by one of their first planes.
+        if to <= from.max(0.0) {
+            return None;
+        }
     }
-    (from < to && to > 0.0).then_some([from, to])
+    Some([from, to])
 }
 
 /// Whether a ray leaves a surface before it enters one.
@@ -119,9 +123,15 @@ fn is_inside(facets: &Facets, p: &Vector3<f64>, direction: &Vector3<f64>) -> boo
 
 /// Distance of a point to a solid, meters, or `nearest_m` where that is less; 0 inside.
 fn distance_m(solid: &ConvexSolid, planes: &[Plane], p: &Point3<f64>, nearest_m: f64) -> f64 {
-    let outside = planes.iter().map(|q| q.distance_m(p)).fold(f64::NEG_INFINITY, f64::max);
-    if outside <= 0.0 || outside >= nearest_m {
-        return if outside <= 0.0 { 0.0 } else { nearest_m };
+    let mut outside = f64::NEG_INFINITY;
+    for plane in planes {
+        outside = outside.max(plane.distance_m(p));
+        if outside >= nearest_m {
+            return nearest_m;
+        }
+    }
+    if outside <= 0.0 {
+        return 0.0;
     }
     // The nearest point lies on a face that the point is outside of.
     let to_face = |face: &Vec<u32>| {

@@ -54,23 +54,36 @@ impl Facets {
         let end = origin + direction * self.reach_m;
         let near = cells_of(&origin.inf(&end), &origin.sup(&end), self.side_m);
         let found = near.filter_map(|cell| self.cells.get(&cell)).flatten();
-        let ways = found.filter_map(|&i| self.facets[i as usize].way_m(origin, direction, leaves));
-        ways.filter(|s| *s < self.reach_m).fold(f64::INFINITY, f64::min)
+        let way_m = |nearest_m: f64, &i: &u32| {
+            let way_m = self.facets[i as usize].way_m(origin, direction, leaves, nearest_m.min(self.reach_m));
+            way_m.unwrap_or(nearest_m)
+        };
+        found.fold(f64::INFINITY, way_m)
     }
 }
 
 impl Facet {
-    fn way_m(&self, origin: &Vector3<f64>, direction: &Vector3<f64>, leaves: bool) -> Option<f64> {
+    /// Distance along a ray, if it is less than `most_m`.
+    fn way_m(
+        &self,
+        origin: &Vector3<f64>,
+        direction: &Vector3<f64>,
+        leaves: bool,
+        most_m: f64,
+    ) -> Option<f64> {
         let Self { corners, normal } = self;
         let speed = normal.dot(direction);
         if (if leaves { speed } else { -speed }) <= MET {
             return None;
         }
         let s = normal.dot(&(corners[0] - origin)) / speed;
+        if !(s > START_M && s < most_m) {
+            return None;
+        }
         let p = origin + direction * s;
         let inside =
             |k: usize| (corners[(k + 1) % 3] - corners[k]).cross(&(p - corners[k])).dot(normal) >= -1e-15;
-        (s > START_M && (0..3).all(inside)).then_some(s)
+        (0..3).all(inside).then_some(s)
     }
 }
 

@@ -1,0 +1,106 @@
+//! Samples of a surface number by number, as vector instructions take them.
+
+use nalgebra::Vector3;
+
+use super::{Plane, pieces::Sample};
+use crate::vectors::vectorized;
+
+/// Rays along a face leave a solid elsewhere.
+pub(super) const GRAZING: f64 = 1e-3;
+
+/// Places, meters, normals and areas, square meters, of some samples, and the numbers of their faces.
+pub(super) struct SampleColumns {
+    places: [Vec<f64>; 3],
+    normals: [Vec<f64>; 3],
+    pub areas_m2: Vec<f64>,
+    pub faces: Vec<u32>,
+}
+
+/// How samples lie to a plane's normal: heights along it, meters, and the cosines to their own, at which a
+/// plane is met along these.
+#[derive(Default)]
+pub(super) struct Slopes {
+    pub heights: Vec<f64>,
+    pub speeds: Vec<f64>,
+}
+
+/// How far samples stand before planes, and these before them, meters.
+struct Distances {
+    /// From each sample along its normal to the first plane.
+    nearest: Vec<f64>,
+    /// By how much each stands out.
+    outside: Vec<f64>,
+}
+
+impl SampleColumns {
+    pub fn of<'a>(samples: impl Iterator<Item = &'a Sample>) -> Self {
+        let room = || Vec::with_capacity(samples.size_hint().0);
+        let (axes, areas_m2, faces) = (|| [room(), room(), room()], room(), Vec::new());
+        let mut columns = Self { places: axes(), normals: axes(), areas_m2, faces };
+        for sample in samples {
+            for k in 0..3 {
+                columns.places[k].push(sample.place[k]);
+                columns.normals[k].push(sample.normal[k]);
+            }
+            columns.areas_m2.push(sample.area_m2);
+            columns.faces.push(sample.face);
+        }
+        columns
+    }
+
+    pub fn len(&self) -> usize {
+        self.faces.len()
+    }
+
+    /// How they lie to a normal.
+    pub fn slopes(&self, normal: &Vector3<f64>, slopes: &mut Slopes) {
+        slopes.heights.resize(self.len(), 0.0);
+        slopes.speeds.resize(self.len(), 0.0);
+        along(&self.places, normal, &mut slopes.heights);
+        along(&self.normals, normal, &mut slopes.speeds);
+    }
+
+    /// Distances between what is behind all planes and each sample, meters: how far the sample stands out of
+    /// it, or it before the sample along its normal.
+    pub fn distances_m(&self, planes: &[Plane]) -> Vec<f64> {
+        let n = self.len();
+        let mut found = Distances { nearest: vec![f64::INFINITY; n], outside: vec![0.0; n] };
+        let mut slopes = Slopes::default();
+        for plane in planes {
+            self.slopes(&plane.normal, &mut slopes);
+            stand(&slopes, plane.offset_m, &mut found);
+        }
+        let distance = |(nearest, outside)| if outside > 0.0 { outside } else { nearest };
+        found.nearest.into_iter().zip(found.outside).map(distance).collect()
+    }
+}
+
+vectorized! {
+    /// Inner products of vectors with an axis.
+    fn along(columns: &[Vec<f64>; 3], axis: &Vector3<f64>, products: &mut [f64]) = products_of
+}
+
+#[inline(always)]
+fn products_of(columns: &[Vec<f64>; 3], axis: &Vector3<f64>, products: &mut [f64]) {
+    let [x, y, z] = columns;
+    for (((x, y), z), product) in x.iter().zip(y).zip(z).zip(products) {
+        *product = axis.x * x + axis.y * y + axis.z * z;
+    }
+}
+
+vectorized! {
+    /// Brings a plane into the distances.
+    fn stand(slopes: &Slopes, offset_m: f64, distances: &mut Distances) = stand_before
+}
+
+#[inline(always)]
+fn stand_before(slopes: &Slopes, offset_m: f64, distances: &mut Distances) {
+    let Slopes { heights, speeds } = slopes;
+    let all = heights.iter().zip(speeds).zip(&mut distances.nearest).zip(&mut distances.outside);
+    for (((height, speed), nearest), outside) in all {
+        let depth = offset_m - height;
+        let met = if *speed > GRAZING { depth / speed } else { f64::INFINITY };
+        *nearest = if met < *nearest { met } else { *nearest };
+        *outside = if -depth > *outside { -depth } else { *outside };
+    }
+}
