@@ -1,5 +1,7 @@
 //! From frames to a model: the steps of the method, in order.
 
+use rayon::prelude::*;
+
 use super::{
     RunError, Stages,
     alignment::{Aligned, Drift, align},
@@ -171,5 +173,5 @@ fn solids_off(model: &ArticulatedModel) -> Vec<Note> {
         let fit = SolidFit::of(&link.visual, &link.collision).filter(|fit| !fit.is_sound())?;
         Some(Note::new(NoteCode::SolidsOff, format!("{}: the collision solids {fit}", link.name)))
     };
-    model.links.iter().filter_map(note).collect()
+    model.links.par_iter().filter_map(note).collect()
 }

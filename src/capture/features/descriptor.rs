@@ -274,13 +274,13 @@ pub(crate) fn describe(
     hellinger(&mut values)
 }
 
-/// Histograms of the cells, row by row, with a border of cells that is not used; twice, as pixels beside each
-/// other would wait for one another's sums.
+/// Histograms of the cells, row by row, with a border of cells that is not used; twice, as pixels beside
+/// each other would wait for one another's sums.
 type Cells = [[[f32; DIRECTIONS + 2]; SIDE * SIDE]; 2];
 
 vectorized! {
-    /// Adds a stretch of pixels. `turn` is the sine and cosine of the angle from which directions are counted,
-    /// `cell` the length of a cell, pixels, and that angle.
+    /// Adds a stretch of pixels. `turn` is the sine and cosine of the angle from which directions are
+    /// counted, `cell` the length of a cell, pixels, and that angle.
     fn add(cells: &mut Cells, stretch: &Stretch, turn: [f32; 2], cell: [f32; 2]) = add_stretch
 }
 

@@ -151,8 +151,8 @@ fn best_two(row: &[i32], partners: &[Feature]) -> Option<(usize, i32, i32)> {
 }
 
 vectorized! {
-    /// Inner products of the descriptors of each of `a` with each of `b`. Those of integers are exact, whatever
-    /// the instruction set.
+    /// Inner products of the descriptors of each of `a` with each of `b`. Those of integers are exact,
+    /// whatever the instruction set.
     fn inner_products(a: &[Feature], b: &[Feature], products: &mut [i32]) = products_of
 }
 

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
 use super::{
     description::{Description, Geometry, ShapeText},
@@ -34,7 +35,8 @@ pub(super) fn check(
     found: &mut Findings,
 ) -> Vec<Vec<ConvexSolid>> {
     let mut basenames: BTreeMap<String, String> = BTreeMap::new();
-    let (mut solids, visuals, place) = (Vec::new(), Use::visual(description), (folder, urdf));
+    let (mut solids, mut seen) = (Vec::new(), Vec::new());
+    let (visuals, place) = (Use::visual(description), (folder, urdf));
     if !affordable(description, folder, urdf, found) {
         return vec![Vec::new(); description.links.len()];
     }
@@ -51,7 +53,7 @@ pub(super) fn check(
         }
         let mut own = Vec::new();
         for shape in &link.collisions {
-            let points = match &shape.geometry {
+            let solid = match &shape.geometry {
                 Geometry::Mesh { scale, .. } => {
                     let mesh = mesh_of(shape, place, Use::COLLISION, &mut basenames, found);
                     let Some((file, mesh)) = mesh else {
@@ -63,30 +65,39 @@ pub(super) fn check(
                     }
                     let points: Vec<Point3<f64>> =
                         mesh.points.iter().map(|p| Point3::from(p.coords.component_mul(scale))).collect();
-                    if hull(&points)
-                        .is_none_or(|h| h.thickness_m() < MIN_THICKNESS_M || h.volume_m3() < MIN_VOLUME_M3)
-                    {
+                    let is_solid = |h: &ConvexSolid| {
+                        h.thickness_m() >= MIN_THICKNESS_M && h.volume_m3() >= MIN_VOLUME_M3
+                    };
+                    let solid = hull(&points).filter(is_solid);
+                    if solid.is_none() {
                         found.error(
                             Rule::Mesh,
                             &file,
                             "its corners lie in a plane or nearly so: MuJoCo \
                             refuses the hull; make it 2 mm thick",
                         );
-                        continue;
                     }
-                    points
+                    solid
                 }
                 // As polyhedra, so that one test of overlap serves all shapes.
                 primitive => {
-                    corners(primitive).into_iter().filter(|p| p.iter().all(|x| is_number(*x))).collect()
+                    let is_finite = |p: &Point3<f64>| p.iter().all(|x| is_number(*x));
+                    hull(&corners(primitive).into_iter().filter(is_finite).collect::<Vec<_>>())
                 }
             };
-            own.extend(hull(&points).map(|h| h.transformed(&shape.link_from_shape)));
+            own.extend(solid.map(|h| h.transformed(&shape.link_from_shape)));
         }
-        if let Some(fit) = visual.and_then(|v| SolidFit::of(&v, &own)).filter(|fit| !fit.is_sound()) {
-            found.warn(Rule::Fit, &link.name, format!("the collision shapes {fit}"));
-        }
+        seen.push(visual);
         solids.push(own);
+    }
+    let fit = |(visual, own): (&Option<TriangleMesh>, &Vec<ConvexSolid>)| {
+        SolidFit::of(visual.as_ref()?, own).filter(|fit| !fit.is_sound())
+    };
+    let fits: Vec<Option<SolidFit>> = seen.par_iter().zip(&solids).map(fit).collect();
+    for (link, fit) in description.links.iter().zip(fits) {
+        fit.into_iter().for_each(|fit| {
+            found.warn(Rule::Fit, &link.name, format!("the collision shapes {fit}"));
+        });
     }
     solids
 }
