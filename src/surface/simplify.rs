@@ -84,7 +84,7 @@ fn solved(a: &Matrix3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
 }
 
 /// An edge in the queue; stale once one of its ends has changed.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Candidate {
     /// Bits of the cost, which is not negative, so that they sort like it.
     cost_bits: u64,
@@ -345,6 +345,27 @@ mod tests {
             assert!((0..3).all(|k| c[k].abs_diff(expected[k]) < 12), "{c:?} {expected:?}");
         }
         assert_eq!(small, simplify(&mesh, 1000, f64::INFINITY));
+    }
+
+    proptest! {
+        #[test]
+        fn candidates_come_in_their_order_and_late_ones_too(
+            costs in prop::collection::vec(0u64..=f64::MAX.to_bits(), 1..80),
+            more in prop::collection::vec(0u64..=f64::MAX.to_bits(), 0..20),
+        ) {
+            let candidate =
+                |(i, cost_bits): (usize, &u64)| Candidate { cost_bits: *cost_bits, ends: [i as u32, 0], versions: [0; 2] };
+            let mut queue = Queue::new();
+            costs.iter().enumerate().map(candidate).for_each(|c| queue.push(c));
+            let first = queue.pop(|_| true).unwrap();
+            prop_assert_eq!(Some(&first.cost_bits), costs.iter().min());
+            let mut left: Vec<Candidate> = costs.iter().enumerate().map(candidate).filter(|c| *c != first).collect();
+            let more = more.iter().enumerate().map(candidate);
+            more.for_each(|c| { queue.push(c); left.push(c); });
+            left.sort_unstable();
+            let popped: Vec<Candidate> = std::iter::from_fn(|| queue.pop(|_| true)).collect();
+            prop_assert_eq!(popped, left);
+        }
     }
 
     #[test]

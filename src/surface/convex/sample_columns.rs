@@ -104,3 +104,37 @@ fn stand_before(slopes: &Slopes, offset_m: f64, distances: &mut Distances) {
         *outside = if -depth > *outside { -depth } else { *outside };
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cube_stands_before_what_lies_in_it_and_what_lies_out_of_it_stands_out() {
+        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+        let planes: Vec<Plane> =
+            axes.into_iter().flat_map(|n| [n, -n]).map(|normal| Plane { normal, offset_m: 0.5 }).collect();
+        let sample = |x: f64, normal: Vector3<f64>| Sample {
+            place: Vector3::new(x, 0.1, 0.0),
+            normal,
+            area_m2: 1.0,
+            face: 0,
+        };
+        let slanted = Vector3::new(0.6, 0.8, 0.0);
+        let samples = [
+            sample(0.2, Vector3::x()),
+            sample(0.2, -Vector3::x()),
+            // Along its normal the cube ends at y = 0.5 first.
+            sample(0.0, slanted),
+            sample(0.7, Vector3::x()),
+        ];
+        // Many of them, so that whole registers and the rest are both met.
+        let many: Vec<Sample> = samples.iter().copied().cycle().take(4 * 11).collect();
+        let found = SampleColumns::of(many.iter()).distances_m(&planes);
+        for of_four in found.chunks_exact(4) {
+            let off =
+                of_four.iter().zip([0.3, 0.7, 0.5, 0.2]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(off < 1e-12, "{of_four:?}");
+        }
+    }
+}
