@@ -347,24 +347,31 @@ mod tests {
         assert_eq!(small, simplify(&mesh, 1000, f64::INFINITY));
     }
 
+    fn candidates(costs: &[u64], first: u32) -> Vec<Candidate> {
+        let of = |(end, cost_bits): (u32, &u64)| Candidate {
+            cost_bits: *cost_bits,
+            ends: [end, u32::MAX],
+            versions: [0; 2],
+        };
+        (first..).zip(costs).map(of).collect()
+    }
+
     proptest! {
         #[test]
         fn candidates_come_in_their_order_and_late_ones_too(
-            costs in prop::collection::vec(0u64..=f64::MAX.to_bits(), 1..80),
-            more in prop::collection::vec(0u64..=f64::MAX.to_bits(), 0..20),
+            costs in prop::collection::vec(0..=f64::MAX.to_bits(), 1..80),
+            late in prop::collection::vec(0..=f64::MAX.to_bits(), 0..20),
         ) {
-            let candidate =
-                |(i, cost_bits): (usize, &u64)| Candidate { cost_bits: *cost_bits, ends: [i as u32, 0], versions: [0; 2] };
+            let (mut left, late) = (candidates(&costs, 0), candidates(&late, 100));
             let mut queue = Queue::new();
-            costs.iter().enumerate().map(candidate).for_each(|c| queue.push(c));
-            let first = queue.pop(|_| true).unwrap();
-            prop_assert_eq!(Some(&first.cost_bits), costs.iter().min());
-            let mut left: Vec<Candidate> = costs.iter().enumerate().map(candidate).filter(|c| *c != first).collect();
-            let more = more.iter().enumerate().map(candidate);
-            more.for_each(|c| { queue.push(c); left.push(c); });
+            left.iter().for_each(|c| queue.push(*c));
+            let first = queue.pop(|_| true);
+            prop_assert_eq!(first, left.iter().min().copied());
+            late.iter().for_each(|c| queue.push(*c));
+            left.extend(late);
+            left.retain(|c| Some(*c) != first);
             left.sort_unstable();
-            let popped: Vec<Candidate> = std::iter::from_fn(|| queue.pop(|_| true)).collect();
-            prop_assert_eq!(popped, left);
+            prop_assert_eq!(std::iter::from_fn(|| queue.pop(|_| true)).collect::<Vec<_>>(), left);
         }
     }
 
