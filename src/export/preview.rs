@@ -1,6 +1,6 @@
 //! Small pictures of the twin: a thumbnail and a turntable on which the joints move.
 
-use gif::{DisposalMethod, Encoder, Frame, Repeat};
+use gif::{DisposalMethod, Encoder, EncodingError, Frame, Repeat};
 use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
@@ -69,11 +69,11 @@ pub fn turntable(model: &ArticulatedModel, drawn: &[Drawn]) -> Vec<u8> {
         frame
     };
     let frames: Vec<Frame> = (0..FRAMES).into_par_iter().map(picture).collect();
-    let written = || {
+    let written = || -> Result<Vec<u8>, EncodingError> {
         let mut encoder = Encoder::new(Vec::new(), w, h, &[])?;
         encoder.set_repeat(Repeat::Infinite)?;
         frames.iter().try_for_each(|frame| encoder.write_lzw_pre_encoded_frame(frame))?;
-        Ok::<_, gif::EncodingError>(encoder.into_inner()?)
+        encoder.into_inner()
     };
     // Writing to memory fails only for a size that does not fit its pixels.
     written().unwrap_or_default()

@@ -161,7 +161,7 @@ fn direction(dx: f32, dy: f32) -> f32 {
     let s = t * t;
     let p = 0.002_866_225_7 * s - 0.016_165_737;
     let p = (p * s + 0.042_909_614) * s - 0.075_289_64;
-    let p = (p * s + 0.106_562_64) * s - 0.142_088_99;
+    let p = (p * s + 0.106_562_64) * s - 0.142_089;
     let p = (p * s + 0.199_935_51) * s - 0.333_331_45;
     let first = t + t * s * p;
     let first = if y > x { FRAC_PI_2 - first } else { first };
