@@ -109,20 +109,22 @@ const CORES: u32 = 2;
 /// Columns and rows of frames whose size is not known.
 const SIZE: (u32, u32) = (640, 480);
 
-// The most that a run held, by pixels of kept frames and nodes of the grid, and its processor time. Fitted to
-// the eight bags of the README (640 x 480, 30 views a state) and `synth` objects of 320 x 240 with 8 views
-// and 640 x 480 with 40, presets `default` and `preview`, two threads: `eval/estimate.md`.
+// The most that a run held, by pixels of kept frames and nodes of the grid. Fitted to the eight bags of the
+// README (640 x 480, 30 views a state) and `synth` objects of 320 x 240 with 8 views and 640 x 480 with 40,
+// presets `default` and `preview`, two threads: `eval/estimate.md`.
 const BASE_BYTES: f64 = 52e6;
 const BYTES_PER_PIXEL: f64 = 19.0;
 const BYTES_PER_NODE: f64 = 45.0;
 const BYTES_PER_NODE_AND_STATE: f64 = 12.5;
 /// The estimate is a bound: objects of many parts held up to 1.15 times the fit.
 const MEMORY_MARGIN: f64 = 1.35;
-const BASE_SECONDS: f64 = 8.0;
-const SECONDS_PER_PIXEL: f64 = 0.5e-6;
-const SECONDS_PER_NODE: f64 = 2.5e-6;
-/// Wall time of a second of processor time on two cores.
-const WALL: f64 = 0.75;
+// Processor time by the same. Fitted to five of these bags (docs/figures.md), with half of what a pixel took
+// in a fit to all of the objects above when the program took twice as long.
+const BASE_SECONDS: f64 = 4.7;
+const SECONDS_PER_PIXEL: f64 = 0.25e-6;
+const SECONDS_PER_NODE: f64 = 1.15e-6;
+/// Wall time of a second of processor time on two cores: of ten runs on a quiet machine.
+const WALL: f64 = 0.57;
 /// Bytes of the checkpoint and the result: of a node of one state, and of a pixel.
 const KEPT_PER_NODE: f64 = 14.0;
 const KEPT_PER_PIXEL: f64 = 13.0;
