@@ -53,7 +53,17 @@ impl<T: Copy + Default + Ord> Lists<T> {
     }
 
     fn range(&self, list: u32) -> Range<usize> {
-        self.first[list as usize] as usize..self.first[list as usize + 1] as usize
+        self.span(list, list)
+    }
+
+    /// Where the entries of the lists from the first to the last stand among [`Self::entries`].
+    pub fn span(&self, first: u32, last: u32) -> Range<usize> {
+        self.first[first as usize] as usize..self.first[last as usize + 1] as usize
+    }
+
+    /// The entries of all lists, one list after the other.
+    pub fn entries(&self) -> &[T] {
+        &self.all
     }
 
     /// Entries of a list, ascending.

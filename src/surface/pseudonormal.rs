@@ -5,8 +5,10 @@ use nalgebra::Vector3;
 
 use super::{
     TriangleMesh,
+    edges::Edges,
     triangle::{Feature, closest_on_triangle},
 };
+use crate::lists::Lists;
 
 /// No triangle.
 const NONE: u32 = u32::MAX;
@@ -23,9 +25,8 @@ pub(super) struct Pseudonormals {
     triangles: Vec<[u32; 3]>,
     /// Triangle across each side; [`NONE`] where there is none or more than one.
     across: Vec<[u32; 3]>,
-    /// Triangles around each vertex: `rings[first..next]` of consecutive `ring_starts`.
-    rings: Vec<u32>,
-    ring_starts: Vec<u32>,
+    /// Triangles around each vertex.
+    rings: Lists<u32>,
     /// Bit `i`: side `i` has no other triangle; bit `3 + i`: corner `i` lies on such a side.
     open: Vec<u8>,
 }
@@ -46,7 +47,8 @@ impl Pseudonormals {
                 vertices[t[k] as usize] += face * u.cross(&v).norm().atan2(u.dot(&v));
             }
         }
-        let (rings, ring_starts) = rings(&mesh.triangles, positions.len());
+        let corners_of = mesh.triangles.iter().zip(0..).flat_map(|(corners, t)| corners.map(|v| (v, t)));
+        let rings = Lists::of(positions.len(), corners_of);
         let count = corners.len();
         let sides = faces.iter().map(|n| [*n; 3]).collect();
         let triangles = mesh.triangles.clone();
@@ -58,39 +60,35 @@ impl Pseudonormals {
             triangles,
             across: vec![[NONE; 3]; count],
             rings,
-            ring_starts,
             open: vec![0; count],
         };
-        all.join_sides();
+        all.join_sides(&Edges::of(mesh));
         all
     }
 
     /// Sums the face normals over the triangles of each side, and marks open sides and their corners.
-    fn join_sides(&mut self) {
-        let mut sides: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * self.triangles.len());
-        for (t, corners) in self.triangles.iter().enumerate() {
-            for k in 0..3 {
-                let (a, b) = (corners[k], corners[(k + 1) % 3]);
-                sides.push((a.min(b), a.max(b), (3 * t + k) as u32));
-            }
-        }
-        sides.sort_unstable();
+    fn join_sides(&mut self, edges: &Edges) {
         let mut open_vertices = vec![false; self.vertices.len()];
-        for same in sides.chunk_by(|p, q| (p.0, p.1) == (q.0, q.1)) {
+        for (a, same) in edges.all() {
+            let place = |side: u32| (side as usize / 3, side as usize % 3);
             // Both faces of a side open half a turn to it, so that they count alike.
-            let sum: Vector3<f32> = same.iter().map(|s| self.faces[s.2 as usize / 3]).sum();
-            for s in same {
-                self.sides[s.2 as usize / 3][s.2 as usize % 3] = sum;
+            let sum: Vector3<f32> = same.iter().map(|s| self.faces[place(s.1).0]).sum();
+            for (t, k) in same.iter().map(|s| place(s.1)) {
+                self.sides[t][k] = sum;
             }
-            // A walk crosses sides of two triangles; at one of more it would not know where to go.
-            if let [s, r] = same {
-                self.across[s.2 as usize / 3][s.2 as usize % 3] = r.2 / 3;
-                self.across[r.2 as usize / 3][r.2 as usize % 3] = s.2 / 3;
-            }
-            if let [s] = same {
-                self.open[s.2 as usize / 3] |= 1 << (s.2 % 3);
-                open_vertices[s.0 as usize] = true;
-                open_vertices[s.1 as usize] = true;
+            match *same {
+                [(b, side)] => {
+                    let (t, k) = place(side);
+                    self.open[t] |= 1 << k;
+                    open_vertices[a as usize] = true;
+                    open_vertices[b as usize] = true;
+                }
+                // A walk crosses sides of two triangles; at one of more it would not know where to go.
+                [(_, one), (_, other)] => {
+                    let ((t, k), (u, l)) = (place(one), place(other));
+                    (self.across[t][k], self.across[u][l]) = (u as u32, t as u32);
+                }
+                _ => {}
             }
         }
         for (t, corners) in self.triangles.iter().enumerate() {
@@ -128,12 +126,6 @@ impl Pseudonormals {
         (p - closest_on_triangle(p, &self.corners[triangle as usize]).0).norm_squared()
     }
 
-    /// Triangles around a vertex.
-    fn ring(&self, vertex: u32) -> &[u32] {
-        &self.rings
-            [self.ring_starts[vertex as usize] as usize..self.ring_starts[vertex as usize + 1] as usize]
-    }
-
     /// Walks over the mesh from the closer of two triangles to neighbors that are closer to the point, until
     /// none is.
     pub fn descend(&self, p: &Vector3<f32>, starts: [u32; 2]) -> u32 {
@@ -164,7 +156,7 @@ impl Pseudonormals {
                 Feature::Corner(i) => {
                     let corner = self.corners[t][i as usize];
                     let away = p - corner;
-                    for &next in self.ring(self.triangles[t][i as usize]) {
+                    for &next in self.rings.at(self.triangles[t][i as usize]) {
                         // The corner is the closest point of this triangle too unless one of its sides leads
                         // closer.
                         if self.corners[next as usize].iter().all(|c| away.dot(&(c - corner)) <= 0.0) {
@@ -183,24 +175,4 @@ impl Pseudonormals {
         }
         best.1
     }
-}
-
-/// Triangles around each vertex, ascending, and where each vertex's begin.
-fn rings(triangles: &[[u32; 3]], vertices: usize) -> (Vec<u32>, Vec<u32>) {
-    let mut starts = vec![0u32; vertices + 1];
-    for &v in triangles.iter().flatten() {
-        starts[v as usize + 1] += 1;
-    }
-    for v in 0..vertices {
-        starts[v + 1] += starts[v];
-    }
-    let mut next = starts.clone();
-    let mut rings = vec![0; 3 * triangles.len()];
-    for (t, corners) in triangles.iter().enumerate() {
-        for &v in corners {
-            rings[next[v as usize] as usize] = t as u32;
-            next[v as usize] += 1;
-        }
-    }
-    (rings, starts)
 }

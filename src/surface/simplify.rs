@@ -185,10 +185,10 @@ impl Collapse {
     fn hold_borders(&mut self, mesh: &TriangleMesh) {
         let edges = Edges::of(mesh);
         for (a, same) in edges.all() {
-            let (b, t) = same[0];
+            let (b, side) = same[0];
             if same.len() == 1 {
                 let (p, q) = (self.positions[a as usize], self.positions[b as usize]);
-                let across = (q - p).cross(&self.area_normal(&mesh.triangles[t as usize]));
+                let across = (q - p).cross(&self.area_normal(&mesh.triangles[side as usize / 3]));
                 if let Some(unit) = across.try_normalize(0.0) {
                     // By the square of the side's length, as a triangle counts by its area.
                     let plane = Quadric::plane(&unit, &p, BORDER_WEIGHT * (q - p).norm_squared());

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::{articulate::observations::SurfaceSamples, geometry::bounding_box};
+use crate::{articulate::observations::SurfaceSamples, geometry::bounding_box, lists::Lists};
 
 /// Most cells of an index; larger scenes get larger cells.
 ///
@@ -16,9 +16,8 @@ pub(crate) struct SampleIndex<'a> {
     cell_m: f64,
     reach_m: f64,
     dims: [usize; 3],
-    /// First entry of every cell in `order`, and the end.
-    starts: Vec<u32>,
-    order: Vec<u32>,
+    /// Samples of every cell.
+    cells: Lists<u32>,
     /// Places of the samples in that order: those of a row of cells lie side by side in memory.
     points: Vec<Point3<f64>>,
 }
@@ -35,24 +34,13 @@ impl<'a> SampleIndex<'a> {
             cell_m *= 1.5;
         }
         let dims = dims_of(cell_m).map(|d| d as usize);
-        let mut index =
-            Self { samples, origin, cell_m, reach_m, dims, starts: vec![], order: vec![], points: vec![] };
-        let cells: Vec<usize> =
-            samples.points.iter().map(|p| index.cell_index(index.cell(p).map(|c| c as usize))).collect();
-        let mut starts = vec![0u32; dims.iter().product::<usize>() + 1];
-        cells.iter().for_each(|&c| starts[c + 1] += 1);
-        for i in 1..starts.len() {
-            starts[i] += starts[i - 1];
-        }
-        let mut next = starts.clone();
-        index.order = vec![0; cells.len()];
-        for (i, &c) in cells.iter().enumerate() {
-            index.order[next[c] as usize] = i as u32;
-            next[c] += 1;
-        }
-        index.points = index.order.iter().map(|&i| samples.points[i as usize]).collect();
-        index.starts = starts;
-        index
+        let no_cells = Lists::of(0, std::iter::empty());
+        let index = Self { samples, origin, cell_m, reach_m, dims, cells: no_cells, points: Vec::new() };
+        let cell = |p: &Point3<f64>| index.cell_index(index.cell(p).map(|c| c as usize)) as u32;
+        let of_samples: Vec<u32> = samples.points.iter().map(cell).collect();
+        let cells = Lists::of(dims.iter().product(), of_samples.iter().copied().zip(0..));
+        let points = cells.entries().iter().map(|&i| samples.points[i as usize]).collect();
+        Self { cells, points, ..index }
     }
 
     fn cell(&self, p: &Point3<f64>) -> [i64; 3] {
@@ -80,12 +68,10 @@ impl<'a> SampleIndex<'a> {
                 if first > last {
                     continue;
                 }
-                let at = |x: i64| self.cell_index([x as usize, y as usize, z as usize]);
-                let row = self.starts[at(first)] as usize..self.starts[at(last) + 1] as usize;
-                self.order[row.clone()]
-                    .iter()
-                    .zip(&self.points[row])
-                    .for_each(|(&i, p)| visit(i as usize, p));
+                let at = |x: i64| self.cell_index([x as usize, y as usize, z as usize]) as u32;
+                let row = self.cells.span(at(first), at(last));
+                let samples = self.cells.entries()[row.clone()].iter().zip(&self.points[row]);
+                samples.for_each(|(&i, p)| visit(i as usize, p));
             }
         }
     }
