@@ -3,6 +3,7 @@
 use artitwin::internal::{
     capture::{NoiseConfig, RgbdFrame},
     geometry::{Grid3, Intrinsics, Pose},
+    gpu::Offload,
     surface::{
         DistanceOptions, MeshDistance, Paint, PixelRole, RenderItem, TsdfView, TsdfVolume, marching_cubes,
         render, sample_surface, signed_distance, simplify,
@@ -41,7 +42,8 @@ fn marching_cubes_nodes(bencher: divan::Bencher, nodes: usize) {
 #[divan::bench(args = [101, 201], sample_count = 5)]
 fn signed_distance_nodes(bencher: divan::Bencher, nodes: usize) {
     let (mesh, grid) = (marching_cubes(&field(256), 0.0), field(nodes));
-    bencher.bench_local(|| signed_distance(&mesh, &grid, None, &DistanceOptions::default()));
+    bencher
+        .bench_local(|| signed_distance(&mesh, &grid, None, &DistanceOptions::default(), &Offload::none()));
 }
 
 /// A view of a sphere of radius 0.2 m, one meter away.

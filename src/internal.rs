@@ -27,7 +27,7 @@ pub mod field {
         BurnEngine, CpuEngine, EngineError, EngineState, FieldConfig, FieldEngine, FieldParams, FieldTrainer,
         HalfMotion, InstructionSet, ObjectField, Occupancy, RadianceCheckpoint, RadianceConfig,
         RadianceInput, RadianceLosses, RadianceModel, RadianceTrainer, SampleBatch, SdfTarget, StepPhase,
-        TrainConfig, TrainInput, adapters,
+        TrainConfig, TrainInput,
     };
 }
 pub mod gap {
@@ -55,6 +55,9 @@ pub mod gap {
 }
 pub mod geometry {
     pub use crate::geometry::{Grid3, Intrinsics, Pose, SceneBox};
+}
+pub mod gpu {
+    pub use crate::gpu::{Offload, adapters};
 }
 pub mod io {
     pub use crate::io::image_codec;

@@ -64,6 +64,7 @@ mod field;
 mod files;
 mod gap;
 mod geometry;
+mod gpu;
 #[doc(hidden)]
 pub mod internal;
 mod io;

@@ -226,7 +226,7 @@ mod gpu {
         );
         let n = params.parameters();
         let state = EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 };
-        println!("adapters: {:?}", artitwin::internal::field::adapters());
+        println!("adapters: {:?}", artitwin::internal::gpu::adapters());
         BurnEngine::wgpu(state).map_err(|error| venv::without::<()>(&error.to_string())).is_ok()
     }
 

@@ -9,8 +9,10 @@ use super::{
     terminal,
 };
 use crate::{
-    config::Engine,
-    field::{self, EngineError, InstructionSet},
+    config::{Engine, GpuUse},
+    field::InstructionSet,
+    gpu::{self, Adapter, Gpu, GpuError},
+    run::gpu_trial,
 };
 
 /// Less available memory than this is worth a word, bytes.
@@ -23,16 +25,39 @@ const DISK_WANTED: u64 = 2 << 30;
 /// # Errors
 /// If the configuration is wrong, or asks for an engine that cannot run here.
 pub fn run(settings: &SettingArgs) -> Result<Exit, CliError> {
-    let engine = settings.resolve()?.config.run.engine;
-    let adapters = field::adapters();
+    let config = settings.resolve()?.config.run;
+    let (engine, adapters) = (config.engine, gpu::adapters());
     // Before the engine is refused: the report shows why.
     terminal::print(&report(&Machine::detect(), &adapters))?;
     let name = engine_name(engine, &adapters).map_err(|e| CliError::Machine(e.to_string()))?;
-    terminal::print(&format!("engine     {name}\n"))?;
+    terminal::print(&format!("engine     {name}\n{}", of_stages(config.gpu, &adapters)))?;
     Ok(Exit::Done)
 }
 
-fn report(machine: &Machine, adapters: &Result<Vec<String>, EngineError>) -> String {
+/// What a GPU would bring to the stages: each work that it can take, on the processor and on it.
+fn of_stages(asked: GpuUse, adapters: &Result<Vec<Adapter>, GpuError>) -> String {
+    let nothing = |why: &str| format!("stages     on the processor: {why}\n");
+    let gpu = match (asked, adapters) {
+        (GpuUse::Off, _) => return nothing("run.gpu is off"),
+        (_, Err(error)) => return nothing(&error.to_string()),
+        (GpuUse::Auto, Ok(found)) if !found.is_empty() && found.iter().all(|a| a.is_software) => {
+            return nothing("an adapter in software is slower");
+        }
+        (asked, Ok(_)) => Gpu::open(asked == GpuUse::On),
+    };
+    let gpu = match gpu {
+        Ok(gpu) => gpu,
+        Err(error) => return nothing(&error.to_string()),
+    };
+    let all = gpu_trial(&gpu);
+    let lines = all.iter().map(|c| {
+        let side = if c.is_won() { "on the GPU" } else { "on the processor" };
+        format!("stages     {c}: {side} where run.gpu is auto\n")
+    });
+    lines.collect()
+}
+
+fn report(machine: &Machine, adapters: &Result<Vec<Adapter>, GpuError>) -> String {
     let unknown = || "unknown".to_owned();
     let threads = machine.threads.map_or_else(unknown, |n| n.to_string());
     let vectors = if machine.vector_instructions.is_empty() {
@@ -68,8 +93,10 @@ fn report(machine: &Machine, adapters: &Result<Vec<String>, EngineError>) -> Str
         ),
         match adapters {
             Ok(found) if found.is_empty() => "gpu        no adapter found".to_owned(),
-            Ok(found) => found.iter().map(|a| format!("gpu        {a}")).collect::<Vec<_>>().join("\n"),
-            Err(EngineError::NotBuilt) => "gpu        built without the gpu feature".to_owned(),
+            Ok(found) => {
+                found.iter().map(|a| format!("gpu        {}", a.description)).collect::<Vec<_>>().join("\n")
+            }
+            Err(GpuError::NotBuilt) => "gpu        built without the wgpu feature".to_owned(),
             Err(error) => format!("gpu        {error}"),
         },
     ];
@@ -90,13 +117,12 @@ pub enum EngineUnfit {
 }
 
 /// What trains the fields, or why it cannot.
-fn engine_name(engine: Engine, adapters: &Result<Vec<String>, EngineError>) -> Result<String, EngineUnfit> {
+fn engine_name(engine: Engine, adapters: &Result<Vec<Adapter>, GpuError>) -> Result<String, EngineUnfit> {
     match (engine, adapters) {
         (Engine::Cpu, _) => Ok(format!("cpu, {} kernels", InstructionSet::detect().name())),
         (Engine::Burn, _) => Ok("burn on the CPU".to_owned()),
         (Engine::Gpu, Ok(found)) if found.is_empty() => Err(EngineUnfit::NoAdapter),
-        // wgpu lists renderers in software as adapters, too.
-        (Engine::Gpu, Ok(found)) if found.iter().all(|a| a.contains("(Cpu,")) => {
+        (Engine::Gpu, Ok(found)) if found.iter().all(|a| a.is_software) => {
             Ok("burn on a software adapter, which is slower than the cpu engine".to_owned())
         }
         (Engine::Gpu, Ok(_)) => Ok("burn on a GPU".to_owned()),
@@ -108,6 +134,10 @@ fn engine_name(engine: Engine, adapters: &Result<Vec<String>, EngineError>) -> R
 mod tests {
     use super::*;
 
+    fn adapter(description: &str) -> Adapter {
+        Adapter { description: description.to_owned(), is_software: true }
+    }
+
     #[test]
     fn the_report_names_what_is_there_and_what_is_short() {
         let machine = Machine {
@@ -118,7 +148,7 @@ mod tests {
             memory_available: Some(3 << 30),
             disk_free: None,
         };
-        let text = report(&machine, &Ok(vec!["llvmpipe".to_owned()]));
+        let text = report(&machine, &Ok(vec![adapter("llvmpipe")]));
         for line in [
             "processor  Example CPU, 2 threads, avx2 fma",
             "memory     3.0 GiB of 8.0 GiB available; this may be too little",
@@ -127,20 +157,33 @@ mod tests {
         ] {
             assert!(text.lines().any(|l| l == line), "{line} not in\n{text}");
         }
-        assert!(report(&machine, &Err(EngineError::NotBuilt)).contains("built without the gpu feature"));
+        assert!(report(&machine, &Err(GpuError::NotBuilt)).contains("built without the wgpu feature"));
     }
 
     #[test]
     fn an_engine_that_cannot_run_is_refused() {
-        let software = vec!["llvmpipe (Cpu, Vulkan, driver x)".to_owned()];
+        let software = vec![adapter("llvmpipe (Cpu, Vulkan, driver x)")];
         assert!(engine_name(Engine::Gpu, &Ok(software)).unwrap().contains("software"));
         assert!(
-            engine_name(Engine::Gpu, &Err(EngineError::NotBuilt))
+            engine_name(Engine::Gpu, &Err(GpuError::NotBuilt))
                 .unwrap_err()
                 .to_string()
-                .contains("--features gpu")
+                .contains("--features wgpu")
         );
         assert!(matches!(engine_name(Engine::Gpu, &Ok(Vec::new())), Err(EngineUnfit::NoAdapter)));
-        assert!(engine_name(Engine::Cpu, &Err(EngineError::NotBuilt)).unwrap().starts_with("cpu, "));
+        assert!(engine_name(Engine::Cpu, &Err(GpuError::NotBuilt)).unwrap().starts_with("cpu, "));
+    }
+
+    #[test]
+    fn stages_stay_on_the_processor_where_no_gpu_helps() {
+        let software = Ok(vec![adapter("llvmpipe")]);
+        for (asked, adapters, why) in [
+            (GpuUse::Off, &software, "run.gpu is off"),
+            (GpuUse::Auto, &software, "in software is slower"),
+            (GpuUse::Auto, &Err(GpuError::NotBuilt), "--features wgpu"),
+        ] {
+            let text = of_stages(asked, adapters);
+            assert!(text.starts_with("stages     on the processor: ") && text.contains(why), "{text}");
+        }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Groups with rules of their own check themselves; the rest are ranges, listed here.
 
-use super::{Config, Engine, Method, error::ConfigError};
+use super::{Config, Engine, GpuUse, Method, error::ConfigError};
 use crate::{articulate::TrainerError, capture::CaptureError, field::FieldError};
 
 /// Smallest value of what must be positive.
@@ -40,6 +40,11 @@ impl Config {
             let reason =
                 "this binary was built without GPU support: build it with `--features gpu`, or give cpu";
             return Err(unusable("run.engine", reason));
+        }
+        if cfg!(not(feature = "wgpu")) && self.run.gpu == GpuUse::On {
+            let reason =
+                "this binary was built without GPU support: build it with `--features wgpu`, or give auto";
+            return Err(unusable("run.gpu", reason));
         }
         if self.run.method == Method::Radiance && self.run.engine != Engine::Cpu {
             return Err(unusable("run.engine", "radiance fields are trained on the CPU alone; give cpu"));

@@ -48,35 +48,6 @@ pub(super) fn guarded<T>(
     })
 }
 
-/// Adapters that wgpu sees, one sentence each; empty if there are none.
-///
-/// # Errors
-/// [`EngineError::NotBuilt`] without the `gpu` feature, [`EngineError::Failed`] if a driver panics.
-#[cfg(feature = "gpu")]
-pub fn adapters() -> Result<Vec<String>, EngineError> {
-    use burn::tensor::{read_sync, wgpu::wgpu};
-    guarded("listed the adapters", || {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
-        let adapters = read_sync(instance.enumerate_adapters(wgpu::Backends::all()));
-        let describe = |i: wgpu::AdapterInfo| {
-            format!(
-                "{} ({:?}, {:?}, driver {} {})",
-                i.name, i.device_type, i.backend, i.driver, i.driver_info
-            )
-        };
-        Ok(adapters.iter().map(|a| describe(a.get_info())).collect())
-    })
-}
-
-/// Adapters that wgpu sees, one sentence each; empty if there are none.
-///
-/// # Errors
-/// [`EngineError::NotBuilt`] without the `gpu` feature, [`EngineError::Failed`] if a driver panics.
-#[cfg(not(feature = "gpu"))]
-pub fn adapters() -> Result<Vec<String>, EngineError> {
-    Err(EngineError::NotBuilt)
-}
-
 /// The best adapter, opened once in a process.
 ///
 /// Refused without atomic addition of floats: burn then scatters the table's gradient in one thread, which

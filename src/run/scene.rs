@@ -5,6 +5,7 @@ use crate::{
     capture::{Capture, NoiseConfig, scene_box},
     config::Config,
     geometry::SceneBox,
+    gpu::Offload,
 };
 
 /// What all stages behind the alignment share.
@@ -15,6 +16,8 @@ pub(super) struct Scene<'a> {
     /// The box around the object in all states.
     pub bounds: SceneBox,
     pub band: Band,
+    /// Which work a GPU does.
+    pub offload: Offload,
 }
 
 impl<'a> Scene<'a> {
@@ -22,10 +25,10 @@ impl<'a> Scene<'a> {
     ///
     /// # Errors
     /// A recording without depth of the object.
-    pub fn of(capture: &Capture, config: &'a Config) -> Result<Self, RunError> {
+    pub fn of(capture: &Capture, config: &'a Config, offload: &Offload) -> Result<Self, RunError> {
         let bounds = bounds(capture)?;
         let band = Band::of(&capture.frames(), &bounds, &capture.noise, &config.surface);
-        Ok(Self { config, noise: capture.noise, bounds, band })
+        Ok(Self { config, noise: capture.noise, bounds, band, offload: offload.clone() })
     }
 }
 

@@ -6,7 +6,10 @@ use serde::{Serialize, de::DeserializeOwned};
 
 use super::{Checkpoint, Event, Monitor, Planned, stage_folder::StageFolder};
 
-use crate::note::{Note, NoteCode};
+use crate::{
+    gpu::Offload,
+    note::{Note, NoteCode},
+};
 
 /// Name of the stage of a state behind state 0, of so many states in all.
 #[must_use]
@@ -22,6 +25,8 @@ pub struct Stages<'a> {
     pub checkpoint: Option<&'a Checkpoint>,
     /// What keeps results for runs with other settings, in place of the checkpoint.
     pub folder: Option<&'a StageFolder>,
+    /// Which work a GPU does.
+    pub offload: Offload,
     /// Name and wall seconds of every finished stage, in order.
     pub seconds: Vec<(String, f64)>,
 }
@@ -30,7 +35,7 @@ impl<'a> Stages<'a> {
     /// No stage done yet.
     #[must_use]
     pub fn new(monitor: &'a Monitor) -> Self {
-        Self { monitor, checkpoint: None, folder: None, seconds: Vec::new() }
+        Self { monitor, checkpoint: None, folder: None, offload: Offload::none(), seconds: Vec::new() }
     }
 
     /// No stage done yet; results are kept in a checkpoint, or in a folder of stages.

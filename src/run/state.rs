@@ -82,9 +82,8 @@ fn observe_state(
     {
         return Ok((None, kept));
     }
-    let volume = stages.run(&format!("fusion/state{state}"), None, |_| {
-        Ok::<_, RunError>(fuse(frames, &scene.bounds, &scene.band, &scene.noise, config.nodes))
-    })?;
+    let volume =
+        stages.run(&format!("fusion/state{state}"), None, |_| Ok::<_, RunError>(fuse(frames, scene)))?;
     let field = field(state, frames, (occupancy, &volume), scene, stages)?;
     // A field that was trained for consistency alone does not make the surface.
     let trained = field.as_ref().map(|f| &f.field).filter(|_| config.source == SurfaceSource::Field);

@@ -3,12 +3,13 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{RunError, band::Band, scene::Scene};
+use super::{RunError, scene::Scene};
 use crate::{
     articulate::{SurfaceSamples, mesh_samples},
-    capture::{NoiseConfig, RgbdFrame},
+    capture::RgbdFrame,
     field::ObjectField,
-    geometry::{Grid3, SceneBox},
+    geometry::Grid3,
+    gpu::Work,
     surface::{
         DistanceOptions, FreeSpaceRule, TriangleMesh, TsdfView, TsdfVolume, free_space_grid, keep_components,
         marching_cubes, signed_distance, visibility_grid,
@@ -40,16 +41,13 @@ pub struct StateSurface {
 
 /// Fuses the frames of one state into a truncated distance volume.
 #[must_use]
-pub fn fuse(
-    frames: &[RgbdFrame],
-    scene: &SceneBox,
-    band: &Band,
-    noise: &NoiseConfig,
-    nodes: usize,
-) -> TsdfVolume {
-    let grid = Grid3::over(scene, nodes, ());
-    let mut volume = TsdfVolume::new(grid.origin, grid.spacing_m, grid.dims, band.truncation_m);
-    let views: Vec<TsdfView> = frames.par_iter().map(|f| TsdfView::of_object(f, noise)).collect();
+pub(super) fn fuse(frames: &[RgbdFrame], scene: &Scene) -> TsdfVolume {
+    let grid = Grid3::over(&scene.bounds, scene.config.surface.nodes, ());
+    let mut volume = TsdfVolume::new(grid.origin, grid.spacing_m, grid.dims, scene.band.truncation_m);
+    let views: Vec<TsdfView> = frames.par_iter().map(|f| TsdfView::of_object(f, &scene.noise)).collect();
+    if scene.offload.attempt(Work::Fusion, |gpu| volume.fuse_on(gpu, &views)).is_some() {
+        return volume;
+    }
     volume.integrate(&views);
     // Once more near the surface, by the views that see a node's side (3.4): those of the other
     // side of a thin panel would push it outwards.
@@ -93,7 +91,7 @@ pub(super) fn state_surface(
     // Fields are compared everywhere.
     let near_m = if config.trains_fields() { f64::INFINITY } else { NEAR * bounds.extent_m() };
     let options = DistanceOptions { near_m, ..DistanceOptions::default() };
-    let sdf = signed_distance(&mesh, &nodes, Some(&free), &options).map_err(failed)?;
+    let sdf = signed_distance(&mesh, &nodes, Some(&free), &options, &scene.offload).map_err(failed)?;
     let samples = mesh_samples(&mesh, surface.points);
     Ok(StateSurface { tsdf, weight, mesh, sdf, visible, free, samples })
 }

@@ -22,12 +22,12 @@ const LINES: usize = 16;
 
 /// Weighted means of projective distance and color at the nodes of a grid. 24 bytes a node.
 pub struct TsdfVolume {
-    truncation_m: f32,
+    pub(super) truncation_m: f32,
     /// Weighted sum of distances in truncations.
-    sums: Grid3<f32>,
-    weights: Vec<f32>,
+    pub(super) sums: Grid3<f32>,
+    pub(super) weights: Vec<f32>,
     /// Weighted sum of red, green, blue and the sum of weights.
-    colors: Vec<[f32; 4]>,
+    pub(super) colors: Vec<[f32; 4]>,
 }
 
 impl TsdfVolume {
@@ -116,7 +116,7 @@ impl TsdfVolume {
     }
 
     /// Of each view its camera before the nodes, and its eye.
-    fn cameras(&self, views: &[TsdfView]) -> Vec<(RowCamera, Vector3<f32>)> {
+    pub(super) fn cameras(&self, views: &[TsdfView]) -> Vec<(RowCamera, Vector3<f32>)> {
         let of = |view: &TsdfView| {
             let volume_from_camera = view.volume_from_world * view.frame.world_from_camera;
             let (origin, spacing_m) = (&self.sums.origin, self.sums.spacing_m);

@@ -3,7 +3,7 @@
 
 use std::{
     collections::VecDeque,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Mutex, OnceLock, PoisonError},
 };
 
 use nalgebra::{Point3, Vector3};
@@ -13,6 +13,7 @@ use crate::articulate::{
     observations::SurfaceSamples,
     pair::reprojection::{ALL_FREE, FREE, HIDDEN, Look, Reprojection, TAKEN},
     samples::{
+        index_kernel::{IndexOnGpu, nearest_of_all},
         sample_index::SampleIndex,
         spacing::spacing_m,
         surface_graph::{NORMAL_SIGMA, Of, SurfaceGraph},
@@ -20,6 +21,7 @@ use crate::articulate::{
 };
 use crate::{
     geometry::{Pose, all_about},
+    gpu::{Gpu, GpuError, Offload, Work},
     statistics::median,
 };
 
@@ -71,6 +73,9 @@ pub(crate) struct SurfacePair<'a> {
     /// Mean distance of neighboring samples of each state, meters.
     pub spacing_m: [f64; 2],
     kept: Mutex<Kept>,
+    offload: Offload,
+    /// The indices on the GPU, where it is asked for them.
+    on_gpu: OnceLock<[IndexOnGpu; 2]>,
 }
 
 impl<'a> SurfacePair<'a> {
@@ -82,11 +87,31 @@ impl<'a> SurfacePair<'a> {
         // The widest scales, until the pair itself is there to measure its own.
         let scales = Scales { plane_m: 0.2 * reach_m, color: 0.15 };
         let spacing_m = samples.map(|s| spacing_m(&s.points, reach_m));
-        let mut pair =
-            Self { samples, indices, free, graphs, scales, reach_m, spacing_m, kept: Mutex::default() };
+        let mut pair = Self {
+            samples,
+            indices,
+            free,
+            graphs,
+            scales,
+            reach_m,
+            spacing_m,
+            kept: Mutex::default(),
+            offload: Offload::none(),
+            on_gpu: OnceLock::new(),
+        };
         // Surface that stands still shows the errors of depth and color without any motion's.
         pair.scales = pair.static_scales();
         pair
+    }
+
+    /// The same pair, with a GPU that may search.
+    pub fn offloading(self, offload: &Offload) -> Self {
+        Self { offload: offload.clone(), ..self }
+    }
+
+    /// The work that a GPU may do.
+    pub fn offload(&self) -> &Offload {
+        &self.offload
     }
 
     /// Gives up the reprojections that are kept.
@@ -139,13 +164,19 @@ impl<'a> SurfacePair<'a> {
         (point, self.indices[1 - state].nearest(&point, &normal))
     }
 
-    /// Where a sample goes in the other state.
-    fn reprojection(&self, state: usize, sample: usize, other_from_this: &Pose) -> Reprojection {
+    /// Where a sample goes in the other state, where `nearest` finds the nearest sample to a place and a
+    /// normal.
+    fn reprojection(
+        &self,
+        (state, sample): (usize, usize),
+        other_from_this: &Pose,
+        nearest: impl FnOnce(&Point3<f64>, &Vector3<f64>) -> Option<usize>,
+    ) -> Reprojection {
         let (these, others) = (self.samples[state], self.samples[1 - state]);
         let point = other_from_this * these.points[sample];
         let normal = other_from_this * these.normals[sample];
         let free = self.free[1 - state].map(|is_free| is_free(&point));
-        let partner = self.indices[1 - state].nearest(&point, &normal).and_then(|j| {
+        let partner = nearest(&point, &normal).and_then(|j| {
             let (off_m, aside) = self.offset(1 - state, j, &point);
             // Space seen empty beside a surface is beyond its edge.
             if free == Some(true) && aside > EDGE {
@@ -197,9 +228,15 @@ impl<'a> SurfacePair<'a> {
         drop(all);
         let other_from_this = if state == 0 { *motion } else { motion.inverse() };
         let samples = 0..self.samples[state].points.len();
-        let found: Arc<Vec<Reprojection>> = Arc::new(
-            samples.into_par_iter().map(|i| self.reprojection(state, i, &other_from_this)).collect(),
-        );
+        let partners =
+            self.offload.attempt(Work::Labels, |gpu| self.nearest_on(gpu, state, &other_from_this));
+        let one = |i: usize| match &partners {
+            Some(partners) => self.reprojection((state, i), &other_from_this, |_, _| partners[i]),
+            None => {
+                self.reprojection((state, i), &other_from_this, |p, n| self.indices[1 - state].nearest(p, n))
+            }
+        };
+        let found: Arc<Vec<Reprojection>> = Arc::new(samples.into_par_iter().map(one).collect());
         all = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         // Another thread may have been faster.
         if kept(&all).is_none() {
@@ -209,9 +246,27 @@ impl<'a> SurfacePair<'a> {
         found
     }
 
+    /// The sample of the other state that is nearest to each of a state under a motion.
+    fn nearest_on(
+        &self,
+        gpu: &Gpu,
+        state: usize,
+        other_from_this: &Pose,
+    ) -> Result<Vec<Option<usize>>, GpuError> {
+        if self.on_gpu.get().is_none() {
+            let [a, b] = &self.indices;
+            // Another thread may have been faster.
+            self.on_gpu.set([IndexOnGpu::new(gpu, a)?, IndexOnGpu::new(gpu, b)?]).ok();
+        }
+        let Some(on_gpu) = self.on_gpu.get() else { return Ok(Vec::new()) };
+        let of = |s: usize| (&self.indices[s], &on_gpu[s]);
+        nearest_of_all(gpu, of(state), of(1 - state), other_from_this)
+    }
+
     /// Cost of one sample by shape alone, and its partner in the other state.
     pub fn shape_cost(&self, state: usize, sample: usize, other_from_this: &Pose) -> (f32, Option<usize>) {
-        let found = self.reprojection(state, sample, other_from_this);
+        let nearest = |p: &Point3<f64>, n: &Vector3<f64>| self.indices[1 - state].nearest(p, n);
+        let found = self.reprojection((state, sample), other_from_this, nearest);
         (
             found.cost(Look { label: 0, other_labels: None, colored: false }),
             found.partner.map(|p| p.0 as usize),

@@ -35,6 +35,7 @@ use crate::{
             surface_graph::Of,
         },
     },
+    gpu::Offload,
     note::{Note, NoteCode},
 };
 
@@ -114,6 +115,7 @@ pub fn unite<'a>(
     pairs: &[StatePair<'a>],
     parts: Option<usize>,
     config: &'a RegisterConfig,
+    offload: &Offload,
 ) -> Result<United, RegisterError> {
     let all: Vec<&SurfaceSamples> = std::iter::once(surface).chain(pairs.iter().map(|p| p.surface)).collect();
     let extent_m = checked_extent_m(&all, parts)?;
@@ -121,7 +123,7 @@ pub fn unite<'a>(
     let run = |pair: &StatePair<'a>| {
         let both = [surface, pair.surface];
         let reach_m = reach_m(both, config.last_reach * extent_m);
-        let surfaces = SurfacePair::new(both, [free, pair.free], reach_m);
+        let surfaces = SurfacePair::new(both, [free, pair.free], reach_m).offloading(offload);
         MatchedPair::new(pair.matches, extent_m, config, surfaces)
     };
     let states = States { runs: pairs.iter().map(run).collect() };

@@ -2,6 +2,7 @@
 
 pub(crate) mod flat_patch;
 pub(crate) mod hinge;
+pub(crate) mod index_kernel;
 pub(crate) mod index_sets;
 pub(crate) mod mesh_samples;
 pub(crate) mod sample_index;

@@ -6,11 +6,15 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::capture::features::{
-    descriptor::{DESCRIPTOR_NORM, dot},
     feature::{Feature, FeatureConfig, features},
+    partner::{mutual_matches, mutual_partners},
+    partner_kernel::partners_of_pairs,
     pixel_match::PixelMatch,
 };
-use crate::{capture::frame::RgbdFrame, vectors::vectorized};
+use crate::{
+    capture::frame::RgbdFrame,
+    gpu::{Offload, Work},
+};
 
 /// How matches are found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -85,22 +89,45 @@ pub fn on_object(
     matches
 }
 
-/// Features closer than this to the best match are the same place, pixels; tuned: shared/bags.
-const SAME_PLACE_PX: f32 = 2.0;
-
 /// Matches between the frames of state 0 and those of state 1: every frame with the frames of the other state
 /// that look from nearest by, best in both directions and clearly better than the second best in both.
 /// Swapping the states swaps the ends of the matches and changes nothing else but their order.
 #[must_use]
-pub fn match_states(states: [&[RgbdFrame]; 2], config: &MatchConfig) -> Vec<PixelMatch> {
-    let found: [Vec<Vec<Feature>>; 2] =
-        states.map(|frames| frames.par_iter().map(|f| features(f, &config.features)).collect());
+pub fn match_states(states: [&[RgbdFrame]; 2], config: &MatchConfig, offload: &Offload) -> Vec<PixelMatch> {
+    match_features(states, &StateFeatures::of(states, config), config, offload)
+}
+
+/// The features of the frames of two states.
+pub struct StateFeatures([Vec<Vec<Feature>>; 2]);
+
+impl StateFeatures {
+    /// Finds them.
+    #[must_use]
+    pub fn of(states: [&[RgbdFrame]; 2], config: &MatchConfig) -> Self {
+        Self(states.map(|frames| frames.par_iter().map(|f| features(f, &config.features)).collect()))
+    }
+}
+
+/// [`match_states`] where the features are found.
+#[must_use]
+pub fn match_features(
+    states: [&[RgbdFrame]; 2],
+    StateFeatures(found): &StateFeatures,
+    config: &MatchConfig,
+    offload: &Offload,
+) -> Vec<PixelMatch> {
     let pairs = frame_pairs(states, config.neighbors);
+    let partners =
+        offload.attempt(Work::Features, |gpu| partners_of_pairs(gpu, [&found[0], &found[1]], &pairs));
     let matched: Vec<Vec<PixelMatch>> = pairs
         .par_iter()
-        .map(|&(frame0, frame1)| {
+        .enumerate()
+        .map(|(pair, &(frame0, frame1))| {
             let (a, b) = (&found[0][frame0], &found[1][frame1]);
-            let matches = mutual_matches(a, b, config.ratio);
+            let matches = match &partners {
+                Some(partners) => mutual_partners(a, b, config.ratio, &partners[pair]),
+                None => mutual_matches(a, b, config.ratio),
+            };
             matches
                 .into_iter()
                 .map(|(i, j)| PixelMatch { frame0, pixel0: a[i].pixel, frame1, pixel1: b[j].pixel })
@@ -138,62 +165,4 @@ pub fn frame_pairs(states: [&[RgbdFrame]; 2], neighbors: usize) -> Vec<(usize, u
     pairs.sort_unstable();
     pairs.dedup();
     pairs
-}
-
-/// Index and inner product of the best partner, and the inner product of the best one at another place.
-fn best_two(row: &[i32], partners: &[Feature]) -> Option<(usize, i32, i32)> {
-    let (best, &top) = row.iter().enumerate().rev().max_by_key(|(_, s)| **s)?;
-    let [u, v] = partners[best].pixel;
-    let far = |f: &Feature| (f.pixel[0] - u).abs() > SAME_PLACE_PX || (f.pixel[1] - v).abs() > SAME_PLACE_PX;
-    // A feature found at two scales or orientations must not fail the test against itself.
-    let second = row.iter().zip(partners).filter(|(_, f)| far(f)).map(|(s, _)| *s).max().unwrap_or(0);
-    Some((best, top, second))
-}
-
-vectorized! {
-    /// Inner products of the descriptors of each of `a` with each of `b`. Those of integers are exact,
-    /// whatever the instruction set.
-    fn inner_products(a: &[Feature], b: &[Feature], products: &mut [i32]) = products_of
-}
-
-#[inline(always)]
-fn products_of(a: &[Feature], b: &[Feature], products: &mut [i32]) {
-    for (f, row) in a.iter().zip(products.chunks_exact_mut(b.len())) {
-        for (g, product) in b.iter().zip(row) {
-            *product = dot(&f.descriptor, &g.descriptor);
-        }
-    }
-}
-
-/// Indices of features that are each other's best match and pass the ratio test in both directions.
-pub(in crate::capture) fn mutual_matches(a: &[Feature], b: &[Feature], ratio: f32) -> Vec<(usize, usize)> {
-    if a.is_empty() || b.is_empty() {
-        return Vec::new();
-    }
-    let mut products = vec![0; a.len() * b.len()];
-    inner_products(a, b, &mut products);
-    // Squared distance of unit vectors: 2 - 2 cosine.
-    let squared = |product: i32| (2.0 - 2.0 * product as f32 / (DESCRIPTOR_NORM * DESCRIPTOR_NORM)).max(0.0);
-    let clear = |(best, top, second): (usize, i32, i32)| {
-        (squared(top) < ratio * ratio * squared(second)).then_some(best)
-    };
-    let forward: Vec<Option<usize>> = (0..a.len())
-        .map(|i| best_two(&products[i * b.len()..(i + 1) * b.len()], b).and_then(clear))
-        .collect();
-    let mut column = vec![0; a.len()];
-    let mut matches = Vec::new();
-    for (i, j) in forward.iter().enumerate().filter_map(|(i, j)| Some((i, (*j)?))) {
-        column.iter_mut().enumerate().for_each(|(r, c)| *c = products[r * b.len() + j]);
-        if let Some(back) = best_two(&column, a).and_then(clear)
-            // A feature with several orientations stands in the list once for each of them.
-            && (back == i || a[back].pixel == a[i].pixel)
-        {
-            matches.push((i, j));
-        }
-    }
-    // A feature with several orientations may match several times.
-    let key = |&(i, j): &(usize, usize)| (a[i].pixel.map(f32::to_bits), b[j].pixel.map(f32::to_bits));
-    matches.sort_by_key(key);
-    matches.dedup_by_key(|m| key(m));
-    matches
 }

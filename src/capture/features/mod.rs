@@ -5,12 +5,16 @@ mod feature;
 mod known;
 mod luma;
 mod matcher;
+mod partner;
+mod partner_kernel;
 mod pixel_match;
 mod scale_space;
 
 pub(super) use feature::Feature;
 pub use known::KnownFeatures;
 pub(crate) use luma::luma;
-pub(super) use matcher::mutual_matches;
-pub use matcher::{Correspondence, MatchConfig, frame_pairs, match_states, on_object};
+pub use matcher::{
+    Correspondence, MatchConfig, StateFeatures, frame_pairs, match_features, match_states, on_object,
+};
+pub(super) use partner::mutual_matches;
 pub use pixel_match::PixelMatch;

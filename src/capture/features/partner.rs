@@ -1,0 +1,122 @@
+//! Which features of two images are each other's best partners, by the inner products of their descriptors.
+
+use crate::capture::features::{
+    descriptor::{DESCRIPTOR_NORM, dot},
+    feature::Feature,
+};
+use crate::vectors::vectorized;
+
+/// Features closer than this to the best match are the same place, pixels; tuned: shared/bags.
+const SAME_PLACE_PX: f32 = 2.0;
+
+/// The partners of a feature.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct BestTwo {
+    /// Index of the best one, the first where several are as good.
+    pub best: usize,
+    /// Its inner product.
+    pub top: i32,
+    /// Inner product of the best one at another place; 0 where there is none.
+    pub second: i32,
+}
+
+/// The partners of all features of two images.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Partners {
+    /// Of each of the first, among the second.
+    pub forward: Vec<Option<BestTwo>>,
+    /// Of each of the second, among the first.
+    pub backward: Vec<Option<BestTwo>>,
+}
+
+/// The best partner of a feature by its inner products with all of them; `None` without any.
+fn best_two(row: &[i32], partners: &[Feature]) -> Option<BestTwo> {
+    let (best, &top) = row.iter().enumerate().rev().max_by_key(|(_, s)| **s)?;
+    let [u, v] = partners[best].pixel;
+    let far = |f: &Feature| (f.pixel[0] - u).abs() > SAME_PLACE_PX || (f.pixel[1] - v).abs() > SAME_PLACE_PX;
+    // A feature found at two scales or orientations must not fail the test against itself.
+    let second = row.iter().zip(partners).filter(|(_, f)| far(f)).map(|(s, _)| *s).max().unwrap_or(0);
+    Some(BestTwo { best, top, second })
+}
+
+vectorized! {
+    /// Inner products of the descriptors of each of `a` with each of `b`. Those of integers are exact,
+    /// whatever the instruction set.
+    fn inner_products(a: &[Feature], b: &[Feature], products: &mut [i32]) = products_of
+}
+
+#[inline(always)]
+fn products_of(a: &[Feature], b: &[Feature], products: &mut [i32]) {
+    for (f, row) in a.iter().zip(products.chunks_exact_mut(b.len())) {
+        for (g, product) in b.iter().zip(row) {
+            *product = dot(&f.descriptor, &g.descriptor);
+        }
+    }
+}
+
+/// Indices of features that are each other's best match and pass the ratio test in both directions.
+pub(in crate::capture) fn mutual_matches(a: &[Feature], b: &[Feature], ratio: f32) -> Vec<(usize, usize)> {
+    if a.is_empty() || b.is_empty() {
+        return Vec::new();
+    }
+    let mut products = vec![0; a.len() * b.len()];
+    inner_products(a, b, &mut products);
+    let mut column = vec![0; a.len()];
+    let forward = |i: usize| best_two(&products[i * b.len()..(i + 1) * b.len()], b);
+    let backward = |j: usize| {
+        column.iter_mut().enumerate().for_each(|(r, c)| *c = products[r * b.len() + j]);
+        best_two(&column, a)
+    };
+    mutual(a, b, ratio, forward, backward)
+}
+
+/// The same where the partners are known.
+pub(super) fn mutual_partners(
+    a: &[Feature],
+    b: &[Feature],
+    ratio: f32,
+    partners: &Partners,
+) -> Vec<(usize, usize)> {
+    mutual(a, b, ratio, |i| partners.forward[i], |j| partners.backward[j])
+}
+
+fn mutual(
+    a: &[Feature],
+    b: &[Feature],
+    ratio: f32,
+    forward: impl Fn(usize) -> Option<BestTwo>,
+    mut backward: impl FnMut(usize) -> Option<BestTwo>,
+) -> Vec<(usize, usize)> {
+    // Squared distance of unit vectors: 2 - 2 cosine.
+    let squared = |product: i32| (2.0 - 2.0 * product as f32 / (DESCRIPTOR_NORM * DESCRIPTOR_NORM)).max(0.0);
+    let clear =
+        |found: BestTwo| (squared(found.top) < ratio * ratio * squared(found.second)).then_some(found.best);
+    let mut matches = Vec::new();
+    for (i, j) in (0..a.len()).filter_map(|i| Some((i, forward(i).and_then(clear)?))) {
+        if let Some(back) = backward(j).and_then(clear)
+            // A feature with several orientations stands in the list once for each of them.
+            && (back == i || a[back].pixel == a[i].pixel)
+        {
+            matches.push((i, j));
+        }
+    }
+    // A feature with several orientations may match several times.
+    let key = |&(i, j): &(usize, usize)| (a[i].pixel.map(f32::to_bits), b[j].pixel.map(f32::to_bits));
+    matches.sort_by_key(key);
+    matches.dedup_by_key(|m| key(m));
+    matches
+}
+
+/// The partners of all features of two images.
+#[cfg(test)]
+pub(super) fn partners(a: &[Feature], b: &[Feature]) -> Partners {
+    let of = |a: &[Feature], b: &[Feature]| -> Vec<Option<BestTwo>> {
+        if b.is_empty() {
+            return vec![None; a.len()];
+        }
+        let mut products = vec![0; a.len() * b.len()];
+        inner_products(a, b, &mut products);
+        (0..a.len()).map(|i| best_two(&products[i * b.len()..(i + 1) * b.len()], b)).collect()
+    };
+    Partners { forward: of(a, b), backward: of(b, a) }
+}
