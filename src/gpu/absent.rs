@@ -5,12 +5,16 @@ use bytemuck::Pod;
 
 use super::{adapter::Adapter, error::GpuError, kernel::Kernel};
 
+/// Nothing is of this type.
+#[derive(Clone, Debug)]
+enum Never {}
+
 /// Bytes in storage of a GPU: there is none.
-pub(crate) enum Buffer {}
+pub(crate) struct Buffer(Never);
 
 /// A GPU: there is none.
 #[derive(Clone, Debug)]
-pub enum Gpu {}
+pub struct Gpu(Never);
 
 impl Gpu {
     /// No GPU is opened.
@@ -24,7 +28,7 @@ impl Gpu {
     /// The adapter that it works on.
     #[must_use]
     pub fn adapter(&self) -> &Adapter {
-        match *self {}
+        match self.0 {}
     }
 
     pub(crate) fn guarded<T>(
@@ -32,33 +36,33 @@ impl Gpu {
         _: &'static str,
         _: impl FnOnce() -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
-        match *self {}
+        match self.0 {}
     }
 
     pub(crate) fn require(&self, _: &'static str, _: usize) -> Result<(), GpuError> {
-        match *self {}
+        match self.0 {}
     }
 
     pub(crate) fn most_bytes(&self) -> u64 {
-        match *self {}
+        match self.0 {}
     }
 
     pub(crate) fn buffer<T: Pod>(&self, _: &[T]) -> Buffer {
-        match *self {}
+        match self.0 {}
     }
 
     pub(crate) fn zeros(&self, _: usize) -> Buffer {
-        match *self {}
+        match self.0 {}
     }
 
     pub(crate) fn start(&self, kernel: &Kernel, _: &[&Buffer], threads: usize) {
         // What a kernel is does not depend on the feature.
         let _ = (kernel.name, kernel.source, threads, Kernel::GROUP, Kernel::MOST_GROUPS);
-        match *self {}
+        match self.0 {}
     }
 
     pub(crate) fn read<T: Pod>(&self, _: &'static str, _: &Buffer) -> Result<Vec<T>, GpuError> {
-        match *self {}
+        match self.0 {}
     }
 }
 

@@ -91,7 +91,8 @@ mod tests {
                     farther += usize::from(b.abs() > a.abs() + 1.5e-4);
                 }
                 println!("{differ} of {} differ, {farther} farther", ours.values.len());
-                assert!(differ * 500 < ours.values.len(), "{differ}");
+                // Both are searches, of which under 1 % of the nodes are off by as much.
+                assert!(differ * 100 < ours.values.len(), "{differ}");
             }
         }
     }

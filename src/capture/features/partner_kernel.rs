@@ -78,12 +78,13 @@ pub(super) fn partners_of_pairs(
         }
     }
     gpu.require(DOING, size_of::<Found>() * found as usize)?;
-    let found: Vec<Found> = gpu.guarded(DOING, || {
+    let on_gpu = || {
         let (on_gpu, features) = (gpu.buffer(&tasks), gpu.buffer(&all));
         let (of_tasks, out) = (gpu.buffer(&groups), gpu.zeros(found as usize * size_of::<Found>() / 4));
         gpu.start(&PARTNERS, &[&on_gpu, &features, &of_tasks, &out], Kernel::GROUP * groups.len());
         gpu.read(DOING, &out)
-    })?;
+    };
+    let found: Vec<Found> = if found == 0 { Vec::new() } else { gpu.guarded(DOING, on_gpu)? };
     let of_task = |task: &Task| -> Vec<Option<BestTwo>> {
         let found = &found[task.found as usize..(task.found + task.count) as usize];
         let best = |f: &Found| {

@@ -68,6 +68,26 @@ pub(in crate::capture) enum Subset {
     HeldOut,
 }
 
+/// How poses are fitted in a round.
+#[derive(Clone, Copy)]
+pub(in crate::capture) struct Fit {
+    /// While poses are far off, this share of the displacement that is expected of them counts as noise, so
+    /// that no surfel is left out too early.
+    pub loose: f64,
+    /// Whether a part of the surfels is enough, as later rounds fit all of them.
+    pub is_rough: bool,
+}
+
+impl Fit {
+    /// As close as it gets.
+    pub const CLOSE: Self = Self { loose: 0.0, is_rough: false };
+
+    /// A round with this share, close where that is zero.
+    pub fn loose(share: f64) -> Self {
+        Self { loose: share, is_rough: share > 0.0 }
+    }
+}
+
 /// Normal equations of all pairs.
 pub(in crate::capture) struct Sums {
     /// Of each, in their order.
@@ -153,14 +173,13 @@ impl Comparison {
     }
 
     /// Normal equations about poses, and about those of the sensor, where some are given; `scale` is that
-    /// before. While poses are far off, a share `loose` of the displacement that is expected of them counts
-    /// as noise, so that no surfel is left out too early.
-    pub fn sums(&self, views: Views<'_>, sensor: Option<&SensorErrors>, scale: f64, loose: f64) -> Sums {
+    /// before.
+    pub fn sums(&self, views: Views<'_>, sensor: Option<&SensorErrors>, scale: f64, fit: Fit) -> Sums {
         let of_frame = |pairs: &[[usize; 2]]| {
             let mut of_sensor =
                 sensor.map(|errors| SensorSums::none(views.world_from_camera.len(), errors.count()));
             let rows: Vec<Rows> =
-                pairs.iter().map(|&pair| self.rows(pair, views, sensor, scale, loose)).collect();
+                pairs.iter().map(|&pair| self.rows(pair, views, sensor, scale, fit)).collect();
             let agreeing = rows.iter().map(|r| r.agreeing / r.tried.max(1) as f64).sum();
             let matches = pairs.iter().filter_map(|pair| self.matches.get(pair)).flatten();
             let weights = ReadingWeights::of(agreeing, matches.map(|m| m[0]));
@@ -203,7 +222,7 @@ impl Comparison {
         views: Views<'_>,
         sensor: Option<&SensorErrors>,
         scale: f64,
-        loose: f64,
+        Fit { loose, is_rough }: Fit,
     ) -> Rows {
         let row = |r: &Residual| {
             let variance_m2 = (r.sigma_m * scale).powi(2) + (loose * r.displacement_m).powi(2);
@@ -214,7 +233,7 @@ impl Comparison {
             (share > 0.0)
                 .then(|| (share, Row { poses: by_poses(r), sensor, distance_m: r.distance_m, weight }))
         };
-        let most = if loose > 0.0 { self.most() / self.coarse } else { self.most() };
+        let most = if is_rough { self.most() / self.coarse } else { self.most() };
         let (mut surfels, mut landmarks) = (Vec::with_capacity(most), Vec::new());
         let mut agreeing = 0.0;
         let mut ratios = Ratios::default();

@@ -11,7 +11,7 @@ use super::{
     drift::{Drift, PoseErrors, growth, half_log_determinant},
     error_draw::{Drawn, drawn},
     inverse::inverse,
-    pairs::{Comparison, Matches, PairSums, Sums, Views},
+    pairs::{Comparison, Fit, Matches, PairSums, Sums, Views},
     sensor_errors::SensorErrors,
     sensor_sums::SensorSums,
     surfels::Surfels,
@@ -143,7 +143,7 @@ pub(super) fn solve(problems: &[&Problem<'_>], sensor: Option<SensorErrors>) -> 
     let mut scales: Vec<f64> = problems.iter().map(|p| p.comparison.scale(p.as_reported())).collect();
     let mut loosened = LOOSE.into_iter();
     let mut found = None;
-    for rounds in ROUNDS {
+    for (stage, rounds) in ROUNDS.into_iter().enumerate() {
         let mut last = None;
         for _ in 0..rounds {
             let loose = loosened.next();
@@ -155,7 +155,8 @@ pub(super) fn solve(problems: &[&Problem<'_>], sensor: Option<SensorErrors>) -> 
                 .map(|((p, poses), &scale)| {
                     let corrected = p.corrected(known);
                     let views = Views { surfels: &corrected, world_from_camera: poses };
-                    p.comparison.sums(views, known, scale, loose.unwrap_or(0.0))
+                    let fit = Fit { loose: loose.unwrap_or(0.0), is_rough: stage == 0 };
+                    p.comparison.sums(views, known, scale, fit)
                 })
                 .collect();
             scales = sums.iter().map(|s| s.scale).collect();

@@ -11,7 +11,7 @@ use super::{
     drift::adjoint,
     error_draw::ErrorDraw,
     observed::Observed,
-    pairs::{Comparison, Gain, Matches, PairSums, Views},
+    pairs::{Comparison, Fit, Gain, Matches, PairSums, Views},
     pose_noise::PoseNoise,
     sensor_errors::SensorErrors,
     sensor_sums::SensorSums,
@@ -108,8 +108,12 @@ pub(in crate::capture) fn correct(
     let mut scale = comparison.scale(seen_from(&all, &reported));
     for round in 0..ROUNDS {
         let poses = moved_poses(&moved);
-        let sums =
-            comparison.sums(seen_from(&all, &poses), None, scale, LOOSE.get(round).copied().unwrap_or(0.0));
+        let sums = comparison.sums(
+            seen_from(&all, &poses),
+            None,
+            scale,
+            Fit::loose(LOOSE.get(round).copied().unwrap_or(0.0)),
+        );
         scale = sums.scale;
         let step = step(&sums.pairs, &poses, first, &from_center, &moved, expected)?;
         moved = Pose::new(step.fixed_rows::<3>(0).into(), step.fixed_rows::<3>(3).into()) * moved;
@@ -125,7 +129,7 @@ pub(in crate::capture) fn correct(
     }
     // Both states have one sensor, whose error is the same for all that frames see at one pixel.
     let sensor = SensorErrors::none(surfels[0].first()?.intrinsics());
-    let sums = comparison.sums(seen_from(&all, &poses), Some(&sensor), scale, 0.0);
+    let sums = comparison.sums(seen_from(&all, &poses), Some(&sensor), scale, Fit::CLOSE);
     let pairs: Vec<PairInformation> =
         sums.pairs.iter().map(|s| PairInformation::of(s, &poses, first, &from_center)).collect();
     let covariance = covariance(&pairs, [first, count - first], expected).map(|about_center| {

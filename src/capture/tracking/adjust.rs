@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
 use crate::{
     capture::poses::{
-        pairs::{Comparison, Matches, PairSums, Views},
+        pairs::{Comparison, Fit, Matches, PairSums, Views},
         pose_noise::PoseNoise,
         surfels::Surfels,
     },
@@ -67,7 +67,7 @@ impl Adjustment<'_> {
         let mut sums = Vec::new();
         for round in 0..ROUNDS {
             let loose = LOOSE.get(round).copied().unwrap_or(0.0);
-            let found = comparison.sums(self.seen_from(&poses), None, scale, loose);
+            let found = comparison.sums(self.seen_from(&poses), None, scale, Fit::loose(loose));
             (scale, sums) = (found.scale, found.pairs);
             let step = self.step(&sums, start, &poses)?;
             for (k, pose) in poses[self.fixed..].iter_mut().enumerate() {
