@@ -38,12 +38,12 @@ pub fn run(settings: &SettingArgs) -> Result<Exit, CliError> {
 fn of_stages(asked: GpuUse, adapters: &Result<Vec<Adapter>, GpuError>) -> String {
     let nothing = |why: &str| format!("stages     on the processor: {why}\n");
     let gpu = match (asked, adapters) {
-        (GpuUse::Off, _) => return nothing("run.gpu is off"),
+        (GpuUse::Never, _) => return nothing("run.gpu is never"),
         (_, Err(error)) => return nothing(&error.to_string()),
         (GpuUse::Auto, Ok(found)) if !found.is_empty() && found.iter().all(|a| a.is_software) => {
             return nothing("an adapter in software is slower");
         }
-        (asked, Ok(_)) => Gpu::open(asked == GpuUse::On),
+        (asked, Ok(_)) => Gpu::open(asked == GpuUse::Always),
     };
     let gpu = match gpu {
         Ok(gpu) => gpu,
@@ -178,7 +178,7 @@ mod tests {
     fn stages_stay_on_the_processor_where_no_gpu_helps() {
         let software = Ok(vec![adapter("llvmpipe")]);
         for (asked, adapters, why) in [
-            (GpuUse::Off, &software, "run.gpu is off"),
+            (GpuUse::Never, &software, "run.gpu is never"),
             (GpuUse::Auto, &software, "in software is slower"),
             (GpuUse::Auto, &Err(GpuError::NotBuilt), "--features wgpu"),
         ] {

@@ -41,7 +41,7 @@ impl Config {
                 "this binary was built without GPU support: build it with `--features gpu`, or give cpu";
             return Err(unusable("run.engine", reason));
         }
-        if cfg!(not(feature = "wgpu")) && self.run.gpu == GpuUse::On {
+        if cfg!(not(feature = "wgpu")) && self.run.gpu == GpuUse::Always {
             let reason =
                 "this binary was built without GPU support: build it with `--features wgpu`, or give auto";
             return Err(unusable("run.gpu", reason));
@@ -242,6 +242,13 @@ mod tests {
             let (key, _) = assignment.split_once('=').unwrap();
             assert!(message.starts_with(&format!("{key}: ")) && message.ends_with("(--set)"), "{message}");
         }
+    }
+
+    #[cfg(not(feature = "wgpu"))]
+    #[test]
+    fn a_gpu_that_must_be_used_is_refused_by_a_build_without_it() {
+        let message = refused("run.gpu=always");
+        assert!(message.starts_with("run.gpu: ") && message.contains("--features wgpu"), "{message}");
     }
 
     #[test]

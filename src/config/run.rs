@@ -62,9 +62,9 @@ pub enum GpuUse {
     #[default]
     Auto,
     /// The processor does everything, with the same bytes in every run.
-    Off,
+    Never,
     /// The best adapter does all of it, also one in software; needs the `wgpu` feature.
-    On,
+    Always,
 }
 
 /// What parts and motions are found by.

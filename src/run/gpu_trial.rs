@@ -55,9 +55,9 @@ impl std::fmt::Display for Comparison {
 /// `auto` decides near a draw may, too; what is found is the same up to rounding.
 pub(super) fn offload(asked: GpuUse, monitor: &Monitor) -> Offload {
     let gpu = match asked {
-        GpuUse::Off => return Offload::none(),
+        GpuUse::Never => return Offload::none(),
         GpuUse::Auto => Gpu::open(false),
-        GpuUse::On => Gpu::open(true),
+        GpuUse::Always => Gpu::open(true),
     };
     let say = |code, text| monitor.note(&Note::new(code, text));
     match (gpu, asked) {
@@ -69,7 +69,7 @@ pub(super) fn offload(asked: GpuUse, monitor: &Monitor) -> Offload {
         }
         (Ok(gpu), asked) => {
             let won = if asked == GpuUse::Auto { trial(&gpu) } else { Vec::new() };
-            let takes = |work| asked == GpuUse::On || won.iter().any(|c| c.work == work && c.is_won());
+            let takes = |work| asked == GpuUse::Always || won.iter().any(|c| c.work == work && c.is_won());
             let offload = Offload::on(gpu, takes);
             if let Some(text) = offload.describe() {
                 say(NoteCode::GpuUsed, text);
