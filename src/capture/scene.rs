@@ -1,9 +1,8 @@
 //! The scene cube: the box of what several frames agree on.
 
-use std::collections::BTreeMap;
-
 use nalgebra::Point3;
 use rayon::prelude::*;
+use rustc_hash::FxHashMap;
 
 use super::{NoiseConfig, RgbdFrame, pixel_weights::PixelWeights};
 use crate::geometry::SceneBox;
@@ -31,24 +30,24 @@ pub fn scene_box(states: &[&[RgbdFrame]], noise: &NoiseConfig) -> Option<SceneBo
             .collect::<Vec<_>>()
     };
     let points: Vec<(usize, Point3<f64>)> = frames.par_iter().enumerate().flat_map_iter(of_frame).collect();
-    let (mut lower, mut upper) = (Point3::origin(), Point3::origin());
-    for k in 0..3 {
-        let mut all: Vec<f64> = points.iter().map(|(_, p)| p[k]).collect();
-        if all.is_empty() {
-            return None;
-        }
-        let cut = (all.len() as f64 * TRIM) as usize;
-        let last = all.len() - 1 - cut;
-        lower[k] = *all.select_nth_unstable_by(cut, f64::total_cmp).1;
-        upper[k] = *all.select_nth_unstable_by(last, f64::total_cmp).1;
+    if points.is_empty() {
+        return None;
     }
+    let between = |k: usize| {
+        let mut all: Vec<f64> = points.iter().map(|(_, p)| p[k]).collect();
+        let cut = (all.len() as f64 * TRIM) as usize;
+        [cut, all.len() - 1 - cut].map(|at| *all.select_nth_unstable_by(at, f64::total_cmp).1)
+    };
+    let sides: Vec<[f64; 2]> = (0..3).into_par_iter().map(between).collect();
+    let [lower, upper] = [0, 1].map(|end| Point3::from([0, 1, 2].map(|k: usize| sides[k][end])));
     let cell_m = (upper - lower).max().max(1e-3) / CELLS;
-    let mut cells: BTreeMap<[i64; 3], Agreement> = BTreeMap::new();
+    let mut cells: FxHashMap<[i64; 3], Agreement> = FxHashMap::default();
     for (frame, p) in &points {
         let key = [0, 1, 2].map(|k| ((p[k] - lower[k]) / cell_m).floor() as i64);
         cells.entry(key).or_insert_with(|| Agreement::new(*frame, p)).see(*frame, p);
     }
     let needed = if states.iter().all(|s| s.len() > 1) { 2 } else { 1 };
+    // In any order: what follows is least and largest values.
     let mut agreed = cells.values().filter(|c| c.frames >= needed);
     let first = agreed.next()?;
     let (lower, upper) =

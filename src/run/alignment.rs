@@ -55,7 +55,8 @@ pub(super) struct Aligned {
     pub drift: Option<Drift>,
 }
 
-/// Matches all states with state 0 and moves their frames into its world frame.
+/// Matches all states with state 0 and moves their frames into its world frame; with the box around the
+/// object in all states there.
 ///
 /// # Errors
 /// A matching model that fails, a drift that cannot be resolved, a stop request.
@@ -64,7 +65,7 @@ pub(super) fn align(
     matcher: Option<&OnnxMatcher>,
     config: &Config,
     stages: &mut Stages,
-) -> Result<Vec<Aligned>, RunError> {
+) -> Result<(Vec<Aligned>, SceneBox), RunError> {
     // Of the states as they were recorded: only scale and center are taken from it.
     let scene = bounds(capture)?;
     let mut all = vec![Aligned::default()];
@@ -77,7 +78,8 @@ pub(super) fn align(
         }
         all.push(aligned);
     }
-    Ok(all)
+    let moved = all.iter().any(|aligned| aligned.drift.is_some());
+    Ok((all, if moved { bounds(capture)? } else { scene }))
 }
 
 /// Matches of state 0 with another state, in the world frame of state 0, and how that state is brought there.

@@ -60,9 +60,8 @@ pub fn reconstruct_twin(
     stages: &mut Stages,
 ) -> Result<Twin, RunError> {
     // All states in the world frame of state 0 (docs/method.md 2.8, 4, 5).
-    let aligned = align(capture, matcher, config, stages)?;
-    // Behind the alignment, as the box holds the object in all states.
-    let scene = Scene::of(capture, config, &stages.offload)?;
+    let (aligned, bounds) = align(capture, matcher, config, stages)?;
+    let scene = Scene::of(capture, bounds, config, &stages.offload);
     if config.run.method == Method::Radiance {
         return radiance_twin(name, capture, aligned, &scene, stages);
     }

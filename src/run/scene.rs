@@ -21,14 +21,10 @@ pub(super) struct Scene<'a> {
 }
 
 impl<'a> Scene<'a> {
-    /// Of states that stand in one world frame.
-    ///
-    /// # Errors
-    /// A recording without depth of the object.
-    pub fn of(capture: &Capture, config: &'a Config, offload: &Offload) -> Result<Self, RunError> {
-        let bounds = bounds(capture)?;
+    /// Of states that stand in one world frame, in which `bounds` is around the object.
+    pub fn of(capture: &Capture, bounds: SceneBox, config: &'a Config, offload: &Offload) -> Self {
         let band = Band::of(&capture.frames(), &bounds, &capture.noise, &config.surface);
-        Ok(Self { config, noise: capture.noise, bounds, band, offload: offload.clone() })
+        Self { config, noise: capture.noise, bounds, band, offload: offload.clone() }
     }
 }
 

@@ -135,7 +135,7 @@ impl TsdfVolume {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "wgpu"))]
 mod tests {
     use nalgebra::Point3;
 

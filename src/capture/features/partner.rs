@@ -108,7 +108,7 @@ fn mutual(
 }
 
 /// The partners of all features of two images.
-#[cfg(test)]
+#[cfg(all(test, feature = "wgpu"))]
 pub(super) fn partners(a: &[Feature], b: &[Feature]) -> Partners {
     let of = |a: &[Feature], b: &[Feature]| -> Vec<Option<BestTwo>> {
         if b.is_empty() {

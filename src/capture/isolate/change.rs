@@ -5,12 +5,10 @@
 //! something that somebody moved. What frames of its own state looked through more often than they saw it
 //! was on its way: a hand, a person.
 
-use std::collections::HashSet;
-
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use super::voxels::{Cell, center, clusters, frames_needed};
+use super::voxels::{Cell, CellSet, center, clusters, frames_needed};
 use crate::capture::{NoiseConfig, RgbdFrame, poses::pose_noise::PoseNoise};
 
 /// Standard deviations of a reading beyond which two frames tell it from a cell.
@@ -50,12 +48,7 @@ pub fn at_rest(
 }
 
 /// Cells of all states that frames of another state looked through, in patches.
-pub fn changed(
-    cells: &[Vec<Cell>],
-    states: &[Vec<RgbdFrame>],
-    size_m: f64,
-    noise: &NoiseConfig,
-) -> HashSet<Cell> {
+pub fn changed(cells: &[Vec<Cell>], states: &[Vec<RgbdFrame>], size_m: f64, noise: &NoiseConfig) -> CellSet {
     let of_state = |own: usize| -> Vec<Cell> {
         let is_gone = |c: &&Cell| {
             let point = center(c, size_m);

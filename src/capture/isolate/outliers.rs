@@ -1,11 +1,11 @@
 //! Depth readings within a mask that belong to nothing: flying pixels far from the rest of the object.
 
-use std::{collections::HashSet, num::NonZeroUsize};
+use std::num::NonZeroUsize;
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-use super::voxels::{Cell, center};
+use super::voxels::{Cell, CellSet, center};
 
 /// Neighbors whose mean distance is judged.
 const NEIGHBORS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(15);
@@ -18,13 +18,13 @@ const ALWAYS_KEPT_CELLS: f64 = 6.0;
 /// Cells of a sorted list that stand apart from the others (statistical outlier removal on cells, with a
 /// floor that keeps rods and wires).
 #[must_use]
-pub fn outlier_cells(cells: &[Cell], size_m: f64) -> HashSet<Cell> {
+pub fn outlier_cells(cells: &[Cell], size_m: f64) -> CellSet {
     if cells.len() <= NEIGHBORS.get() {
-        return HashSet::new();
+        return CellSet::default();
     }
     // Cells in place of readings, so that places seen often do not make the others look lonely.
     let points: Vec<[f64; 3]> = cells.iter().map(|c| center(c, size_m).coords.into()).collect();
-    let Ok(tree) = ImmutableKdTree::new_from_slice(&points) else { return HashSet::new() };
+    let Ok(tree) = ImmutableKdTree::new_from_slice(&points) else { return CellSet::default() };
     let mean_distance = |p: &[f64; 3]| {
         // The cell itself is the nearest, at distance 0.
         let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(NEIGHBORS.saturating_add(1)).execute();

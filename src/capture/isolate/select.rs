@@ -1,10 +1,8 @@
 //! Which group of cells is the object.
 
-use std::collections::HashSet;
-
 use nalgebra::Point3;
 
-use super::voxels::{Cell, center, clusters};
+use super::voxels::{Cell, CellSet, center, clusters};
 use crate::capture::CaptureError;
 
 /// One of two things that changed did so clearly if it did this many times as much as the other.
@@ -33,7 +31,7 @@ pub struct Search<'a> {
     /// Cells so near to each other hang together.
     pub reach: i32,
     /// Cells that one state has and another has not.
-    pub changed: &'a HashSet<Cell>,
+    pub changed: &'a CellSet,
     /// Whether a cell touches what the object may stand on, or hang from.
     pub is_at_support: &'a (dyn Fn(&Cell) -> bool + Sync),
     /// Where the cameras look.
@@ -229,7 +227,7 @@ mod tests {
         (0..side).flat_map(|x| (0..side).flat_map(move |y| (0..side).map(move |z| [at + x, y, z]))).collect()
     }
 
-    fn search<'a>(cells: &'a [Vec<Cell>], reach: i32, changed: &'a HashSet<Cell>) -> Search<'a> {
+    fn search<'a>(cells: &'a [Vec<Cell>], reach: i32, changed: &'a CellSet) -> Search<'a> {
         let (focus, at) = (Some(Point3::new(0.03, 0.03, 0.03)), None);
         let is_at_support = &|c: &Cell| c[2] == 0;
         Search { cells, size_m: 0.01, reach, changed, is_at_support, focus, at, takes_all: false }
@@ -238,7 +236,7 @@ mod tests {
     #[test]
     fn the_group_that_the_cameras_look_at_wins_over_a_larger_one() {
         let cells = [[block(0, 6), block(100, 9)].concat(), Vec::new()];
-        let (still, nowhere) = (HashSet::new(), None);
+        let (still, nowhere) = (CellSet::default(), None);
         let object = choose_object(&search(&cells, 2, &still)).unwrap();
         assert_eq!(object.cells, block(0, 6));
         let blind = Search { focus: nowhere, ..search(&cells, 2, &still) };
@@ -251,7 +249,7 @@ mod tests {
     #[test]
     fn what_changed_wins_over_what_the_cameras_look_at_and_two_such_things_are_asked_about() {
         let cells = [[block(0, 6), block(100, 9)].concat(), Vec::new()];
-        let mut changed: HashSet<Cell> = block(100, 3).into_iter().collect();
+        let mut changed: CellSet = block(100, 3).into_iter().collect();
         assert_eq!(choose_object(&search(&cells, 2, &changed)).unwrap().cells, block(100, 9));
         changed.extend(block(0, 1));
         assert_eq!(choose_object(&search(&cells, 2, &changed)).unwrap().cells, block(100, 9));
@@ -271,7 +269,7 @@ mod tests {
         let (arm, head): (Vec<Cell>, Vec<Cell>) = (high(block(4, 6), 8), high(block(6, 9), 14));
         let still = [block(0, 8), block(60, 8).into_iter().map(|[x, y, z]| [x, y - 60, z - 60]).collect()];
         let cells = [[&still[0], &still[1], &arm, &head].map(|c| c.clone()).concat(), Vec::new()];
-        let changed: HashSet<Cell> = arm.iter().chain(&head).copied().collect();
+        let changed: CellSet = arm.iter().chain(&head).copied().collect();
         let object = choose_object(&search(&cells, 2, &changed)).unwrap();
         let all = [&still[0], &arm, &head].map(|c| c.clone()).concat().len();
         assert_eq!(object.cells.len(), all, "{}", object.note);
@@ -282,12 +280,12 @@ mod tests {
         // In state 0 the far part is loose; state 1 has the bridge.
         let bridge: Vec<Cell> = (6..20).map(|x| [x, 0, 0]).collect();
         let cells = [[block(0, 6), block(20, 3)].concat(), [block(0, 6), bridge].concat()];
-        let object = choose_object(&search(&cells, 1, &HashSet::new())).unwrap();
+        let object = choose_object(&search(&cells, 1, &CellSet::default())).unwrap();
         assert!(object.contains(&[22, 2, 2]) && object.contains(&[10, 0, 0]));
     }
 
     #[test]
     fn no_cells_are_no_object() {
-        assert!(choose_object(&search(&[Vec::new(), Vec::new()], 1, &HashSet::new())).is_err());
+        assert!(choose_object(&search(&[Vec::new(), Vec::new()], 1, &CellSet::default())).is_err());
     }
 }

@@ -6,10 +6,9 @@
 //! no background: what was read there belongs to the object down to the plane, also where single readings are
 //! too noisy to decide.
 
-use std::collections::{HashMap, HashSet};
-
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::{
     background::{Background, in_box},
@@ -36,7 +35,7 @@ pub struct Support {
     /// Sorted cells.
     pub cells: Vec<Cell>,
     /// Columns without background.
-    pub solid: HashSet<Column>,
+    pub solid: FxHashSet<Column>,
 }
 
 #[derive(Clone, Copy, Default)]
@@ -51,8 +50,8 @@ struct ColumnReadings {
 
 #[derive(Default)]
 struct Readings {
-    cells: HashMap<Cell, u32>,
-    columns: HashMap<Column, ColumnReadings>,
+    cells: FxHashMap<Cell, u32>,
+    columns: FxHashMap<Column, ColumnReadings>,
 }
 
 /// What stands out in the frames of a state. `weights`: per frame, 0 for pixels at a depth edge, which may
@@ -66,8 +65,8 @@ pub fn find_support(
     let readings: Vec<Readings> =
         frames.par_iter().zip(weights).map(|(f, w)| read(f, w, size_m, background)).collect();
     // Frames and readings of a cell.
-    let mut totals: HashMap<Cell, (usize, u32)> = HashMap::new();
-    let mut columns: HashMap<Column, ColumnReadings> = HashMap::new();
+    let mut totals: FxHashMap<Cell, (usize, u32)> = FxHashMap::default();
+    let mut columns: FxHashMap<Column, ColumnReadings> = FxHashMap::default();
     for r in &readings {
         for (c, n) in &r.cells {
             let total = totals.entry(*c).or_default();

@@ -1,11 +1,13 @@
 //! Occupied cells of space, how many frames saw them, and which hang together.
 
-use std::collections::{HashMap, HashSet};
-
 use nalgebra::Point3;
+use rayon::prelude::*;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Cell coordinates.
 pub type Cell = [i32; 3];
+/// Cells in no order.
+pub type CellSet = FxHashSet<Cell>;
 
 /// Cell of a point; `None` far outside any scene.
 #[must_use]
@@ -27,25 +29,20 @@ pub fn center(cell: &Cell, size_m: f64) -> Point3<f64> {
     Point3::from(cell.map(|v| (f64::from(v) + 0.5) * size_m))
 }
 
-/// Cells that at least `frames_needed` of the given frames saw, sorted.
+/// Cells that at least `frames_needed` of some frames saw, sorted, from those that each saw, each once.
 #[must_use]
-pub fn supported(frames: &[HashSet<Cell>], frames_needed: usize) -> Vec<Cell> {
-    let mut counts: HashMap<Cell, usize> = HashMap::new();
-    for c in frames.iter().flatten() {
-        *counts.entry(*c).or_default() += 1;
-    }
-    let mut cells: Vec<Cell> =
-        counts.into_iter().filter(|(_, n)| *n >= frames_needed).map(|(c, _)| c).collect();
-    // The order of a hash map differs from run to run.
-    cells.sort_unstable();
-    cells
+pub fn supported(frames: &[Vec<Cell>], frames_needed: usize) -> Vec<Cell> {
+    let mut all: Vec<Cell> = frames.iter().flatten().copied().collect();
+    all.par_sort_unstable();
+    let seen_by = all.chunk_by(|a, b| a == b);
+    seen_by.filter(|same| same.len() >= frames_needed).map(|same| same[0]).collect()
 }
 
 /// Groups of sorted cells in which each is within `reach` cells of another (in the largest coordinate); each
 /// group sorted, groups in the order of their first cell.
 #[must_use]
 pub fn clusters(cells: &[Cell], reach: i32) -> Vec<Vec<Cell>> {
-    let index: HashMap<Cell, usize> = cells.iter().enumerate().map(|(i, c)| (*c, i)).collect();
+    let index: FxHashMap<Cell, usize> = cells.iter().enumerate().map(|(i, c)| (*c, i)).collect();
     let mut group = vec![usize::MAX; cells.len()];
     let mut groups: Vec<Vec<Cell>> = Vec::new();
     for start in 0..cells.len() {
@@ -73,7 +70,7 @@ pub fn clusters(cells: &[Cell], reach: i32) -> Vec<Vec<Cell>> {
 
 /// The cells together with all within `reach` of them.
 #[must_use]
-pub fn dilated(cells: &[Cell], reach: i32) -> HashSet<Cell> {
+pub fn dilated(cells: &[Cell], reach: i32) -> CellSet {
     cells.iter().flat_map(|c| around(c, reach)).collect()
 }
 
@@ -104,8 +101,7 @@ mod tests {
 
     #[test]
     fn support_counts_frames() {
-        let frame = |cells: &[Cell]| cells.iter().copied().collect::<HashSet<_>>();
-        let frames = [frame(&[[0, 0, 0], [1, 0, 0]]), frame(&[[1, 0, 0]]), frame(&[[-1, 0, 0], [1, 0, 0]])];
+        let frames = [vec![[1, 0, 0], [0, 0, 0]], vec![[1, 0, 0]], vec![[-1, 0, 0], [1, 0, 0]]];
         assert_eq!(supported(&frames, 2), [[1, 0, 0]]);
         assert_eq!(supported(&frames, 1), [[-1, 0, 0], [0, 0, 0], [1, 0, 0]]);
     }
