@@ -468,9 +468,10 @@ mod tests {
         difference(a, b).into_iter().zip([1e-2, 1e-3, 1e-3, 1e-4]).all(|(d, most)| d < most)
     }
 
-    /// Compares the features of frames by the processor with those by the GPU.
-    fn compare(ours: &[Vec<Feature>], theirs: &[Vec<Feature>]) {
+    /// Compares the features of frames by the processor with those by the GPU, and says how they differ.
+    fn compare(ours: &[Vec<Feature>], theirs: &[Vec<Feature>]) -> String {
         assert_eq!(ours.len(), theirs.len());
+        let mut text = String::new();
         for (ours, theirs) in ours.iter().zip(theirs) {
             let partners: Vec<(&Feature, &Feature)> =
                 ours.iter().filter_map(|a| theirs.iter().find(|b| are_same(a, b)).map(|b| (a, b))).collect();
@@ -480,13 +481,14 @@ mod tests {
             });
             let [on_ours, on_theirs, same] = [ours.len(), theirs.len(), partners.len()];
             let [px, scale, rad, cosine] = largest.map(|d| format!("{d:.1e}"));
-            println!(
+            text += &format!(
                 "{on_ours} features, {on_theirs} on the GPU, {same} the same, \
-                 within {px} px, {scale} of the scale, {rad} rad, {cosine} of the cosine"
+                 within {px} px, {scale} of the scale, {rad} rad, {cosine} of the cosine\n"
             );
             assert!(same as f64 >= 0.995 * on_ours as f64, "{same} of {on_ours}");
             assert!(on_ours.abs_diff(on_theirs) as f64 <= 0.01 * on_ours as f64);
         }
+        text
     }
 
     fn by_processor(frames: &[RgbdFrame], config: &FeatureConfig) -> Vec<Vec<Feature>> {
@@ -506,7 +508,8 @@ mod tests {
             let ours = by_processor(&frames, &config);
             let counts: Vec<usize> = ours.iter().map(Vec::len).collect();
             assert!([0, 1, 4].iter().all(|k| counts[*k] > 50) && counts[2] == 0, "{counts:?}");
-            compare(&ours, &features_of_frames(&gpu, &frames, &config).unwrap());
+            let theirs = features_of_frames(&gpu, &frames, &config).unwrap();
+            println!("{}", compare(&ours, &theirs));
         }
     }
 
@@ -519,7 +522,7 @@ mod tests {
         assert!(ours.iter().all(|of_frame| of_frame.len() == 60));
         let crops: Vec<Crop> = frames.iter().filter_map(|frame| Crop::of(frame, &config)).collect();
         let theirs = features_of_crops(&gpu, &crops.iter().collect::<Vec<_>>(), &config, 20).unwrap();
-        compare(&ours, &theirs);
+        println!("{}", compare(&ours, &theirs));
         assert!(features_of_frames(&gpu, &[], &config).unwrap().is_empty());
     }
 
