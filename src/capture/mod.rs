@@ -34,8 +34,7 @@ pub use denoise::{denoise, smoothing_m};
 pub use error::{CaptureError, quoted, stamp_secs};
 pub(crate) use features::luma;
 pub use features::{
-    Correspondence, KnownFeatures, MatchConfig, PixelMatch, StateFeatures, frame_pairs, match_features,
-    match_states, on_object,
+    Correspondence, KnownFeatures, MatchConfig, PixelMatch, frame_pairs, match_states, on_object,
 };
 pub use frame::{RgbdFrame, cameras, median_over_object};
 pub use isolate::isolate;

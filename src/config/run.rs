@@ -54,7 +54,7 @@ pub enum Engine {
     Gpu,
 }
 
-/// Whether a GPU does work of the stages: fusion, comparison of features, distance fields, labels.
+/// Whether a GPU does work of the stages: fusion, features, distance fields, labels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GpuUse {

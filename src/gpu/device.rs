@@ -123,7 +123,7 @@ impl Gpu {
     /// Most bytes of a buffer.
     pub(crate) fn most_bytes(&self) -> u64 {
         let limits = self.0.device.limits();
-        limits.max_buffer_size.min(u64::from(limits.max_storage_buffer_binding_size))
+        limits.max_buffer_size.min(limits.max_storage_buffer_binding_size)
     }
 
     /// Values in storage of the GPU; at least one word, as no buffer may be empty.

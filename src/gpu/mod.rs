@@ -23,6 +23,7 @@ pub(crate) mod tests {
     use super::*;
 
     /// What kernels are tried on, in software or not; `None` where there is nothing, but with `CI=true`.
+    #[expect(clippy::print_stdout, reason = "tests print")]
     pub(crate) fn any_gpu() -> Option<Gpu> {
         match Gpu::open(true) {
             Ok(gpu) => Some(gpu),

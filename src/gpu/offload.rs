@@ -12,7 +12,7 @@ use super::{device::Gpu, error::GpuError};
 pub enum Work {
     /// Fusion of a state's depth.
     Fusion,
-    /// Comparison of image features.
+    /// Image features: found and compared.
     Features,
     /// The nearest triangles of a distance field.
     Distances,

@@ -7,7 +7,7 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 use super::Monitor;
 use crate::{
     articulate::{SurfacePair, SurfaceSamples, mesh_samples},
-    capture::{MatchConfig, NoiseConfig, RgbdFrame, StateFeatures, match_features},
+    capture::{MatchConfig, NoiseConfig, RgbdFrame, match_states},
     config::GpuUse,
     geometry::{Grid3, Intrinsics, Pose},
     gpu::{Gpu, GpuError, Offload, Work},
@@ -108,7 +108,6 @@ fn seconds<T>(run: impl Fn() -> T) -> f64 {
 /// where it wins this.
 struct TrialScene {
     frames: Vec<RgbdFrame>,
-    features: StateFeatures,
     distances: Grid3<f32>,
     mesh: TriangleMesh,
     samples: SurfaceSamples,
@@ -123,10 +122,9 @@ impl TrialScene {
         let frames: Vec<RgbdFrame> = (0..6).map(|i| view(f64::from(i))).collect();
         let mut volume = empty();
         volume.integrate(&views(&frames));
-        let features = StateFeatures::of(halves(&frames), &MatchConfig::default());
         let mesh = volume.mesh(0.0);
         let samples = mesh_samples(&mesh, SAMPLES);
-        Self { frames, features, distances: volume.tsdf(0.0), mesh, samples }
+        Self { frames, distances: volume.tsdf(0.0), mesh, samples }
     }
 
     /// Wall seconds of some work.
@@ -142,9 +140,9 @@ impl TrialScene {
                     }
                 })
             }
-            Work::Features => seconds(|| {
-                match_features(halves(&self.frames), &self.features, &MatchConfig::default(), offload)
-            }),
+            Work::Features => {
+                seconds(|| match_states(halves(&self.frames), &MatchConfig::default(), offload))
+            }
             Work::Distances => {
                 let options = DistanceOptions { near_m: 0.1 * EXTENT_M, ..DistanceOptions::default() };
                 seconds(|| signed_distance(&self.mesh, &self.distances, None, &options, offload))
@@ -230,8 +228,7 @@ mod tests {
             assert!(comparison.gpu_s.is_ok() && comparison.processor_s > 0.0, "{comparison}");
         }
         let scene = TrialScene::new();
-        let matches =
-            match_features(halves(&scene.frames), &scene.features, &MatchConfig::default(), &Offload::none());
+        let matches = match_states(halves(&scene.frames), &MatchConfig::default(), &Offload::none());
         assert!(matches.len() > 20 && scene.mesh.triangles.len() > 5000, "{}", matches.len());
     }
 }

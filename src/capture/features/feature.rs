@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::capture::features::{
     descriptor::{Descriptor, Gradients, describe, orientations},
     luma::luma,
-    scale_space::{Octave, Plane, octaves},
+    scale_space::{Octave, Plan, Plane, octaves},
 };
 use crate::{capture::frame::RgbdFrame, vectors::vectorized};
 
@@ -67,22 +67,56 @@ const MARGIN_PX: usize = 20;
 /// Features on the object in one frame, strongest first.
 #[must_use]
 pub fn features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<Feature> {
-    let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
-    let object: Vec<bool> = (0..w * h).map(|i| frame.is_object(i)).collect();
-    let Some([left, top, right, bottom]) = bounds(&object, w) else { return Vec::new() };
-    // Only the object is searched: most frames show it in a small part.
-    let (left, top) = (left.saturating_sub(MARGIN_PX), top.saturating_sub(MARGIN_PX));
-    let (right, bottom) = ((right + MARGIN_PX).min(w - 1), (bottom + MARGIN_PX).min(h - 1));
-    let (cw, ch) = (right + 1 - left, bottom + 1 - top);
-    let rows = (top..=bottom).map(|y| y * w + left..y * w + right + 1);
-    let values = rows.clone().flat_map(|row| &frame.rgb[row]).map(|rgb| luma(*rgb)).collect();
-    let crop: Vec<bool> = rows.flat_map(|row| object[row].iter().copied()).collect();
-    let image = Plane { width: cw, height: ch, values };
-    let mut found = detect(&image, &crop, config);
-    for f in &mut found {
-        f.pixel = [f.pixel[0] + left as f32, f.pixel[1] + top as f32];
-    }
+    let Some(crop) = Crop::of(frame, config) else { return Vec::new() };
+    let mut found = detect(&crop, config);
+    crop.place(&mut found);
     found
+}
+
+/// The part of a frame that is searched.
+pub(super) struct Crop {
+    /// Its brightness.
+    pub image: Plane,
+    /// Its pixels on the object.
+    pub object: Vec<bool>,
+    /// Those at which features may be.
+    pub inner: Vec<bool>,
+    corner: [usize; 2],
+}
+
+impl Crop {
+    /// Only the object is searched: most frames show it in a small part. `None` without an object.
+    pub fn of(frame: &RgbdFrame, config: &FeatureConfig) -> Option<Self> {
+        let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
+        let object: Vec<bool> = (0..w * h).map(|i| frame.is_object(i)).collect();
+        let [left, top, right, bottom] = bounds(&object, w)?;
+        let (left, top) = (left.saturating_sub(MARGIN_PX), top.saturating_sub(MARGIN_PX));
+        let (right, bottom) = ((right + MARGIN_PX).min(w - 1), (bottom + MARGIN_PX).min(h - 1));
+        let rows = (top..=bottom).map(|y| y * w + left..y * w + right + 1);
+        let values = rows.clone().flat_map(|row| &frame.rgb[row]).map(|rgb| luma(*rgb)).collect();
+        let object = rows.flat_map(|row| object[row].iter().copied()).collect();
+        let image = Plane { width: right + 1 - left, height: bottom + 1 - top, values };
+        Some(Self { corner: [left, top], ..Self::whole(image, object, config) })
+    }
+
+    /// A whole image.
+    fn whole(image: Plane, object: Vec<bool>, config: &FeatureConfig) -> Self {
+        let inner = eroded(&object, image.width, config.mask_erosion_px);
+        Self { image, object, inner, corner: [0; 2] }
+    }
+
+    /// Its scale space.
+    pub fn plan(&self, config: &FeatureConfig) -> Plan {
+        let Plane { width, height, .. } = self.image;
+        Plan::of(width, height, config.scales, config.sigma_px, config.upsample)
+    }
+
+    /// Brings features to pixels of the frame.
+    pub fn place(&self, features: &mut [Feature]) {
+        for f in features {
+            f.pixel = [0, 1].map(|k| f.pixel[k] + self.corner[k] as f32);
+        }
+    }
 }
 
 /// Left, top, right, bottom of the set pixels.
@@ -118,85 +152,120 @@ fn eroded(mask: &[bool], width: usize, radius: usize) -> Vec<bool> {
     out
 }
 
-/// An extremum: octave coordinates, level with fraction, response.
-struct Extremum {
-    x: f32,
-    y: f32,
+/// An extremum of the differences.
+#[derive(Clone, Copy)]
+pub(super) struct Extremum {
+    /// Octave, and level of the pixel at which it was found: the image that describes it.
+    pub found: (usize, usize),
+    /// Pixels of the octave.
+    pub x: f32,
+    /// Pixels of the octave.
+    pub y: f32,
+    /// Level with fraction.
     level: f32,
     response: f32,
 }
 
-/// Features of an image inside a mask, strongest first.
-fn detect(image: &Plane, mask: &[bool], config: &FeatureConfig) -> Vec<Feature> {
-    let inner = eroded(mask, image.width, config.mask_erosion_px);
+impl Extremum {
+    /// Its blur, pixels of the octave.
+    pub fn scale_px(&self, config: &FeatureConfig) -> f32 {
+        config.sigma_px * 2f32.powf(self.level / config.scales as f32)
+    }
+
+    /// The feature there by the step of its octave.
+    pub fn feature(
+        &self,
+        step: f32,
+        config: &FeatureConfig,
+        angle_rad: f32,
+        descriptor: Descriptor,
+    ) -> Feature {
+        Feature {
+            pixel: [self.x * step, self.y * step],
+            scale_px: self.scale_px(config) * step,
+            angle_rad,
+            response: self.response,
+            descriptor,
+        }
+    }
+}
+
+/// Strongest first, so that no more are described than are asked for; of equal ones that which was found
+/// first.
+pub(super) fn sort_by_response(extrema: &mut [Extremum]) {
+    extrema.sort_by(|a, b| b.response.abs().total_cmp(&a.response.abs()));
+}
+
+/// Features of a crop, strongest first, in its pixels.
+fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
+    let (w, h) = (crop.image.width, crop.image.height);
     // The nearest pixel; steps are powers of two, so that no sum is rounded.
     let inside = |set: &[bool], u: f32, v: f32| {
         let (x, y) = ((u + 0.5) as usize, (v + 0.5) as usize);
-        x < image.width && y < image.height && set[y * image.width + x]
+        x < w && y < h && set[y * w + x]
     };
-    let octaves = octaves(image, config.scales, config.sigma_px, config.upsample);
+    let octaves = octaves(&crop.image, &crop.plan(config));
     let mut extrema = Vec::new();
     for (o, octave) in octaves.iter().enumerate() {
+        let step = octave.step;
         for level in 1..=config.scales {
-            let inside = |x: usize, y: usize| inside(&inner, x as f32 * octave.step, y as f32 * octave.step);
-            let of_level = self::extrema(octave, level, config, inside);
-            extrema.extend(of_level.into_iter().map(|e| ((o, level), e)));
+            let inside = |x: usize, y: usize| inside(&crop.inner, x as f32 * step, y as f32 * step);
+            extrema.extend(self::extrema(octave, (o, level), config, inside));
         }
     }
-    // Strongest first, so that no more are described than are asked for.
-    extrema.sort_by(|(_, a), (_, b)| b.response.abs().total_cmp(&a.response.abs()));
+    sort_by_response(&mut extrema);
     let mut gradients = BTreeMap::new();
     let mut found = Vec::new();
-    for (at, e) in extrema {
+    for e in extrema {
         if found.len() >= config.limit {
             break;
         }
-        let (octave, level) = (&octaves[at.0], at.1);
+        let octave = &octaves[e.found.0];
         let step = octave.step;
         // Gradients stop at the whole mask, features at the eroded one: what is behind the object changes
         // with the view and must not enter a descriptor.
-        let gradients = gradients.entry(at).or_insert_with(|| {
-            let keep = move |x: usize, y: usize| inside(mask, x as f32 * step, y as f32 * step);
-            Gradients::of(&octave.gaussians[level], keep)
+        let gradients = gradients.entry(e.found).or_insert_with(|| {
+            let keep = move |x: usize, y: usize| inside(&crop.object, x as f32 * step, y as f32 * step);
+            Gradients::of(&octave.gaussians[e.found.1], keep)
         });
-        let scale = config.sigma_px * 2f32.powf(e.level / config.scales as f32);
+        let scale = e.scale_px(config);
         for angle_rad in orientations(gradients, e.x, e.y, scale) {
-            found.extend(describe(gradients, e.x, e.y, scale, angle_rad).map(|descriptor| Feature {
-                pixel: [e.x * step, e.y * step],
-                scale_px: scale * step,
-                angle_rad,
-                response: e.response,
-                descriptor,
-            }));
+            let descriptor = describe(gradients, e.x, e.y, scale, angle_rad);
+            found.extend(descriptor.map(|d| e.feature(step, config, angle_rad, d)));
         }
     }
     found.truncate(config.limit);
     found
 }
 
-/// Refined extrema of one level of differences.
+/// Refined extrema of one level of the differences of an octave with a number.
 fn extrema(
     octave: &Octave,
-    level: usize,
+    of: (usize, usize),
     config: &FeatureConfig,
     inside: impl Fn(usize, usize) -> bool,
 ) -> Vec<Extremum> {
-    let d = &octave.differences;
+    let (d, level) = (&octave.differences, of.1);
     let (w, h) = (d[level].width, d[level].height);
     let mut found = Vec::new();
     let mut candidates = Vec::new();
     for y in 1..h - 1 {
         let rows = [y - 1, y, y + 1].map(|y| &d[level].values[y * w..(y + 1) * w]);
         candidates.clear();
-        // Half, because the refined value may be larger than that at the pixel.
-        stands_out(rows, 0.5 * config.contrast, &mut candidates);
+        stands_out(rows, weakest(config), &mut candidates);
         for &x in &candidates {
             if is_extremum(d, level, x, y, rows[1][x]) && inside(x, y) {
-                found.extend(refined(d, level, x, y, config));
+                found.extend(refined(d, of, [x, y], config));
             }
         }
     }
     found
+}
+
+/// The weakest difference at a pixel that may be near an extremum that counts: half, because the refined
+/// value may be larger than that at the pixel.
+pub(super) fn weakest(config: &FeatureConfig) -> f32 {
+    0.5 * config.contrast
 }
 
 vectorized! {
@@ -249,36 +318,21 @@ fn is_extremum(d: &[Plane], level: usize, x: usize, y: usize, value: f32) -> boo
     })
 }
 
-/// Position, scale and response of the quadratic through the 27 values; `None` for weak ones, edges and
-/// drift.
+/// The extremum near a pixel; `None` for weak ones, edges and drift.
 fn refined(
     d: &[Plane],
-    mut level: usize,
-    mut x: usize,
-    mut y: usize,
+    found: (usize, usize),
+    [mut x, mut y]: [usize; 2],
     config: &FeatureConfig,
 ) -> Option<Extremum> {
+    let mut level = found.1;
     let (w, h) = (d[level].width, d[level].height);
-    // An offset of more than half a sample means that the extremum belongs to a neighbor; a little more is
-    // tolerated, so that no extremum jumps between two forever.
-    for _ in 0..5 {
-        let (gradient, hessian, value) = quadratic(d, level, x, y);
-        let offset = -(hessian.lu().solve(&gradient)?);
-        if offset.amax() <= 0.6 {
-            let response = value + 0.5 * gradient.dot(&offset);
-            // Along an edge one principal curvature is much larger than the other, and the place is
-            // uncertain.
-            let (xx, yy, xy) = (hessian[(0, 0)], hessian[(1, 1)], hessian[(0, 1)]);
-            let (trace, determinant) = (xx + yy, xx * yy - xy * xy);
-            let r = config.edge_ratio;
-            let corner = determinant > 0.0 && trace * trace * r < (r + 1.0) * (r + 1.0) * determinant;
-            return (response.abs() >= config.contrast && corner).then_some(Extremum {
-                x: x as f32 + offset[0],
-                y: y as f32 + offset[1],
-                level: level as f32 + offset[2],
-                response,
-            });
-        }
+    for _ in 0..MOST_STEPS {
+        let offset = match Around::of(d, level, x, y).fit(found, [x, y, level], config) {
+            Fit::Here(extremum) => return Some(extremum),
+            Fit::Beside(offset) => offset,
+            Fit::Nothing => return None,
+        };
         // One sample at a time, since the quadratic holds no farther.
         let moved = |c: usize, o: f32, low: usize, high: usize| {
             let m = c as i64 + o.round().clamp(-1.0, 1.0) as i64;
@@ -291,16 +345,61 @@ fn refined(
     None
 }
 
-/// The values around a sample of the differences, by steps of (x, y, level); derivatives are central.
-struct Around<'a> {
-    differences: &'a [Plane],
-    sample: Vector3<i64>,
+/// Samples that are looked at on the way to an extremum.
+pub(super) const MOST_STEPS: usize = 5;
+/// An offset of more than half a sample means that the extremum belongs to a neighbor; a little more is
+/// tolerated, so that no extremum jumps between two forever.
+/// derived: half a sample, and a tenth of one more
+pub(super) const FARTHEST: f32 = 0.6;
+
+/// What the values around a sample say of an extremum.
+pub(super) enum Fit {
+    /// It is there.
+    Here(Extremum),
+    /// It is nearer to another sample, by this offset in samples.
+    Beside(Vector3<f32>),
+    /// It is weak, or an edge, or none.
+    Nothing,
 }
 
-impl Around<'_> {
+/// The values around a sample of the differences: by level, then row, then column.
+pub(super) struct Around(pub [f32; 27]);
+
+impl Around {
+    fn of(differences: &[Plane], level: usize, x: usize, y: usize) -> Self {
+        let mut values = [0.0; 27];
+        for (row, three) in values.chunks_exact_mut(3).enumerate() {
+            let plane = &differences[level - 1 + row / 3];
+            let first = (y - 1 + row % 3) * plane.width + x - 1;
+            three.copy_from_slice(&plane.values[first..first + 3]);
+        }
+        Self(values)
+    }
+
+    /// Position, scale and response of the extremum of the quadratic through them, where they lie around a
+    /// sample (x, y, level).
+    pub fn fit(&self, found: (usize, usize), sample: [usize; 3], config: &FeatureConfig) -> Fit {
+        let (gradient, hessian, value) = self.quadratic();
+        let Some(offset) = hessian.lu().solve(&gradient).map(|o| -o) else { return Fit::Nothing };
+        if !(offset.amax() <= FARTHEST) {
+            return Fit::Beside(offset);
+        }
+        let response = value + 0.5 * gradient.dot(&offset);
+        // Along an edge one principal curvature is much larger than the other, and the place is uncertain.
+        let (xx, yy, xy) = (hessian[(0, 0)], hessian[(1, 1)], hessian[(0, 1)]);
+        let (trace, determinant) = (xx + yy, xx * yy - xy * xy);
+        let r = config.edge_ratio;
+        let corner = determinant > 0.0 && trace * trace * r < (r + 1.0) * (r + 1.0) * determinant;
+        if !(response.abs() >= config.contrast && corner) {
+            return Fit::Nothing;
+        }
+        let [x, y, level] = [0, 1, 2].map(|k| sample[k] as f32 + offset[k]);
+        Fit::Here(Extremum { found, x, y, level, response })
+    }
+
+    /// By a step of (x, y, level) from the sample.
     fn at(&self, step: Vector3<i64>) -> f32 {
-        let [x, y, level] = (self.sample + step).map(|c| c as usize).into();
-        self.differences[level].at(x, y)
+        self.0[(13 + step.x + 3 * step.y + 9 * step.z) as usize]
     }
 
     fn first(&self, a: Vector3<i64>) -> f32 {
@@ -314,17 +413,16 @@ impl Around<'_> {
     fn mixed(&self, a: Vector3<i64>, b: Vector3<i64>) -> f32 {
         0.25 * (self.at(a + b) - self.at(a - b) - self.at(b - a) + self.at(-a - b))
     }
-}
 
-/// Gradient, Hessian and value of the differences by (x, y, level).
-fn quadratic(d: &[Plane], level: usize, x: usize, y: usize) -> (Vector3<f32>, Matrix3<f32>, f32) {
-    let around = Around { differences: d, sample: Vector3::new(x, y, level).map(|c| c as i64) };
-    let (ex, ey, el) = (Vector3::x(), Vector3::y(), Vector3::z());
-    let (xy, xl, yl) = (around.mixed(ex, ey), around.mixed(ex, el), around.mixed(ey, el));
-    let (xx, yy, ll) = (around.second(ex), around.second(ey), around.second(el));
-    let hessian = Matrix3::new(xx, xy, xl, xy, yy, yl, xl, yl, ll);
-    let gradient = Vector3::new(around.first(ex), around.first(ey), around.first(el));
-    (gradient, hessian, around.at(Vector3::zeros()))
+    /// Gradient, Hessian and value by (x, y, level); derivatives are central.
+    fn quadratic(&self) -> (Vector3<f32>, Matrix3<f32>, f32) {
+        let (ex, ey, el) = (Vector3::x(), Vector3::y(), Vector3::z());
+        let (xy, xl, yl) = (self.mixed(ex, ey), self.mixed(ex, el), self.mixed(ey, el));
+        let (xx, yy, ll) = (self.second(ex), self.second(ey), self.second(el));
+        let hessian = Matrix3::new(xx, xy, xl, xy, yy, yl, xl, yl, ll);
+        let gradient = Vector3::new(self.first(ex), self.first(ey), self.first(el));
+        (gradient, hessian, self.at(Vector3::zeros()))
+    }
 }
 
 #[cfg(test)]
@@ -354,7 +452,8 @@ mod tests {
         let image = blobs(128, 100, &centers);
         for upsample in [false, true] {
             let config = FeatureConfig { upsample, ..FeatureConfig::default() };
-            let found = detect(&image, &vec![true; 128 * 100], &config);
+            let crop = Crop::whole(image.clone(), vec![true; 128 * 100], &config);
+            let found = detect(&crop, &config);
             for (c, s) in centers {
                 let near = found.iter().find(|f| (f.pixel[0] - c[0]).hypot(f.pixel[1] - c[1]) < 0.1);
                 let f = near.unwrap_or_else(|| panic!("no feature at {c:?}"));
@@ -368,12 +467,11 @@ mod tests {
         let mut edge = Plane::zeros(96, 96);
         (0..96 * 96).for_each(|i| edge.values[i] = if i % 96 > 47 { 0.9 } else { 0.1 });
         let config = FeatureConfig::default();
-        assert!(
-            detect(&edge, &[true; 96 * 96], &config).iter().all(|f| f.pixel[1] < 16.0 || f.pixel[1] > 80.0)
-        );
+        let found = detect(&Crop::whole(edge, vec![true; 96 * 96], &config), &config);
+        assert!(found.iter().all(|f| f.pixel[1] < 16.0 || f.pixel[1] > 80.0));
         let image = blobs(96, 96, &[([30.0, 30.0], 3.0), ([70.0, 70.0], 3.0)]);
         let mask: Vec<bool> = (0..96 * 96).map(|i| i % 96 < 50).collect();
-        let found = detect(&image, &mask, &config);
+        let found = detect(&Crop::whole(image, mask, &config), &config);
         assert!(!found.is_empty() && found.iter().all(|f| f.pixel[0] < 46.5));
     }
 

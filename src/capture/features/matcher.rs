@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::capture::features::{
     feature::{Feature, FeatureConfig, features},
+    feature_kernel::features_of_frames,
     partner::{mutual_matches, mutual_partners},
     partner_kernel::partners_of_pairs,
     pixel_match::PixelMatch,
@@ -94,28 +95,7 @@ pub fn on_object(
 /// Swapping the states swaps the ends of the matches and changes nothing else but their order.
 #[must_use]
 pub fn match_states(states: [&[RgbdFrame]; 2], config: &MatchConfig, offload: &Offload) -> Vec<PixelMatch> {
-    match_features(states, &StateFeatures::of(states, config), config, offload)
-}
-
-/// The features of the frames of two states.
-pub struct StateFeatures([Vec<Vec<Feature>>; 2]);
-
-impl StateFeatures {
-    /// Finds them.
-    #[must_use]
-    pub fn of(states: [&[RgbdFrame]; 2], config: &MatchConfig) -> Self {
-        Self(states.map(|frames| frames.par_iter().map(|f| features(f, &config.features)).collect()))
-    }
-}
-
-/// [`match_states`] where the features are found.
-#[must_use]
-pub fn match_features(
-    states: [&[RgbdFrame]; 2],
-    StateFeatures(found): &StateFeatures,
-    config: &MatchConfig,
-    offload: &Offload,
-) -> Vec<PixelMatch> {
+    let found = features_of_states(states, &config.features, offload);
     let pairs = frame_pairs(states, config.neighbors);
     let partners =
         offload.attempt(Work::Features, |gpu| partners_of_pairs(gpu, [&found[0], &found[1]], &pairs));
@@ -135,6 +115,19 @@ pub fn match_features(
         })
         .collect();
     matched.into_iter().flatten().collect()
+}
+
+/// The features of the frames of each state.
+fn features_of_states(
+    states: [&[RgbdFrame]; 2],
+    config: &FeatureConfig,
+    offload: &Offload,
+) -> [Vec<Vec<Feature>>; 2] {
+    let on_gpu = offload.attempt(Work::Features, |gpu| {
+        let [a, b] = states.map(|frames| features_of_frames(gpu, frames, config));
+        Ok([a?, b?])
+    });
+    on_gpu.unwrap_or_else(|| states.map(|frames| frames.par_iter().map(|f| features(f, config)).collect()))
 }
 
 /// Pairs of frames of the two states of which one is among the `neighbors` nearest of the other, in order.

@@ -2,6 +2,7 @@
 
 mod descriptor;
 mod feature;
+mod feature_kernel;
 mod known;
 mod luma;
 mod matcher;
@@ -13,8 +14,6 @@ mod scale_space;
 pub(super) use feature::Feature;
 pub use known::KnownFeatures;
 pub(crate) use luma::luma;
-pub use matcher::{
-    Correspondence, MatchConfig, StateFeatures, frame_pairs, match_features, match_states, on_object,
-};
+pub use matcher::{Correspondence, MatchConfig, frame_pairs, match_states, on_object};
 pub(super) use partner::mutual_matches;
 pub use pixel_match::PixelMatch;
