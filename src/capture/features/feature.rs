@@ -73,6 +73,15 @@ pub fn features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<Feature> {
     found
 }
 
+/// Features of the whole image of a frame, whatever its mask, strongest first.
+#[must_use]
+pub(super) fn image_features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<Feature> {
+    let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+    let values: Vec<f32> = frame.rgb.iter().map(|rgb| luma(*rgb)).collect();
+    let everywhere = vec![true; values.len()];
+    detect(&Crop::whole(Plane { width, height, values }, everywhere, config), config)
+}
+
 /// The part of a frame that is searched.
 pub(super) struct Crop {
     /// Its brightness.

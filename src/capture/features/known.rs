@@ -9,7 +9,7 @@ use std::{
 
 use sha2::{Digest, Sha256};
 
-use super::feature::{Feature, FeatureConfig, features};
+use super::feature::{Feature, FeatureConfig, image_features};
 use crate::capture::RgbdFrame;
 
 /// Most features of an image.
@@ -91,10 +91,7 @@ impl fmt::Debug for KnownFeatures {
 fn found(frame: &RgbdFrame) -> Vec<Feature> {
     // At the size of the image: features of less than two pixels are noise in a view by hand.
     let config = FeatureConfig { upsample: false, limit: MOST, ..FeatureConfig::default() };
-    match &frame.mask {
-        None => features(frame, &config),
-        Some(_) => features(&RgbdFrame { mask: None, ..frame.clone() }, &config),
-    }
+    image_features(frame, &config)
 }
 
 fn digest(frame: &RgbdFrame) -> ImageDigest {

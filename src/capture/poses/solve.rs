@@ -6,6 +6,7 @@
 use std::borrow::Cow;
 
 use nalgebra::{DMatrix, DVector, Vector3};
+use rayon::prelude::*;
 
 use super::{
     drift::{Drift, PoseErrors, growth, half_log_determinant},
@@ -148,8 +149,9 @@ pub(super) fn solve(problems: &[&Problem<'_>], sensor: Option<SensorErrors>) -> 
         for _ in 0..rounds {
             let loose = loosened.next();
             let known = sensor.as_ref().map(|s| &s.errors);
+            // Side by side, so that no state waits for the last frame of another.
             let sums: Vec<Sums> = problems
-                .iter()
+                .par_iter()
                 .zip(&poses)
                 .zip(&scales)
                 .map(|((p, poses), &scale)| {
