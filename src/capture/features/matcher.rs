@@ -127,7 +127,10 @@ fn features_of_states(
         let [a, b] = states.map(|frames| features_of_frames(gpu, frames, config));
         Ok([a?, b?])
     });
-    on_gpu.unwrap_or_else(|| states.map(|frames| frames.par_iter().map(|f| features(f, config)).collect()))
+    on_gpu.unwrap_or_else(|| {
+        let of_state = |frames: &[RgbdFrame]| frames.par_iter().map(|f| features(f, config)).collect();
+        rayon::join(|| of_state(states[0]), || of_state(states[1])).into()
+    })
 }
 
 /// Pairs of frames of the two states of which one is among the `neighbors` nearest of the other, in order.

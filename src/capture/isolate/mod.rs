@@ -106,16 +106,16 @@ fn seen(frames: &[RgbdFrame], size_m: f64) -> Vec<Vec<Cell>> {
 
 /// Forgets depth under masks that stands apart, or lies outside the workspace.
 fn clean_masks(capture: &mut Capture, config: &CaptureConfig, size_m: f64) {
-    let mut forgotten = 0;
-    for frames in &mut capture.states {
+    let of_state = |frames: &mut Vec<RgbdFrame>| {
         // One frame is enough, since masks leave no background whose noise could count.
         let cells = supported(&seen(frames, size_m), 1);
         let bad = outlier_cells(&cells, size_m);
         let workspace = config.isolate.workspace;
         let is_bad =
             |p: &Point3<f64>| !in_box(workspace, p) || cell(p, size_m).is_none_or(|c| bad.contains(&c));
-        forgotten += frames.par_iter_mut().map(|f| forget(f, is_bad)).sum::<usize>();
-    }
+        frames.par_iter_mut().map(|f| forget(f, is_bad)).sum::<usize>()
+    };
+    let forgotten: usize = capture.states.par_iter_mut().map(of_state).sum();
     let on_object = |f: &RgbdFrame| (0..f.depth_m.len()).filter(|p| f.is_object(*p)).count();
     let pixels: usize = capture.states.par_iter().flatten().map(on_object).sum();
     capture.notes.push(Note::new(NoteCode::MasksUsed, format!(

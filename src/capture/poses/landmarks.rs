@@ -66,7 +66,7 @@ impl Landmarks {
             let pairs = frames.par_iter().zip(surfels.par_iter_mut());
             pairs.map(|(frame, surfels)| FrameLandmarks::find(frame, surfels, noise, known)).collect()
         };
-        Self(states.iter().zip(surfels).map(of_state).collect())
+        Self(states.par_iter().zip(surfels).map(of_state).collect())
     }
 
     /// Matches between the frames of a state.

@@ -123,23 +123,27 @@ pub fn refine_poses(
     known: &KnownFeatures,
 ) -> PoseFindings {
     let mut surfels: Vec<Vec<Surfels>> = states
-        .iter()
+        .par_iter()
         .map(|frames| frames.par_iter().map(|f| Surfels::of(f, noise, |_| true)).collect())
         .collect();
     let landmarks = Landmarks::find(states, &mut surfels, noise, known);
-    let within: Vec<Matches> = states.iter().enumerate().map(|(s, f)| landmarks.within(s, f)).collect();
+    let within: Vec<Matches> = states.par_iter().enumerate().map(|(s, f)| landmarks.within(s, f)).collect();
     // 0. Poses of another time, or of another scene, are beyond what the rest can correct.
     let agreement = agreements(states, &surfels, &within);
     let problems: Vec<Option<Problem<'_>>> = states
-        .iter()
+        .par_iter()
         .zip(&surfels)
         .zip(within)
         .map(|((frames, surfels), matches)| problem(frames, surfels, matches, tracked))
         .collect();
     // 1. Each state by itself: the sensor must beat the best that poses alone can do.
-    let alone: Vec<Option<Refined>> = problems.par_iter().map(|p| Refined::alone(p.as_ref()?)).collect();
     // 2. All states with their sensor.
-    let (mut found, calibration, warps) = match sensor::calibrate(states, &problems, &alone) {
+    let (alone, together): (Vec<Option<Refined>>, _) = rayon::join(
+        || problems.par_iter().map(|p| Refined::alone(p.as_ref()?)).collect(),
+        || sensor::solve_together(states, &problems),
+    );
+    let calibrated = together.and_then(|solution| sensor::calibrate(states, &problems, &alone, solution));
+    let (mut found, calibration, warps) = match calibrated {
         Some(Calibrated { calibration, states, warps }) if calibration.used => {
             (states, Some(calibration), warps)
         }

@@ -138,19 +138,26 @@ pub(super) struct Calibrated {
     pub warps: Vec<DepthWarp>,
 }
 
+/// The poses of all states together with the errors of their sensor; `None` without states whose poses are
+/// looked for, or where they have several cameras.
+pub(super) fn solve_together(
+    states: &[Vec<RgbdFrame>],
+    problems: &[Option<Problem<'_>>],
+) -> Option<Solution> {
+    let [intrinsics] = cameras(states.iter().flatten())[..] else { return None };
+    let posed: Vec<&Problem<'_>> = problems.iter().flatten().collect();
+    if posed.is_empty() { None } else { solve(&posed, Some(SensorErrors::none(&intrinsics))) }
+}
+
 /// The sensor's errors, with the poses of all states that go with them; `None` where the states have not one
 /// camera, or too little is seen.
 pub(super) fn calibrate(
     states: &[Vec<RgbdFrame>],
     problems: &[Option<Problem<'_>>],
     alone: &[Option<Refined>],
+    Solution { poses, errors, sensor, draws }: Solution,
 ) -> Option<Calibrated> {
     let [intrinsics] = cameras(states.iter().flatten())[..] else { return None };
-    let posed: Vec<&Problem<'_>> = problems.iter().flatten().collect();
-    if posed.is_empty() {
-        return None;
-    }
-    let Solution { poses, errors, sensor, draws } = solve(&posed, Some(SensorErrors::none(&intrinsics)))?;
     let Sensor { errors: sensor, covariance } = sensor?;
     let mut found = poses.into_iter().zip(&errors).enumerate();
     let refined: Vec<Option<Refined>> = problems
@@ -164,7 +171,7 @@ pub(super) fn calibrate(
         .collect();
     // Against the best that poses alone can do.
     let changes: Vec<Changes> = problems
-        .iter()
+        .par_iter()
         .zip(alone)
         .zip(&refined)
         .filter_map(|((problem, alone), refined)| {
