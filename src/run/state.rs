@@ -56,20 +56,20 @@ pub(super) fn observe<'a>(
     scene: &Scene,
     stages: &mut Stages,
 ) -> Result<Vec<State<'a>>, RunError> {
-    let occupancy = occupancy(frames, scene);
+    let occupancy = scene.config.trains_fields().then(|| occupancy(frames, scene));
     let mut states = Vec::with_capacity(frames.len());
     for (state, (frames, Aligned { matches, drift })) in frames.iter().zip(aligned).enumerate() {
-        let (field, surface) = observe_state(state, frames, &occupancy, scene, stages)?;
+        let (field, surface) = observe_state(state, frames, occupancy.as_ref(), scene, stages)?;
         states.push(State { frames, matches, drift, field, surface });
     }
     Ok(states)
 }
 
-/// The surface of a state, and its field, where fields are wanted.
+/// The surface of a state, and its field, where fields are wanted and there are occupied cells.
 fn observe_state(
     state: usize,
     frames: &[RgbdFrame],
-    occupancy: &Occupancy,
+    occupancy: Option<&Occupancy>,
     scene: &Scene,
     stages: &mut Stages,
 ) -> Result<(Option<TrainedField>, StateSurface), RunError> {
@@ -91,17 +91,15 @@ fn observe_state(
     Ok((field, surface))
 }
 
-/// The field of a state, where fields are wanted: near the occupied cells, about the fused volume.
+/// The field of a state, where fields are wanted and there are occupied cells: near the occupied cells, about the fused volume.
 fn field(
     state: usize,
     frames: &[RgbdFrame],
-    (occupancy, volume): (&Occupancy, &TsdfVolume),
+    (occupancy, volume): (Option<&Occupancy>, &TsdfVolume),
     scene: &Scene,
     stages: &mut Stages,
 ) -> Result<Option<TrainedField>, RunError> {
-    if !scene.config.trains_fields() {
-        return Ok(None);
-    }
+    let Some(occupancy) = occupancy else { return Ok(None) };
     let fused = volume.tsdf(scene.band.min_weight);
     let input = TrainInput { frames, scene: scene.bounds, occupancy, fused: Some(&fused) };
     let (stage, checkpoint) = (format!("field/state{state}"), stages.checkpoint);
