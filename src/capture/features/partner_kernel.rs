@@ -125,7 +125,8 @@ mod tests {
             };
             (0..count).map(feature).collect()
         };
-        let images = [vec![image(130), image(0), image(1)], vec![image(64), image(17)]];
+        // As many as a frame has at most.
+        let images = [vec![image(130), image(0), image(1)], vec![image(64), image(1100)]];
         let pairs = [(0, 0), (0, 1), (1, 0), (2, 1), (2, 0)];
         let found = partners_of_pairs(&gpu, [&images[0], &images[1]], &pairs).unwrap();
         for (&(a, b), found) in pairs.iter().zip(&found) {
