@@ -91,7 +91,8 @@ fn observe_state(
     Ok((field, surface))
 }
 
-/// The field of a state, where fields are wanted and there are occupied cells: near the occupied cells, about the fused volume.
+/// The field of a state, where fields are wanted and there are occupied cells: near the occupied cells,
+/// about the fused volume.
 fn field(
     state: usize,
     frames: &[RgbdFrame],
