@@ -65,7 +65,7 @@ pub(super) fn observe<'a>(
     Ok(states)
 }
 
-/// The surface of a state, and its field, where fields are wanted and there are occupied cells.
+/// The surface of a state, and its field, where there are occupied cells: fields are wanted then.
 fn observe_state(
     state: usize,
     frames: &[RgbdFrame],
@@ -91,8 +91,8 @@ fn observe_state(
     Ok((field, surface))
 }
 
-/// The field of a state, where fields are wanted and there are occupied cells: near the occupied cells,
-/// about the fused volume.
+/// The field of a state near the occupied cells, about the fused volume; cells are given where fields are
+/// wanted.
 fn field(
     state: usize,
     frames: &[RgbdFrame],
