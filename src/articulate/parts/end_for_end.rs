@@ -107,7 +107,7 @@ fn turned(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: us
     let total = |motion: &Pose| search.sharp_total(motion).0;
     let step_m = pair.surfaces.scales.plane_m;
     let steps = (pair.surfaces.reach_m / step_m).ceil() as i64;
-    let offloaded = |start: Pose| {
+    let placed = |start: Pose| {
         let beside = (-steps..=steps).into_par_iter().map(|s| {
             let shifted = start * Slip::along(thin).by(s as f64 * step_m);
             (total(&shifted), shifted)
@@ -117,7 +117,7 @@ fn turned(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: us
         let best = all.into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a })?.1;
         Some(search.slips(&best).map_or(best, |s| search.climbed(&best, s, total, |m| search.slips(m)).1))
     };
-    starts.into_iter().filter_map(offloaded).collect()
+    starts.into_iter().filter_map(placed).collect()
 }
 
 /// The motions of part `k`, a bar round about a line through `center`, that take the bar to where its motion
