@@ -91,12 +91,12 @@ pub(super) fn offload(asked: GpuUse, monitor: &Monitor) -> Offload {
 pub fn trial(gpu: &Gpu) -> Vec<Comparison> {
     let scene = TrialScene::new();
     let one = |work: Work| {
-        let offload = Offload::on(gpu.clone(), |w| w == work);
+        let (offload, none) = (Offload::on(gpu.clone(), |w| w == work), Offload::none());
         // The first time compiles the kernels.
-        let theirs = scene.found(work, &offload);
-        let gpu_s = seconds(|| scene.found(work, &offload));
-        let (ours, none) = (scene.found(work, &Offload::none()), Offload::none());
-        let processor_s = seconds(|| scene.found(work, &none));
+        let [(ours, processor_s), (theirs, gpu_s)] = [&none, &offload].map(|offload| {
+            let run = scene.prepared(work, offload);
+            (run(), seconds(run))
+        });
         let agreed = agreement(ours, theirs);
         let wrong = || {
             let message = format!("it finds {:.0} % of what the processor does", 100.0 * agreed);
@@ -151,18 +151,18 @@ impl TrialScene {
         Self { frames, distances: volume.tsdf(0.0), mesh, samples }
     }
 
-    /// What some work finds.
-    fn found(&self, work: Work, offload: &Offload) -> Findings {
+    /// Some work, which gives what it finds.
+    fn prepared<'a>(&'a self, work: Work, offload: &'a Offload) -> Box<dyn Fn() -> Findings + 'a> {
         match work {
             Work::Fusion => {
-                let (views, mut volume) = (views(&self.frames), empty());
-                if offload.attempt(work, |gpu| volume.fuse_on(gpu, &views)).is_none() {
-                    volume.integrate(&views);
-                    volume.face(&views);
-                }
-                of_nodes(&volume.tsdf(0.0))
+                let views = views(&self.frames);
+                Box::new(move || {
+                    let mut volume = empty();
+                    volume.fuse(&views, offload);
+                    of_nodes(&volume.tsdf(0.0))
+                })
             }
-            Work::Features => {
+            Work::Features => Box::new(|| {
                 let eighths = |pixels: f32| (8.0 * f64::from(pixels)).round() as i64;
                 let of_match = |m: &PixelMatch| {
                     let [u, v] = m.pixel0.map(eighths);
@@ -170,21 +170,25 @@ impl TrialScene {
                 };
                 let matches = match_states(halves(&self.frames), &MatchConfig::default(), offload);
                 matches.iter().map(of_match).collect()
-            }
-            Work::Distances => {
+            }),
+            Work::Distances => Box::new(|| {
                 let options = DistanceOptions { near_m: 0.1 * EXTENT_M, ..DistanceOptions::default() };
                 let found = signed_distance(&self.mesh, &self.distances, None, &options, offload);
                 // Without a surface there is nothing to compare.
                 found.map_or_else(|_| Vec::new(), |distances| of_nodes(&distances))
-            }
+            }),
             Work::Labels => {
                 let pair = SurfacePair::new([&self.samples; 2], [None, None], 0.03 * EXTENT_M);
                 let pair = pair.offloading(offload);
-                let of_motion = |k: i64| {
-                    let partners = pair.partners(0, &Pose::rotation(Vector3::z() * 0.01 * k as f64));
-                    partners.into_iter().map(move |(i, j)| [k, i as i64, j as i64, 0, 0])
-                };
-                (1..8).flat_map(of_motion).collect()
+                Box::new(move || {
+                    // What is kept would not be searched for again.
+                    pair.forget();
+                    let of_motion = |k: i64| {
+                        let partners = pair.partners(0, &Pose::rotation(Vector3::z() * 0.01 * k as f64));
+                        partners.into_iter().map(move |(i, j)| [k, i as i64, j as i64, 0, 0])
+                    };
+                    (1..8).flat_map(of_motion).collect()
+                })
             }
         }
     }
@@ -265,7 +269,7 @@ mod tests {
         let scene = TrialScene::new();
         for work in Work::ALL {
             let [ours, theirs] = [Offload::none(), Offload::on(gpu.clone(), |_| true)]
-                .map(|offload| scene.found(work, &offload));
+                .map(|offload| scene.prepared(work, &offload)());
             assert!(ours.len() > 20, "{}: {} findings", work.name(), ours.len());
             let agreed = agreement(ours, theirs);
             println!("{}: {agreed}", work.name());

@@ -9,7 +9,6 @@ use crate::{
     capture::RgbdFrame,
     field::ObjectField,
     geometry::Grid3,
-    gpu::Work,
     surface::{
         DistanceOptions, FreeSpaceRule, TriangleMesh, TsdfView, TsdfVolume, free_space_grid, keep_components,
         marching_cubes, signed_distance, visibility_grid,
@@ -45,13 +44,7 @@ pub(super) fn fuse(frames: &[RgbdFrame], scene: &Scene) -> TsdfVolume {
     let grid = Grid3::over(&scene.bounds, scene.config.surface.nodes, ());
     let mut volume = TsdfVolume::new(grid.origin, grid.spacing_m, grid.dims, scene.band.truncation_m);
     let views: Vec<TsdfView> = frames.par_iter().map(|f| TsdfView::of_object(f, &scene.noise)).collect();
-    if scene.offload.attempt(Work::Fusion, |gpu| volume.fuse_on(gpu, &views)).is_some() {
-        return volume;
-    }
-    volume.integrate(&views);
-    // Once more near the surface, by the views that see a node's side (3.4): those of the other
-    // side of a thin panel would push it outwards.
-    volume.face(&views);
+    volume.fuse(&views, &scene.offload);
     volume
 }
 

@@ -6,10 +6,22 @@ use bytemuck::{Pod, Zeroable};
 use super::pseudonormal::Pseudonormals;
 use crate::gpu::{Gpu, GpuError, Kernel};
 
-const SPREAD: Kernel =
-    Kernel { name: "spread", source: concat!(include_str!("closest.wgsl"), include_str!("spread.wgsl")) };
-const REFINE: Kernel =
-    Kernel { name: "refine", source: concat!(include_str!("closest.wgsl"), include_str!("refine.wgsl")) };
+const SPREAD: Kernel = Kernel {
+    name: "spread",
+    source: concat!(
+        include_str!("../gpu/thread.wgsl"),
+        include_str!("closest.wgsl"),
+        include_str!("spread.wgsl")
+    ),
+};
+const REFINE: Kernel = Kernel {
+    name: "refine",
+    source: concat!(
+        include_str!("../gpu/thread.wgsl"),
+        include_str!("closest.wgsl"),
+        include_str!("refine.wgsl")
+    ),
+};
 const DOING: &str = "distances";
 
 /// `Links` of closest.wgsl.

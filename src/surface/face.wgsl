@@ -23,13 +23,7 @@ fn slope(low: f32, high: f32) -> f32 {
     return high - low;
 }
 
-@compute @workgroup_size(64)
-fn main(
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
-    @builtin(local_invocation_index) local: u32,
-) {
-    let i = (group.y * groups.x + group.x) * 64u + local;
+fn work(i: u32) {
     if i >= params.nx * params.ny * params.layers {
         return;
     }

@@ -4,13 +4,7 @@
 @group(0) @binding(6) var<storage, read> triangles: array<u32>;
 @group(0) @binding(7) var<storage, read_write> refined: array<u32>;
 
-@compute @workgroup_size(64)
-fn main(
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
-    @builtin(local_invocation_index) local: u32,
-) {
-    let i = (group.y * groups.x + group.x) * 64u + local;
+fn work(i: u32) {
     if i >= params.nx * params.ny * params.nz {
         return;
     }

@@ -12,7 +12,10 @@ use super::{
     rows::RowCamera,
     tsdf_view::{FREE_WEIGHT, Said, TsdfView, behind_weight, said},
 };
-use crate::geometry::Grid3;
+use crate::{
+    geometry::Grid3,
+    gpu::{Offload, Work},
+};
 
 /// Layers that one task fills, and rows of it that all views are added to before the next rows.
 /// derived: sums of so many rows of 224 nodes and the pixels that they fall on are less than a cache of 1 MB;
@@ -40,6 +43,16 @@ impl TsdfVolume {
             sums: Grid3 { origin, spacing_m, dims, values: vec![0.0; count] },
             weights: vec![0.0; count],
             colors: vec![[0.0; 4]; count],
+        }
+    }
+
+    /// Fuses views into an empty volume by all that see a node, and once more near the surface by those that
+    /// see its side (3.4): those of the other side of a thin panel would push it outwards. On a GPU, where
+    /// one takes the work.
+    pub fn fuse(&mut self, views: &[TsdfView], offload: &Offload) {
+        if offload.attempt(Work::Fusion, |gpu| self.fuse_on(gpu, views)).is_none() {
+            self.integrate(views);
+            self.face(views);
         }
     }
 

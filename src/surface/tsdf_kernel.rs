@@ -10,10 +10,14 @@ use super::{
 };
 use crate::gpu::{Gpu, GpuError, Kernel};
 
-const INTEGRATE: Kernel =
-    Kernel { name: "integrate", source: concat!(include_str!("view.wgsl"), include_str!("tsdf.wgsl")) };
-const FACE: Kernel =
-    Kernel { name: "face", source: concat!(include_str!("view.wgsl"), include_str!("face.wgsl")) };
+const INTEGRATE: Kernel = Kernel {
+    name: "integrate",
+    source: concat!(include_str!("../gpu/thread.wgsl"), include_str!("view.wgsl"), include_str!("tsdf.wgsl")),
+};
+const FACE: Kernel = Kernel {
+    name: "face",
+    source: concat!(include_str!("../gpu/thread.wgsl"), include_str!("view.wgsl"), include_str!("face.wgsl")),
+};
 const DOING: &str = "fusion";
 /// Most bytes of nodes at a time, before and after the second look each.
 /// derived: a small part of the memory of any GPU, and millions of threads; others were not tried
@@ -61,12 +65,11 @@ struct Node {
 }
 
 impl TsdfVolume {
-    /// Fuses views into an empty volume, by all that see a node and then, near the surface, by those that
-    /// see its side.
+    /// [`Self::fuse`] on a GPU.
     ///
     /// # Errors
     /// If the GPU fails, or the views do not fit into one of its buffers. The volume is then as it was.
-    pub fn fuse_on(&mut self, gpu: &Gpu, views: &[TsdfView]) -> Result<(), GpuError> {
+    pub(super) fn fuse_on(&mut self, gpu: &Gpu, views: &[TsdfView]) -> Result<(), GpuError> {
         gpu.guarded(DOING, || self.fuse_all(gpu, views))
     }
 

@@ -253,12 +253,15 @@ impl<'a> SurfacePair<'a> {
         state: usize,
         other_from_this: &Pose,
     ) -> Result<Vec<Option<usize>>, GpuError> {
-        if self.on_gpu.get().is_none() {
-            let [a, b] = &self.indices;
-            // Another thread may have been faster.
-            self.on_gpu.set([IndexOnGpu::new(gpu, a)?, IndexOnGpu::new(gpu, b)?]).ok();
-        }
-        let Some(on_gpu) = self.on_gpu.get() else { return Ok(Vec::new()) };
+        let on_gpu = match self.on_gpu.get() {
+            Some(on_gpu) => on_gpu,
+            None => {
+                let [a, b] = &self.indices;
+                let made = [IndexOnGpu::new(gpu, a)?, IndexOnGpu::new(gpu, b)?];
+                // Another thread may have been faster.
+                self.on_gpu.get_or_init(|| made)
+            }
+        };
         let of = |s: usize| (&self.indices[s], &on_gpu[s]);
         nearest_of_all(gpu, of(state), of(1 - state), other_from_this)
     }

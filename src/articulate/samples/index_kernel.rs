@@ -9,7 +9,10 @@ use crate::{
     gpu::{Buffer, Gpu, GpuError, Kernel},
 };
 
-const NEAREST: Kernel = Kernel { name: "nearest", source: include_str!("nearest.wgsl") };
+const NEAREST: Kernel = Kernel {
+    name: "nearest",
+    source: concat!(include_str!("../../gpu/thread.wgsl"), include_str!("nearest.wgsl")),
+};
 const DOING: &str = "labels";
 /// No sample is near.
 const NONE: u32 = u32::MAX;

@@ -91,13 +91,7 @@ fn append(level: u32, pixel: vec2<u32>, sample: vec3<u32>, values: array<f32, 27
     }
 }
 
-@compute @workgroup_size(64)
-fn main(
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
-    @builtin(local_invocation_index) local: u32,
-) {
-    let i = (group.y * groups.x + group.x) * 64u + local;
+fn work(i: u32) {
     let plane = search.width * search.height;
     if i >= plane * search.scales {
         return;

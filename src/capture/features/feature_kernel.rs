@@ -19,14 +19,30 @@ use crate::{
     gpu::{Buffer, Gpu, GpuError, Kernel},
 };
 
-const DOUBLE: Kernel = Kernel { name: "double", source: include_str!("double.wgsl") };
-const BLUR: Kernel = Kernel { name: "blur", source: include_str!("blur.wgsl") };
-const HALVE: Kernel = Kernel { name: "halve", source: include_str!("halve.wgsl") };
-const EXTREMA: Kernel =
-    Kernel { name: "extrema", source: concat!(include_str!("object.wgsl"), include_str!("extrema.wgsl")) };
+const DOUBLE: Kernel = Kernel {
+    name: "double",
+    source: concat!(include_str!("../../gpu/thread.wgsl"), include_str!("double.wgsl")),
+};
+const BLUR: Kernel = Kernel {
+    name: "blur",
+    source: concat!(include_str!("../../gpu/thread.wgsl"), include_str!("blur.wgsl")),
+};
+const HALVE: Kernel = Kernel {
+    name: "halve",
+    source: concat!(include_str!("../../gpu/thread.wgsl"), include_str!("halve.wgsl")),
+};
+const EXTREMA: Kernel = Kernel {
+    name: "extrema",
+    source: concat!(
+        include_str!("../../gpu/thread.wgsl"),
+        include_str!("object.wgsl"),
+        include_str!("extrema.wgsl")
+    ),
+};
 const ORIENT: Kernel = Kernel {
     name: "orientations",
     source: concat!(
+        include_str!("../../gpu/thread.wgsl"),
         include_str!("object.wgsl"),
         include_str!("gradients.wgsl"),
         include_str!("orientations.wgsl")
@@ -35,6 +51,7 @@ const ORIENT: Kernel = Kernel {
 const DESCRIBE: Kernel = Kernel {
     name: "describe",
     source: concat!(
+        include_str!("../../gpu/thread.wgsl"),
         include_str!("object.wgsl"),
         include_str!("gradients.wgsl"),
         include_str!("describe.wgsl")

@@ -10,13 +10,7 @@ struct Halving {
 @group(0) @binding(0) var<storage, read> halving: Halving;
 @group(0) @binding(1) var<storage, read_write> images: array<f32>;
 
-@compute @workgroup_size(64)
-fn main(
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
-    @builtin(local_invocation_index) local: u32,
-) {
-    let i = (group.y * groups.x + group.x) * 64u + local;
+fn work(i: u32) {
     if i >= halving.half_width * halving.half_height {
         return;
     }
