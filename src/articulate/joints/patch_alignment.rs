@@ -37,6 +37,19 @@ impl Patch {
     }
 }
 
+impl Patch {
+    /// Whether too little of a reference is seen, or it is too plain, for [`align`] to find it anywhere: of
+    /// what it compares, [`MIN_SEEN`] of the patch at least, the squares are no more than those of all.
+    pub fn is_lost(&self, min_contrast: f64) -> bool {
+        let seen = || self.values.iter().filter(|v| v.is_finite()).map(|v| f64::from(*v));
+        let (count, least) = (seen().count() as f64, MIN_SEEN * self.values.len() as f64);
+        let mean = seen().sum::<f64>() / count;
+        let squares: f64 = seen().map(|v| (v - mean).powi(2)).sum();
+        // 0.99: rounding is left to the alignment.
+        count < least || squares < 0.99 * least * min_contrast * min_contrast
+    }
+}
+
 /// A patch found in a larger one.
 pub(crate) struct Shift {
     /// Patch samples along the two tangents.
@@ -142,6 +155,26 @@ mod tests {
             assert!((found.shift - Vector2::new(du, dv)).norm() < 0.1, "{}", found.shift);
             assert!(found.correlation > 0.98);
         }
+    }
+
+    #[test]
+    fn what_is_lost_is_not_found_wherever_it_is_looked_for() {
+        let mut lost = 0;
+        for k in 0..400 {
+            let t = f64::from(k);
+            // Contrast about the least, and up to a tenth and a little more of the patch unseen.
+            let gray = |u: f64, v: f64| {
+                let hidden = (u - 3.0 * v + t).rem_euclid(400.0 / (t % 43.0 + 1.0)) < 1.0;
+                if hidden { f32::NAN } else { 0.5 + (0.02 + 0.0001 * t as f32) * (texture(u, v) - 0.5) }
+            };
+            let reference = patch(RADIUS, gray);
+            if reference.is_lost(0.006) {
+                lost += 1;
+                let target = patch(RADIUS + REACH, |u, v| texture(u - 0.3, v + 0.2));
+                assert!(align(&reference, &target, 0.006).is_none(), "{k}");
+            }
+        }
+        assert!(lost > 50 && lost < 350, "{lost}");
     }
 
     #[test]

@@ -145,6 +145,9 @@ fn match_point(
     let here = Tangent { center: *point, normal: *normal, axes, spacing_m };
     let there = Tangent { center, normal: other_normal, axes: axes.map(|a| warp.rotation * a), spacing_m };
     let reference = from.patch(&here, &frames, RADIUS);
+    if reference.is_lost(config.min_contrast) {
+        return None;
+    }
     let target = to.patch(&there, &other_frames, RADIUS + REACH);
     let Shift { shift, covariance, correlation } = align(&reference, &target, config.min_contrast)?;
     if correlation < config.min_correlation {

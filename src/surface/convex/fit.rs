@@ -224,7 +224,10 @@ fn raise_all(normals: &[Vec<f64>; 3], place: &Vector3<f64>, highest: &mut [f64])
 
 /// Samples that feel a plane: their heights along it, meters, the speeds at which it is met along their
 /// normals, distances to the nearest of the other planes, how far they stand out of these, meters, and areas.
+#[derive(Default)]
 struct Felt {
+    /// Their numbers, ascending.
+    of: Vec<u32>,
     heights: Vec<f64>,
     speeds: Vec<f64>,
     without: Vec<f64>,
@@ -233,23 +236,25 @@ struct Felt {
 }
 
 impl Felt {
-    fn with_room(samples: usize) -> Self {
-        let room = || Vec::with_capacity(samples);
-        Self { heights: room(), speeds: room(), without: room(), outside: room(), areas: room() }
+    /// Those of all samples that feel plane `k` where it lies at a height of `lowest_m` or more.
+    fn take(&mut self, (k, lowest_m): (usize, f64), slopes: &Slopes, states: &States, areas_m2: &[f64]) {
+        let Slopes { heights, speeds } = slopes;
+        let Self { of, heights: high, speeds: fast, without, outside, areas } = self;
+        of.clear();
+        let all = heights.iter().zip(speeds).zip(0..);
+        of.extend(all.filter(|((h, s), _)| **s > GRAZING || **h > lowest_m).map(|(_, i)| i));
+        gather(high, of, |i| heights[i]);
+        gather(fast, of, |i| speeds[i]);
+        gather(without, of, |i| states.without(i, k));
+        gather(outside, of, |i| states.outside_m[i]);
+        gather(areas, of, |i| areas_m2[i]);
     }
+}
 
-    fn clear(&mut self) {
-        let Self { heights, speeds, without, outside, areas } = self;
-        [heights, speeds, without, outside, areas].into_iter().for_each(Vec::clear);
-    }
-
-    fn add(&mut self, height: f64, speed: f64, (without, outside): (f64, f64), area: f64) {
-        self.heights.push(height);
-        self.speeds.push(speed);
-        self.without.push(without);
-        self.outside.push(outside);
-        self.areas.push(area);
-    }
+/// A column of the samples of these numbers.
+fn gather(column: &mut Vec<f64>, of: &[u32], value: impl Fn(usize) -> f64) {
+    column.clear();
+    column.extend(of.iter().map(|&i| value(i as usize)));
 }
 
 vectorized! {
@@ -259,7 +264,7 @@ vectorized! {
 
 #[inline(always)]
 fn errors_of(felt: &Felt, [offset_m, tolerance_m]: [f64; 2], errors: &mut [f64]) {
-    let Felt { heights, speeds, without, outside, areas } = felt;
+    let Felt { heights, speeds, without, outside, areas, .. } = felt;
     let all = heights.iter().zip(speeds).zip(without).zip(outside).zip(areas).zip(errors);
     for (((((height, speed), without), outside), area), sum) in all {
         let depth = offset_m - height;
@@ -274,7 +279,7 @@ fn errors_of(felt: &Felt, [offset_m, tolerance_m]: [f64; 2], errors: &mut [f64])
 /// with those before.
 fn settle(planes: &mut [Plane], own: usize, samples: &SampleColumns, tolerance_m: f64) {
     let mut states = States::of(planes, samples);
-    let (mut slopes, mut felt) = (Slopes::default(), Felt::with_room(samples.len()));
+    let (mut slopes, mut felt) = (Slopes::default(), Felt::default());
     for (k, plane) in planes.iter_mut().enumerate().take(own) {
         let offset_m = plane.offset_m;
         samples.slopes(&plane.normal, &mut slopes);
@@ -284,11 +289,7 @@ fn settle(planes: &mut [Plane], own: usize, samples: &SampleColumns, tolerance_m
         let tried = tried_offsets(along, offset_m, tolerance_m);
         let (Some(lowest), true) = (tried.last().copied(), tried.len() > 1) else { continue };
         // Others feel none of the offsets.
-        felt.clear();
-        for i in (0..samples.len()).filter(|&i| speeds[i] > GRAZING || heights[i] > lowest) {
-            let others = (states.without(i, k), states.outside_m[i]);
-            felt.add(heights[i], speeds[i], others, samples.areas_m2[i]);
-        }
+        felt.take((k, lowest), &slopes, &states, &samples.areas_m2);
         let mut errors = vec![0.0; felt.heights.len()];
         let mut cost = |offset_m: f64| {
             errors_at(&felt, [offset_m, tolerance_m], &mut errors);
