@@ -1,17 +1,17 @@
 //! Both states' surface samples, prepared for search: where each goes under a motion, and which motion it
 //! follows.
 
-use std::{
-    collections::VecDeque,
-    sync::{Arc, Mutex, OnceLock, PoisonError},
-};
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::articulate::{
     observations::SurfaceSamples,
-    pair::reprojection::{ALL_FREE, FREE, HIDDEN, Look, Reprojection, TAKEN},
+    pair::{
+        recent::Recent,
+        reprojection::{ALL_FREE, FREE, HIDDEN, Look, Reprojection, TAKEN},
+    },
     samples::{
         index_kernel::{IndexOnGpu, nearest_of_all},
         sample_index::SampleIndex,
@@ -53,8 +53,13 @@ pub(crate) struct Scales {
 
 /// Motions of which the reprojections are kept.
 const KEPT: usize = 48;
-/// Where the samples of a state go under the last few motions.
-type Kept = VecDeque<((usize, Pose), Arc<Vec<Reprojection>>)>;
+/// Sets of motions of which the labels are kept: what is asked for again was asked for among the last ten.
+///
+/// measured: on laptop, fridge and calvin_table of shared/bags
+const LABELINGS: usize = 12;
+
+/// Labels of every sample of each state, and its costs, sample-major.
+pub(crate) type Labeling = ([Vec<u8>; 2], [Vec<f32>; 2]);
 
 /// Both states' samples, prepared for search.
 pub(crate) struct SurfacePair<'a> {
@@ -72,7 +77,10 @@ pub(crate) struct SurfacePair<'a> {
     pub reach_m: f64,
     /// Mean distance of neighboring samples of each state, meters.
     pub spacing_m: [f64; 2],
-    kept: Mutex<Kept>,
+    /// Where the samples of a state go under the last few motions.
+    reprojections: Recent<(usize, Pose), Vec<Reprojection>>,
+    /// Labels under the last few sets of motions.
+    pub labelings: Recent<Vec<Pose>, Labeling>,
     offload: Offload,
     /// The indices on the GPU, where it is asked for them.
     on_gpu: OnceLock<[IndexOnGpu; 2]>,
@@ -95,7 +103,8 @@ impl<'a> SurfacePair<'a> {
             scales,
             reach_m,
             spacing_m,
-            kept: Mutex::default(),
+            reprojections: Recent::keeping(KEPT),
+            labelings: Recent::keeping(LABELINGS),
             offload: Offload::none(),
             on_gpu: OnceLock::new(),
         };
@@ -114,9 +123,10 @@ impl<'a> SurfacePair<'a> {
         &self.offload
     }
 
-    /// Gives up the reprojections that are kept.
+    /// Gives up what is kept.
     pub fn forget(&self) {
-        self.kept.lock().unwrap_or_else(PoisonError::into_inner).clear();
+        self.reprojections.clear();
+        self.labelings.clear();
     }
 
     /// Number of the smooth sheet that a sample is on.
@@ -218,32 +228,18 @@ impl<'a> SurfacePair<'a> {
 
     /// Reprojections of every sample of a state; those of the last few motions are kept.
     fn reprojections(&self, state: usize, motion: &Pose) -> Arc<Vec<Reprojection>> {
-        let key = (state, *motion);
-        let kept = |all: &Kept| all.iter().find(|(k, _)| *k == key).map(|(_, l)| Arc::clone(l));
-        let mut all = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(found) = kept(&all) {
-            return found;
-        }
-        // The lock is free while samples are searched, as other threads look for other motions.
-        drop(all);
-        let other_from_this = if state == 0 { *motion } else { motion.inverse() };
-        let samples = 0..self.samples[state].points.len();
-        let partners =
-            self.offload.attempt(Work::Labels, |gpu| self.nearest_on(gpu, state, &other_from_this));
-        let one = |i: usize| match &partners {
-            Some(partners) => self.reprojection((state, i), &other_from_this, |_, _| partners[i]),
-            None => {
-                self.reprojection((state, i), &other_from_this, |p, n| self.indices[1 - state].nearest(p, n))
-            }
-        };
-        let found: Arc<Vec<Reprojection>> = Arc::new(samples.into_par_iter().map(one).collect());
-        all = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        // Another thread may have been faster.
-        if kept(&all).is_none() {
-            all.truncate(KEPT - 1);
-            all.push_front((key, Arc::clone(&found)));
-        }
-        found
+        self.reprojections.get((state, *motion), || {
+            let other_from_this = if state == 0 { *motion } else { motion.inverse() };
+            let samples = 0..self.samples[state].points.len();
+            let partners =
+                self.offload.attempt(Work::Labels, |gpu| self.nearest_on(gpu, state, &other_from_this));
+            let nearest = |p: &Point3<f64>, n: &Vector3<f64>| self.indices[1 - state].nearest(p, n);
+            let one = |i: usize| match &partners {
+                Some(partners) => self.reprojection((state, i), &other_from_this, |_, _| partners[i]),
+                None => self.reprojection((state, i), &other_from_this, nearest),
+            };
+            samples.into_par_iter().map(one).collect()
+        })
     }
 
     /// The sample of the other state that is nearest to each of a state under a motion.
@@ -359,6 +355,9 @@ impl<'a> SurfacePair<'a> {
     /// surface to samples that hold no evidence, then islands without evidence joined to what surrounds them.
     /// Samples out of reach of any evidence are static (label 0).
     pub fn labels(&self, state: usize, costs: &[f32], motions: usize, of: Of) -> Vec<u8> {
+        if motions == 1 {
+            return vec![0; costs.len()];
+        }
         let graph = &self.graphs[state];
         let mut labels = graph.fill(graph.mean_field(costs, motions), costs, motions, of);
         graph.join_islands(&mut labels, costs, motions);

@@ -205,27 +205,29 @@ pub(crate) fn divide(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
 /// more than one, and each something alone.
 fn divided(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
     let least = pair.config.least_score;
-    let (labels, _) = label(&pair.surfaces, motions);
-    let (scores, _) = weighed_as(pair, motions, &labels);
+    let found = label(&pair.surfaces, motions);
+    let (labels, _) = &*found;
+    let (scores, _) = weighed_as(pair, motions, labels);
     // Errors of depth that change along a surface give nearly as much to two motions, but not to either
     // alone.
     let slight = SLIGHT * least;
     let mut best = (slight, None);
     // Each half must stand by itself later, so that less than twice the least evidence is not worth a cut.
     for (k, motion) in motions.iter().enumerate().skip(1).filter(|(k, _)| scores[*k] >= 2.0 * least) {
-        let Some(cut) = follower(pair, &labels, motion, k as u8).and_then(|f| f.cut(motion)) else {
+        let Some(cut) = follower(pair, labels, motion, k as u8).and_then(|f| f.cut(motion)) else {
             continue;
         };
         let mut set = motions.to_vec();
-        let [first, second] = settled(pair, &labels, k as u8, motion, cut);
+        let [first, second] = settled(pair, labels, k as u8, motion, cut);
         set[k] = first;
         set.insert(k + 1, second);
         // A cut is a plane; the parts' border need not be one, so that labels and motions settle freely.
         (0..ROUNDS).for_each(|_| round(pair, &mut set));
-        let (after, _) = label(&pair.surfaces, &set);
-        let gain = gain(pair, k, [motions, &set], [&labels, &after]);
+        let found = label(&pair.surfaces, &set);
+        let (after, _) = &*found;
+        let gain = gain(pair, k, [motions, &set], [labels, after]);
         let alone = slight.max(LEAST_ALONE * scores[k]);
-        if gain > best.0 && weighed_as(pair, &set, &after).0[k..=k + 1].iter().all(|score| *score >= alone) {
+        if gain > best.0 && weighed_as(pair, &set, after).0[k..=k + 1].iter().all(|score| *score >= alone) {
             best = (gain, Some(set));
         }
     }

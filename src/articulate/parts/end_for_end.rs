@@ -37,7 +37,8 @@ pub(crate) fn hinged(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose
         if is_matched(pair, &motions, k) {
             continue;
         }
-        let (labels, _) = label(&pair.surfaces, &motions);
+        let found = label(&pair.surfaces, &motions);
+        let (labels, _) = &*found;
         let plausible = |motions: &[Pose]| hinge(pair, motions, &labels[0], k);
         let settled = |turned: Pose| {
             let mut others = motions.clone();
@@ -49,7 +50,7 @@ pub(crate) fn hinged(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose
             (0..ROUNDS).for_each(|_| round(pair, &mut others));
             Some((worth(pair, &others, k), others))
         };
-        let all = turned(pair, &motions, &labels, k).into_iter().filter_map(settled);
+        let all = turned(pair, &motions, labels, k).into_iter().filter_map(settled);
         if let Some((found, others)) = all.reduce(|a, b| if b.0 > a.0 { b } else { a })
             && found > worth(pair, &motions, k)
         {

@@ -22,10 +22,11 @@ const REPLACED: f64 = 0.25;
 pub(crate) fn exchanged(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed: &[Pose]) -> Vec<Pose> {
     let mut left = proposed.to_vec();
     loop {
-        let (labels, costs) = label(&pair.surfaces, &set);
-        let evidence = point(&weighed_as(pair, &set, &labels).0).evidence;
+        let found = label(&pair.surfaces, &set);
+        let (labels, costs) = &*found;
+        let evidence = point(&weighed_as(pair, &set, labels).0).evidence;
         let with = |motion: &Pose| {
-            let replaced = replaced(pair, &set, &labels, &costs, motion);
+            let replaced = replaced(pair, &set, labels, costs, motion);
             // One for one was decided before, as motions were chosen.
             if replaced.len() < 2 {
                 return None;

@@ -16,7 +16,8 @@ const SAMPLES: usize = 200;
 /// One round: labels, then every moving part's motion.
 pub(crate) fn round(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
     // Labels of the old motions hold for the whole round, so that the order of the parts does not matter.
-    let (labels, _) = label(&pair.surfaces, motions);
+    let found = label(&pair.surfaces, motions);
+    let (labels, _) = &*found;
     let match_labels = pair.match_labels(motions);
     for (k, motion) in motions.iter_mut().enumerate().skip(1) {
         let followers = pair.followers(&match_labels, k as u8);
