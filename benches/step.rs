@@ -6,7 +6,9 @@
 
 #![allow(clippy::print_stdout, reason = "a bench prints what it measured")]
 
-use std::{hint::black_box, time::Instant};
+mod machine;
+
+use std::time::Instant;
 
 use artitwin::internal::{
     field::{
@@ -16,7 +18,6 @@ use artitwin::internal::{
     random::stage_rng,
 };
 use rand_core::Rng as _;
-use rayon::prelude::*;
 
 const RAYS: usize = 4096;
 const SAMPLES_PER_RAY: usize = 16;
@@ -50,7 +51,7 @@ fn main() {
         burn.into_iter().filter_map(|(name, engine)| Some((name, engine.ok()?, Vec::new()))).collect();
     let mut peaks: Vec<f64> = Vec::new();
     for _ in 0..ROUNDS {
-        peaks.push(peak_gflops());
+        peaks.push(machine::peak_gflops());
         for (_, engine, steps) in &mut cpu {
             (0..ROUNDS).for_each(|_| steps.push(timed(engine, &batch)));
         }
@@ -139,54 +140,4 @@ fn batch() -> SampleBatch {
         colors: (0..RAYS).map(|_| std::array::from_fn(|_| uniform())).collect(),
         ray_weights: vec![10.0; RAYS],
     }
-}
-
-/// Most multiplications and additions a second that all threads reach together in registers, in 1e9.
-fn peak_gflops() -> f64 {
-    const REPEATS: usize = 2_000_000;
-    let threads = rayon::current_num_threads();
-    let begin = Instant::now();
-    let flops: f64 = (0..threads).into_par_iter().map(|_| fused(REPEATS)).sum();
-    flops / begin.elapsed().as_secs_f64() / 1e9
-}
-
-/// Runs twelve independent chains of vector FMAs; the number of operations.
-fn fused(repeats: usize) -> f64 {
-    #[cfg(target_arch = "x86_64")]
-    {
-        use std::arch::x86_64::*;
-        #[target_feature(enable = "avx512f")]
-        fn wide(repeats: usize) -> f64 {
-            let (a, b) = (_mm512_set1_ps(black_box(0.999)), _mm512_set1_ps(black_box(0.001)));
-            let mut chains: [_; 12] = std::array::from_fn(|k| _mm512_set1_ps(black_box(k as f32)));
-            for _ in 0..repeats {
-                chains.iter_mut().for_each(|c| *c = _mm512_fmadd_ps(*c, a, b));
-            }
-            chains.into_iter().for_each(|c| _ = black_box(_mm512_reduce_add_ps(c)));
-            (2 * 16 * 12 * repeats) as f64
-        }
-        #[target_feature(enable = "avx2,fma")]
-        fn narrow(repeats: usize) -> f64 {
-            let (a, b) = (_mm256_set1_ps(black_box(0.999)), _mm256_set1_ps(black_box(0.001)));
-            let mut chains: [_; 12] = std::array::from_fn(|k| _mm256_set1_ps(black_box(k as f32)));
-            for _ in 0..repeats {
-                chains.iter_mut().for_each(|c| *c = _mm256_fmadd_ps(*c, a, b));
-            }
-            chains.into_iter().for_each(|c| _ = black_box(_mm256_cvtss_f32(c)));
-            (2 * 8 * 12 * repeats) as f64
-        }
-        if is_x86_feature_detected!("avx512f") {
-            // SAFETY: the feature was detected.
-            return unsafe { wide(repeats) };
-        }
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-            // SAFETY: the features were detected.
-            return unsafe { narrow(repeats) };
-        }
-    }
-    let mut chains = [1.0f32; 12];
-    for _ in 0..repeats {
-        chains.iter_mut().for_each(|c| *c = black_box(*c * 0.999 + 0.001));
-    }
-    (2 * 12 * repeats) as f64
 }
