@@ -38,8 +38,8 @@ impl Patch {
 }
 
 impl Patch {
-    /// Whether too little of a reference is seen, or it is too plain, for [`align`] to find it anywhere: of
-    /// what it compares, [`MIN_SEEN`] of the patch at least, the squares are no more than those of all.
+    /// Whether too little of a reference is seen, or it is too plain, for [`align`] to find it anywhere. That
+    /// compares [`MIN_SEEN`] of it or more, whose squared deviations sum to no more than those of all.
     pub fn is_lost(&self, min_contrast: f64) -> bool {
         let seen = || self.values.iter().filter(|v| v.is_finite()).map(|v| f64::from(*v));
         let (count, least) = (seen().count() as f64, MIN_SEEN * self.values.len() as f64);

@@ -355,6 +355,7 @@ impl<'a> SurfacePair<'a> {
     /// surface to samples that hold no evidence, then islands without evidence joined to what surrounds them.
     /// Samples out of reach of any evidence are static (label 0).
     pub fn labels(&self, state: usize, costs: &[f32], motions: usize, of: Of) -> Vec<u8> {
+        // The static part alone has all of the surface.
         if motions == 1 {
             return vec![0; costs.len()];
         }
