@@ -1,6 +1,6 @@
-//! How far the stages of a run are from what the processor could do at best. A stage that is one kind of work
-//! by far is held against the bytes, the sums and the readings of that work alone, by what the processor was
-//! measured to reach of each; other stages are listed with their time.
+//! How far the stages of a run are from what the processor could do at best. Where a stage's work can be
+//! counted beforehand, its time is held against the bytes, the sums and the readings of that work alone, done
+//! plainly, by what the processor was measured to reach of each; other stages are listed with their time.
 //!
 //! `cargo bench --bench floors -- RUN_FOLDER [PIXELS]`: a run of the preset `default`, of images of so many
 //! pixels (307200); prints Markdown.
@@ -14,7 +14,7 @@ use std::{error::Error, fs, path::PathBuf};
 use artitwin::internal::config::Config;
 use serde_json::Value;
 
-/// Work that a stage cannot do without.
+/// Amounts of work: of a stage, or what the processor was measured to do in a second.
 #[derive(Default)]
 struct Work {
     /// Read from memory or written to it.
@@ -25,20 +25,13 @@ struct Work {
     readings: f64,
 }
 
-/// What was measured of the processor, a second, in 1e9.
-struct Peaks {
-    gbytes: f64,
-    gflops: f64,
-    readings: f64,
-}
-
 impl Work {
     /// Seconds of the kind of work that takes longest, and its name: the others could be done meanwhile.
-    fn floor(&self, peaks: &Peaks) -> (f64, &'static str) {
+    fn floor(&self, in_a_second: &Work) -> (f64, &'static str) {
         let all = [
-            (self.gbytes / peaks.gbytes, "bytes"),
-            (self.gflops / peaks.gflops, "flops"),
-            (self.readings / peaks.readings, "readings"),
+            (self.gbytes / in_a_second.gbytes, "bytes"),
+            (self.gflops / in_a_second.gflops, "flops"),
+            (self.readings / in_a_second.readings, "readings"),
         ];
         all.into_iter().fold((0.0, ""), |most, kind| if kind.0 > most.0 { kind } else { most })
     }
@@ -72,7 +65,7 @@ impl Sizes {
                 Some((work, "frames decoded, denoised and blurred"))
             }
             "match" => {
-                // Each frame with its neighbors, each feature with each, 128 numbers.
+                // Each frame with its neighbors, all features that a frame may have with all, 128 numbers.
                 let pairs = self.frames.first()? * self.config.matching.neighbors as f64;
                 let features = self.config.matching.features.limit as f64;
                 let gflops = giga(pairs * features * features * 2.0 * 128.0);
@@ -116,7 +109,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let report: Value = serde_json::from_str(&fs::read_to_string(run.join("report.json"))?)?;
     let frames = report["input"]["frames"].as_array().into_iter().flatten().filter_map(Value::as_f64);
     let sizes = Sizes { frames: frames.collect(), pixels, config: Config::default() };
-    let peaks = Peaks {
+    let peaks = Work {
         gbytes: machine::read_gbytes_per_s(),
         gflops: machine::peak_gflops(),
         readings: machine::readings_per_ns(pixels as usize),

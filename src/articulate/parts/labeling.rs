@@ -38,15 +38,13 @@ fn label_of(surfaces: &SurfacePair<'_>, motions: &[Pose], of: Of) -> Labeling {
     };
     // Again with each state's labels known to the other: a surface belongs to one part only.
     for _ in 0..rounds {
-        let costs_before =
-            std::mem::replace(&mut costs_of_both, [0, 1].map(|s| costs(s, Some(&found[1 - s]))));
-        if costs_of_both == costs_before {
+        let bound = [0, 1].map(|s| costs(s, Some(&found[1 - s])));
+        // Equal costs give equal labels, and equal labels equal costs.
+        if bound == costs_of_both {
             break;
         }
-        let before = std::mem::replace(&mut found, labels(&costs_of_both));
-        if found == before {
-            break;
-        }
+        costs_of_both = bound;
+        found = labels(&costs_of_both);
     }
     (found, costs_of_both)
 }
