@@ -56,7 +56,8 @@ impl OnnxMatcher {
     pub fn open(path: &Path, max_side_px: usize) -> Result<Self, OnnxError> {
         let bytes = read(path)?;
         let refused = |reason: String| OnnxError::Model { path: path.to_owned(), reason };
-        let mut model = caught(|| onnx().model_for_read(&mut bytes.as_slice())).map_err(refused)?;
+        let read = caught(|| onnx().model_for_read(&mut bytes.as_slice()));
+        let mut model = read.map_err(|e| refused(e.to_string()))?;
         let outputs = output_names(&model);
         let formats = INPUTS.map(|name| format(&model, name));
         let has = || OnnxError::Contract { path: path.to_owned(), has: description(&model, &outputs) };

@@ -73,7 +73,7 @@ pub(super) fn facts(
         preset: preset(&request.config.run.preset),
         config_digest: config_digest(&request.config),
         fingerprint: fingerprint.text(),
-        device: device(request.config.run.engine, twin.replaced_engines.len(), capture.states.len())
+        device: device(&request.config, twin.replaced_engines.len(), capture.states.len())
             + &stages.offload.describe().map_or_else(String::new, |gpu| format!("; {gpu}")),
         notes: capture
             .notes
@@ -106,10 +106,12 @@ fn config_digest(config: &Config) -> String {
     format!("{:016x}", hash_of(&text))
 }
 
-/// What trained the `fields`, of which the CPU engine finished `replaced`.
-fn device(engine: Engine, replaced: usize, fields: usize) -> String {
+/// What did the numeric work: the engine that trained the `fields`, of which the CPU engine finished `replaced`, or the
+/// CPU where no field was trained.
+fn device(config: &Config, replaced: usize, fields: usize) -> String {
     let threads = rayon::current_num_threads();
     let cpu = format!("cpu engine ({})", InstructionSet::detect().name());
+    let engine = if config.trains_fields() { config.run.engine } else { Engine::Cpu };
     let asked = match engine {
         Engine::Cpu => return format!("{cpu}, {threads} threads"),
         Engine::Burn => "burn on the CPU",
