@@ -8,6 +8,8 @@
 )]
 
 mod common;
+#[path = "common/harness.rs"]
+mod harness;
 #[path = "common/program.rs"]
 mod program;
 #[path = "common/venv.rs"]
@@ -15,7 +17,7 @@ mod venv;
 
 use std::{
     path::{Path, PathBuf},
-    process::Command,
+    process::{Command, ExitCode},
 };
 
 use artitwin::internal::{
@@ -23,8 +25,13 @@ use artitwin::internal::{
     io::{inspect, open},
 };
 use common::{COUNT, Options, TempDir, write_states};
+use harness::{Missing, tests};
 use mcap::Compression::{self, Lz4, Zstd};
 use program::shipped;
+
+fn main() -> ExitCode {
+    harness::main(tests![every_damage_has_its_outcome, bags_that_others_wrote_give_the_same_frames])
+}
 
 const MAGIC: usize = 8;
 const CHUNK: u8 = 0x06;
@@ -230,7 +237,6 @@ fn peak_bytes() -> Option<u64> {
     line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
 }
 
-#[test]
 fn every_damage_has_its_outcome() {
     for row in ROWS {
         let folder = TempDir::new("damage-row");
@@ -300,9 +306,8 @@ fn same_frames(name: &str, found: &Capture, expected: &Capture) {
     }
 }
 
-#[test]
-fn bags_that_others_wrote_give_the_same_frames() {
-    let Some(python) = venv::ros_python() else { return };
+fn bags_that_others_wrote_give_the_same_frames() -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let folder = TempDir::new("forms");
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/ros/bags.py");
     let output = Command::new(&python)
@@ -325,6 +330,7 @@ fn bags_that_others_wrote_give_the_same_frames() {
         }
     }
     assert!(names.split_whitespace().count() >= 10, "{names}");
+    Ok(())
 }
 
 /// Does what an error about an sqlite3 bag proposes; the bag that this makes.

@@ -1,18 +1,32 @@
 //! `artitwin demo`: a drawer that was reconstructed is opened and closed by contact, and keeps a ball.
 //!
-//! Needs Python with MuJoCo (see `common/venv.rs`), and EGL for the film; says so and passes where they are
-//! missing.
+//! Needs Python with MuJoCo (see `common/venv.rs`), and EGL for the film.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic")]
 
+#[path = "common/harness.rs"]
+mod harness;
 #[path = "common/venv.rs"]
 mod venv;
 
 use std::{
     path::{Path, PathBuf},
-    process::{Command, Output},
+    process::{Command, ExitCode, Output},
     sync::OnceLock,
 };
+
+use harness::{Missing, tests};
+
+fn main() -> ExitCode {
+    harness::main(tests![
+        a_hand_opens_and_closes_the_drawer_and_the_ball_stays,
+        an_arm_does_it_too,
+        a_motion_is_made_of_as_many_holds_as_it_needs,
+        nothing_but_contact_moves_the_twin,
+        #[cfg(unix)]
+        a_python_without_packages_says_what_to_install,
+    ])
+}
 
 /// A folder for all tests of this file, and in it the twin of a shipped recording.
 fn twin() -> &'static Path {
@@ -73,9 +87,9 @@ fn succeeded(folder: &Path, robot: &str) {
     assert!(off_m < 0.5 * number(&handle["size"]["length_m"]) + 0.01, "held {off_m} m off the bar: {text}");
 }
 
-#[test]
-fn a_hand_opens_and_closes_the_drawer_and_the_ball_stays() {
-    let Some(python) = venv::python() else { return };
+fn a_hand_opens_and_closes_the_drawer_and_the_ball_stays() -> Result<(), Missing> {
+    let python = venv::python()?;
+    venv::drawing(&python, "libEGL.so.1", "libegl1")?;
     let (output, folder) = demo("hand", &python, &[]);
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
     let table = String::from_utf8_lossy(&output.stdout).into_owned();
@@ -90,30 +104,30 @@ fn a_hand_opens_and_closes_the_drawer_and_the_ball_stays() {
     let mut over = artitwin();
     let refused = over.arg("demo").arg(twin()).arg("--out").arg(twin()).output().unwrap();
     assert!(refused.status.code() == Some(1) && said(&refused).contains("the input"), "{}", said(&refused));
+    Ok(())
 }
 
-#[test]
-fn an_arm_does_it_too() {
-    let Some(python) = venv::python() else { return };
+fn an_arm_does_it_too() -> Result<(), Missing> {
+    let python = venv::python()?;
     let (output, folder) = demo("arm", &python, &["--robot", "panda", "--no-film"]);
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
     succeeded(&folder, "panda");
     assert!(!folder.join("demo.gif").exists());
+    Ok(())
 }
 
-#[test]
-fn a_motion_is_made_of_as_many_holds_as_it_needs() {
-    let Some(python) = venv::python() else { return };
+fn a_motion_is_made_of_as_many_holds_as_it_needs() -> Result<(), Missing> {
+    let python = venv::python()?;
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut command = Command::new(python);
     command.arg(root.join("tests/python/demo_moves.py")).arg(root.join("src/run/demonstrate"));
     let output = command.output().unwrap();
     assert!(output.status.success(), "{}", said(&output));
+    Ok(())
 }
 
-#[test]
-fn nothing_but_contact_moves_the_twin() {
-    let Some(python) = venv::python() else { return };
+fn nothing_but_contact_moves_the_twin() -> Result<(), Missing> {
+    let python = venv::python()?;
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut command = Command::new(python);
     command.arg(root.join("tests/python/demo_control.py")).arg(root.join("src/run/demonstrate")).arg(twin());
@@ -123,16 +137,13 @@ fn nothing_but_contact_moves_the_twin() {
     let number = |key: &str| found[key].as_f64().unwrap();
     assert!(number("touching") > 0.95 && number("ghost").abs() < 1e-3, "{found}");
     assert_eq!((number("driven"), number("welds")), (0.0, 0.0), "{found}");
+    Ok(())
 }
 
-#[test]
 #[cfg(unix)]
-fn a_python_without_packages_says_what_to_install() {
+fn a_python_without_packages_says_what_to_install() -> Result<(), Missing> {
     use std::os::unix::fs::PermissionsExt as _;
-    if Command::new("python3").arg("--version").output().is_err() {
-        venv::without::<()>("python3 is not installed");
-        return;
-    }
+    venv::program("python3", "--version", "python3")?;
     let python = twin().with_file_name("bare-python");
     // -S: without the folder that packages are installed to.
     std::fs::write(&python, "#!/bin/sh\nexec python3 -S \"$@\"\n").unwrap();
@@ -141,4 +152,5 @@ fn a_python_without_packages_says_what_to_install() {
     assert_eq!(output.status.code(), Some(1));
     assert!(said(&output).contains("pip install mujoco numpy pillow"), "{}", said(&output));
     assert!(!folder.exists());
+    Ok(())
 }

@@ -12,6 +12,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test may panic")]
 #![allow(clippy::print_stderr, reason = "says what runs")]
 
+#[path = "common/harness.rs"]
+mod harness;
 #[path = "common/printed.rs"]
 mod printed;
 #[path = "common/venv.rs"]
@@ -20,13 +22,18 @@ mod venv;
 use std::{
     fmt::Write as _,
     fs,
-    os::unix::fs::symlink,
+    os::unix::fs::{PermissionsExt as _, symlink},
     path::{Path, PathBuf},
-    process::Command,
+    process::{Command, ExitCode},
     time::Instant,
 };
 
+use harness::{Missing, tests};
 use printed::{Mark, Printed, commands};
+
+fn main() -> ExitCode {
+    harness::main(tests![commands_run_as_printed])
+}
 
 /// What a clone holds, but for the source, which no command of a page reads.
 const CLONE: [&str; 10] = [
@@ -47,6 +54,13 @@ const LEAST: usize = 60;
 /// Runs its argument and adds a last line with its seconds of processor time.
 const TIMED: &str = "TIMEFORMAT='%U %S'; time timeout --kill-after=5 600 bash -c \"$1\"";
 
+/// `cargo` in a clone in which the program is built: `cargo run` has nothing to build and starts it.
+const CARGO: &str = r#"#!/bin/sh
+[ "$1 $2 $3 $4" = 'run --release --locked --' ] || exit 101
+shift 4
+exec artitwin "$@"
+"#;
+
 /// How a command ended.
 struct Ran {
     seconds: f64,
@@ -55,9 +69,10 @@ struct Ran {
     said: String,
 }
 
-#[test]
-fn commands_run_as_printed() {
-    let Some(python) = venv::python() else { return };
+fn commands_run_as_printed() -> Result<(), Missing> {
+    let python = venv::python()?;
+    // For the film of a page's demonstration.
+    venv::drawing(&python, "libEGL.so.1", "libegl1")?;
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let only = std::env::var("ARTITWIN_PAGE").ok();
     let wanted = |page: &String| page == "README.md" || only.as_ref().is_none_or(|o| o == page);
@@ -79,6 +94,7 @@ fn commands_run_as_printed() {
     let ran = results.iter().filter(|(_, ran)| ran.is_some()).count();
     assert!(only.is_some() || ran >= LEAST, "{ran} commands ran, {LEAST} at least");
     fs::remove_dir_all(&folder).unwrap();
+    Ok(())
 }
 
 /// README, then the documents in the order of their list, then all other pages.
@@ -121,6 +137,9 @@ fn clone(root: &Path) -> PathBuf {
     fs::remove_dir_all(&folder).ok();
     fs::create_dir_all(folder.join("target/release")).unwrap();
     symlink(env!("CARGO_BIN_EXE_artitwin"), folder.join("target/release/artitwin")).unwrap();
+    let cargo = folder.join("target/release/cargo");
+    fs::write(&cargo, CARGO).unwrap();
+    fs::set_permissions(&cargo, fs::Permissions::from_mode(0o755)).unwrap();
     let copy = Command::new("cp").arg("-r").args(CLONE.map(|c| root.join(c))).arg(&folder).status().unwrap();
     assert!(copy.success());
     folder

@@ -1,8 +1,6 @@
 //! Every engine trains the same field: same parameters, same samples, same losses.
 //!
-//! With the `gpu` feature also on the default adapter; without one these tests say that they are
-//! skipped; with `CI=true` they fail.
-//! Debian's `mesa-vulkan-drivers` has one in software;
+//! With the `gpu` feature also on the default adapter. Debian's `mesa-vulkan-drivers` has one in software;
 //! `VK_ICD_FILENAMES=/usr/share/vulkan/icd.d/lvp_icd.x86_64.json` chooses it.
 
 #![allow(
@@ -12,7 +10,13 @@
     reason = "a test may panic, and tells what it measured"
 )]
 
-use std::{path::Path, process::Command};
+#[path = "common/harness.rs"]
+mod harness;
+
+use std::{
+    path::Path,
+    process::{Command, ExitCode},
+};
 
 use artitwin::internal::{
     capture::{CaptureConfig, RgbdFrame, scene_box},
@@ -22,11 +26,26 @@ use artitwin::internal::{
     },
     io,
 };
+#[cfg(feature = "gpu")]
+use gpu::{
+    a_gpu_gives_the_same_twin, a_gpu_trains_the_same_field,
+    without_an_adapter_the_cpu_engine_takes_over_and_says_so,
+};
+use harness::tests;
 use nalgebra::Point3;
 
-#[cfg(feature = "gpu")]
-#[path = "common/venv.rs"]
-mod venv;
+fn main() -> ExitCode {
+    harness::main(tests![
+        burn_on_the_cpu_trains_the_same_field,
+        burn_on_the_cpu_gives_the_same_twin,
+        #[cfg(feature = "gpu")]
+        a_gpu_trains_the_same_field,
+        #[cfg(feature = "gpu")]
+        without_an_adapter_the_cpu_engine_takes_over_and_says_so,
+        #[cfg(feature = "gpu")]
+        a_gpu_gives_the_same_twin,
+    ])
+}
 
 /// Largest difference of the loss of a step, as a share; 1.2e-5 was seen in 120 steps.
 const LOSS_TOLERANCE: f64 = 1e-3;
@@ -105,7 +124,6 @@ fn compare(make: Make, steps: usize) {
     assert!(rms < DISTANCE_TOLERANCE, "{rms}");
 }
 
-#[test]
 fn burn_on_the_cpu_trains_the_same_field() {
     compare(flex, 60);
 }
@@ -191,7 +209,6 @@ fn same_result(run: &Run, expected: &Run) {
     assert!(off_m < 0.0002, "{joint} {other}");
 }
 
-#[test]
 fn burn_on_the_cpu_gives_the_same_twin() {
     let expected = reconstruct("engines-cpu", "cpu", &[]);
     let run = reconstruct("engines-burn", "burn", &[]);
@@ -207,13 +224,14 @@ fn burn_on_the_cpu_gives_the_same_twin() {
 #[cfg(feature = "gpu")]
 mod gpu {
     use super::*;
+    use crate::harness::Missing;
 
     fn wgpu(state: EngineState) -> Result<Box<dyn FieldEngine>, EngineError> {
         BurnEngine::wgpu(state).map(|e| Box::new(e) as _)
     }
 
-    /// Whether an adapter can be used; if not, says why.
-    fn adapter() -> bool {
+    /// Whether an adapter can be used.
+    fn adapter() -> Result<(), Missing> {
         let params = artitwin::internal::field::FieldParams::init(
             &FieldConfig {
                 levels: 1,
@@ -227,14 +245,16 @@ mod gpu {
         let n = params.parameters();
         let state = EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 };
         println!("adapters: {:?}", artitwin::internal::gpu::adapters());
-        BurnEngine::wgpu(state).map_err(|error| venv::without::<()>(&error.to_string())).is_ok()
+        BurnEngine::wgpu(state).map(drop).map_err(|error| {
+            println!("{error}");
+            "a GPU adapter is missing: apt-get install mesa-vulkan-drivers".into()
+        })
     }
 
-    #[test]
-    fn a_gpu_trains_the_same_field() {
-        if adapter() {
-            compare(wgpu, 20);
-        }
+    pub fn a_gpu_trains_the_same_field() -> Result<(), Missing> {
+        adapter()?;
+        compare(wgpu, 20);
+        Ok(())
     }
 
     /// No Vulkan driver, whatever this machine has.
@@ -244,8 +264,7 @@ mod gpu {
         ("WGPU_BACKEND", "vulkan"),
     ];
 
-    #[test]
-    fn without_an_adapter_the_cpu_engine_takes_over_and_says_so() {
+    pub fn without_an_adapter_the_cpu_engine_takes_over_and_says_so() {
         let run = reconstruct("engines-none", "gpu", &NO_DRIVER);
         let said = run.warnings.iter().filter(|w| w.contains("the cpu engine is used instead")).count();
         assert_eq!(said, 2, "{:?}", run.warnings);
@@ -254,17 +273,16 @@ mod gpu {
         same_result(&run, &reconstruct("engines-none-cpu", "cpu", &[]));
     }
 
-    #[test]
-    fn a_gpu_gives_the_same_twin() {
-        if adapter() {
-            let run = reconstruct("engines-gpu", "gpu", &[]);
-            assert!(run.warnings.iter().all(|w| !w.contains("cpu engine")), "{:?}", run.warnings);
-            assert!(
-                run.report["device"].as_str().unwrap().starts_with("burn on the GPU"),
-                "{}",
-                run.report["device"]
-            );
-            same_result(&run, &reconstruct("engines-gpu-cpu", "cpu", &[]));
-        }
+    pub fn a_gpu_gives_the_same_twin() -> Result<(), Missing> {
+        adapter()?;
+        let run = reconstruct("engines-gpu", "gpu", &[]);
+        assert!(run.warnings.iter().all(|w| !w.contains("cpu engine")), "{:?}", run.warnings);
+        assert!(
+            run.report["device"].as_str().unwrap().starts_with("burn on the GPU"),
+            "{}",
+            run.report["device"]
+        );
+        same_result(&run, &reconstruct("engines-gpu-cpu", "cpu", &[]));
+        Ok(())
     }
 }

@@ -2,20 +2,40 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic")]
 
+#[path = "common/harness.rs"]
+mod harness;
 #[path = "common/objects.rs"]
 mod objects;
 #[path = "common/venv.rs"]
 mod venv;
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
 
 use artitwin::internal::{
     evaluate::{EvaluateOptions, Evaluation, EvaluationReport, run},
     geometry::Pose,
     model::ArticulatedModel,
 };
+use harness::{Missing, tests};
 use nalgebra::{UnitQuaternion, Vector3};
 use objects::{Temp, desk, true_drawer, write_run, write_truth};
+
+fn main() -> ExitCode {
+    harness::main(tests![
+        the_truth_itself_scores_nothing_but_the_floor,
+        known_errors_are_measured,
+        a_wrong_type_and_a_missing_part_are_told,
+        trials_are_summed_up_and_the_best_is_named,
+        a_run_without_a_twin_is_a_trial_that_failed,
+        the_component_filter_drops_floaters,
+        a_folder_that_is_no_run_is_refused,
+        agrees_with_the_python_scorer,
+        trials_are_run_once_and_failures_stand_in_the_table,
+    ])
+}
 
 fn truth_of_drawer() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("bags/drawer")
@@ -30,7 +50,6 @@ fn close(value: Option<f64>, expected: f64, tolerance: f64) {
     assert!((value - expected).abs() <= tolerance, "{value} is not {expected} within {tolerance}");
 }
 
-#[test]
 fn the_truth_itself_scores_nothing_but_the_floor() {
     let temp = Temp::new("perfect");
     let report = evaluate(&true_drawer(), &truth_of_drawer(), &temp);
@@ -66,7 +85,6 @@ fn perturbed_desk() -> ArticulatedModel {
     model
 }
 
-#[test]
 fn known_errors_are_measured() {
     let temp = Temp::new("perturbed");
     write_truth(&desk(), &temp.0.join("truth"));
@@ -89,7 +107,6 @@ fn known_errors_are_measured() {
     close(value("Part Motion (drawer)"), 0.004, 1e-9);
 }
 
-#[test]
 fn a_wrong_type_and_a_missing_part_are_told() {
     let temp = Temp::new("missing");
     write_truth(&desk(), &temp.0.join("truth"));
@@ -112,7 +129,6 @@ fn a_wrong_type_and_a_missing_part_are_told() {
     assert!(text.contains("missing (revolute)") && text.contains("revolute, not prismatic"), "{text}");
 }
 
-#[test]
 fn trials_are_summed_up_and_the_best_is_named() {
     let temp = Temp::new("trials");
     write_truth(&desk(), &temp.0.join("truth"));
@@ -127,7 +143,6 @@ fn trials_are_summed_up_and_the_best_is_named() {
     assert!(report.to_text().contains("over 2 trials, best trial 2"));
 }
 
-#[test]
 fn a_run_without_a_twin_is_a_trial_that_failed() {
     let temp = Temp::new("failed");
     write_truth(&desk(), &temp.0.join("truth"));
@@ -141,7 +156,6 @@ fn a_run_without_a_twin_is_a_trial_that_failed() {
     assert!(run(&runs[1..], &temp.0.join("truth"), &EvaluateOptions::default()).is_err());
 }
 
-#[test]
 fn the_component_filter_drops_floaters() {
     let temp = Temp::new("filter");
     write_truth(&desk(), &temp.0.join("truth"));
@@ -162,7 +176,6 @@ fn the_component_filter_drops_floaters() {
     assert!(with > 5.0 && without < 1e-3, "{with} {without}");
 }
 
-#[test]
 fn a_folder_that_is_no_run_is_refused() {
     let temp = Temp::new("no-run");
     let error = |runs: &[PathBuf], truth: &Path| {
@@ -177,9 +190,8 @@ fn a_folder_that_is_no_run_is_refused() {
 }
 
 /// Compares every number with those of `tests/python/evaluate.py`, which shares no code with the crate.
-#[test]
-fn agrees_with_the_python_scorer() {
-    let Some(python) = venv::python() else { return };
+fn agrees_with_the_python_scorer() -> Result<(), Missing> {
+    let python = venv::python()?;
     let temp = Temp::new("python");
     write_truth(&desk(), &temp.0.join("truth"));
     let mut drawer = true_drawer();
@@ -199,6 +211,7 @@ fn agrees_with_the_python_scorer() {
         let ours = run(&[folder], &truth, &EvaluateOptions::default()).expect("an evaluation");
         assert_same(&ours.trials[0], &theirs);
     }
+    Ok(())
 }
 
 fn assert_same(ours: &Evaluation, theirs: &serde_json::Value) {
@@ -242,7 +255,6 @@ fn assert_same(ours: &Evaluation, theirs: &serde_json::Value) {
 }
 
 /// Trials by the program itself: tables, a failure as a trial, and nothing done twice.
-#[test]
 fn trials_are_run_once_and_failures_stand_in_the_table() {
     let temp = Temp::new("trials-run");
     let program = || std::process::Command::new(env!("CARGO_BIN_EXE_artitwin"));

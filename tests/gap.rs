@@ -1,14 +1,28 @@
-//! `artitwin diagnose` on recordings that MuJoCo makes; skipped where there is no Python.
+//! `artitwin diagnose` on recordings that MuJoCo makes.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic")]
 
+#[path = "common/harness.rs"]
+mod harness;
 #[path = "common/venv.rs"]
 mod venv;
 
 use std::{
     path::{Path, PathBuf},
-    process::Command,
+    process::{Command, ExitCode},
 };
+
+use harness::{Missing, tests};
+
+fn main() -> ExitCode {
+    harness::main(tests![
+        a_hidden_spring_is_named_and_the_gap_closes_in_mujoco_too,
+        drag_of_the_air_is_named_and_exported,
+        nothing_hidden_gets_no_name,
+        a_damper_of_one_way_and_place_is_unknown,
+        friction_in_the_middle_of_a_chain_is_named_at_its_joint,
+    ])
+}
 
 struct Temp(PathBuf);
 
@@ -27,13 +41,13 @@ impl Drop for Temp {
     }
 }
 
-/// Makes one case and diagnoses it: the runs and the report; `None` without Python.
+/// Makes one case and diagnoses it: the runs and the report.
 fn diagnose(
     folder: &Path,
     kind: &str,
     object: &str,
     effects: &[&str],
-) -> Option<(Vec<PathBuf>, serde_json::Value)> {
+) -> Result<(Vec<PathBuf>, serde_json::Value), Missing> {
     let python = venv::python()?;
     let mut generate = Command::new(python);
     generate.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/gap/generate.py")).arg(folder);
@@ -71,7 +85,8 @@ fn diagnose(
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(String::from_utf8_lossy(&output.stdout).lines().count() <= 16);
-    Some((runs, serde_json::from_str(&std::fs::read_to_string(out.join("report.json")).unwrap()).unwrap()))
+    let report = std::fs::read_to_string(out.join("report.json")).unwrap();
+    Ok((runs, serde_json::from_str(&report).unwrap()))
 }
 
 /// MuJoCo rolls the exported twin out over the held-out windows: its residual over the `after` of the report.
@@ -88,46 +103,45 @@ fn replayed(folder: &Path, runs: &[PathBuf]) -> f64 {
     line["mujoco"].as_f64().unwrap() / line["after"].as_f64().unwrap()
 }
 
-#[test]
-fn a_hidden_spring_is_named_and_the_gap_closes_in_mujoco_too() {
+fn a_hidden_spring_is_named_and_the_gap_closes_in_mujoco_too() -> Result<(), Missing> {
     let temp = Temp::new("spring");
-    let Some((runs, report)) = diagnose(&temp.0, "single", "door", &["spring_return"]) else { return };
+    let (runs, report) = diagnose(&temp.0, "single", "door", &["spring_return"])?;
     assert_eq!(report["findings"][0]["effect"], "spring_return", "{report:#}");
     let gap = |key: &str| report["gap"][key].as_f64().unwrap();
     assert!(gap("after") < 0.2 * gap("before") + gap("noise_floor"), "{report:#}");
     let ratio = replayed(&temp.0, &runs);
     assert!((ratio - 1.0).abs() < 0.03, "MuJoCo leaves {ratio} times what the report says");
+    Ok(())
 }
 
-#[test]
-fn drag_of_the_air_is_named_and_exported() {
+fn drag_of_the_air_is_named_and_exported() -> Result<(), Missing> {
     let temp = Temp::new("drag");
-    let Some((runs, report)) = diagnose(&temp.0, "single", "drawer", &["quadratic_drag"]) else { return };
+    let (runs, report) = diagnose(&temp.0, "single", "drawer", &["quadratic_drag"])?;
     assert_eq!(report["findings"][0]["effect"], "quadratic_drag", "{report:#}");
     let ratio = replayed(&temp.0, &runs);
     assert!((ratio - 1.0).abs() < 0.03, "MuJoCo leaves {ratio} times what the report says");
+    Ok(())
 }
 
-#[test]
-fn nothing_hidden_gets_no_name() {
+fn nothing_hidden_gets_no_name() -> Result<(), Missing> {
     let temp = Temp::new("nothing");
-    let Some((_, report)) = diagnose(&temp.0, "null", "drawer", &[]) else { return };
+    let (_, report) = diagnose(&temp.0, "null", "drawer", &[])?;
     assert_eq!(report["verdict"], "none", "{report:#}");
     assert_eq!(report["findings"].as_array().unwrap().len(), 0);
+    Ok(())
 }
 
-#[test]
-fn a_damper_of_one_way_and_place_is_unknown() {
+fn a_damper_of_one_way_and_place_is_unknown() -> Result<(), Missing> {
     let temp = Temp::new("outside");
-    let Some((_, report)) = diagnose(&temp.0, "outside", "drawer", &["one_way_band_damper"]) else { return };
+    let (_, report) = diagnose(&temp.0, "outside", "drawer", &["one_way_band_damper"])?;
     assert_eq!(report["verdict"], "unknown", "{report:#}");
     assert!(!report["where"].as_array().unwrap().is_empty());
+    Ok(())
 }
 
-#[test]
-fn friction_in_the_middle_of_a_chain_is_named_at_its_joint() {
+fn friction_in_the_middle_of_a_chain_is_named_at_its_joint() -> Result<(), Missing> {
     let temp = Temp::new("chain");
-    let Some(python) = venv::python() else { return };
+    let python = venv::python()?;
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/gap/chain.py");
     let case = temp.0.join("arm");
     let output = Command::new(python)
@@ -159,4 +173,5 @@ fn friction_in_the_middle_of_a_chain_is_named_at_its_joint() {
     );
     let friction = findings[0]["parameters"][0]["value"].as_f64().unwrap();
     assert!((friction - 0.4).abs() < 0.02, "{friction}");
+    Ok(())
 }

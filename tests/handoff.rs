@@ -1,10 +1,12 @@
 //! The whole folder in simulators and in a browser: every importer counts the same, the object rests, opens
 //! and holds a ball.
 //!
-//! Needs Python (see `common/venv.rs`), and chromium for the page; says so and passes where they are missing.
+//! Needs Python (see `common/venv.rs`), chromium for the pages, and `check_urdf`.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic")]
 
+#[path = "common/harness.rs"]
+mod harness;
 #[path = "common/objects.rs"]
 mod objects;
 #[path = "common/venv.rs"]
@@ -12,7 +14,7 @@ mod venv;
 
 use std::{
     path::{Path, PathBuf},
-    process::Command,
+    process::{Command, ExitCode},
 };
 
 use artitwin::{
@@ -24,16 +26,33 @@ use artitwin::{
     },
     reconstruct,
 };
+use harness::{Missing, tests};
 use objects::{Temp, chest, chest_with, jar, lamp, write_run, write_run_as};
 
-/// Runs a script of `tests/python` and gives the JSON of its last line; `None` without Python.
-fn script(name: &str, arguments: &[&str]) -> Option<serde_json::Value> {
-    let python = venv::python()?;
+fn main() -> ExitCode {
+    harness::main(tests![
+        every_importer_counts_what_the_model_holds,
+        urdfdom_counts_the_joints,
+        a_chest_rests_opens_and_its_drawer_holds_a_ball,
+        a_lid_that_hangs_in_the_air_is_held_by_its_friction,
+        a_lid_on_a_thread_holds_turns_and_stays_on_it,
+        scenes_and_ros_files_say_the_same_as_the_twin,
+        the_reconstructed_drawer_holds_a_ball,
+        the_reconstructed_laptop_looks_in_mujoco_as_in_the_photos,
+        limits_lie_between_what_was_seen_and_what_is_free,
+        masses_follow_the_material_and_stay_in_their_range,
+        everything_that_the_viewer_offers_does_something_and_fits_every_screen,
+        no_text_of_the_report_is_cut_on_any_screen,
+    ])
+}
+
+/// Runs a script of `tests/python` and gives the JSON of its last line.
+fn script(python: &Path, name: &str, arguments: &[&str]) -> serde_json::Value {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python").join(name);
     let output = Command::new(python).arg(script).args(arguments).output().expect("python runs");
     assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8_lossy(&output.stdout);
-    Some(serde_json::from_str(text.lines().last().unwrap_or_default()).expect("JSON"))
+    serde_json::from_str(text.lines().last().unwrap_or_default()).expect("JSON")
 }
 
 fn written(model: &ArticulatedModel, temp: &Temp) -> PathBuf {
@@ -49,17 +68,15 @@ fn checked(folder: PathBuf) -> PathBuf {
     folder
 }
 
-#[test]
-fn every_importer_counts_what_the_model_holds() {
+fn every_importer_counts_what_the_model_holds() -> Result<(), Missing> {
+    let python = venv::python()?;
     for mut model in [chest(), lamp()] {
         // A wall of one part is assumed: a mesh and a texture more.
         model.links[1].assumed = model.links[1].collision[0].mesh();
         let meshes = model.links.len() + 1;
         let temp = Temp::new(&format!("importers-{}", model.name));
         let folder = written(&model, &temp);
-        let Some(found) = script("handoff_importers.py", &[folder.to_str().unwrap(), &model.name]) else {
-            return;
-        };
+        let found = script(&python, "handoff_importers.py", &[folder.to_str().unwrap(), &model.name]);
         let solids: usize = model.links.iter().map(|l| l.collision.len()).sum();
         let mass: f64 = model.links.iter().map(|l| l.inertial.mass_kg).sum();
         let counts = [
@@ -74,9 +91,6 @@ fn every_importer_counts_what_the_model_holds() {
             ("states", model.states.len() + usize::from(model.closed_state().is_some())),
             ("excludes", model.joints.len()),
         ];
-        if found.get("urdfdom").is_none() {
-            venv::without::<()>("check_urdf is not installed");
-        }
         for (importer, seen) in found.as_object().unwrap() {
             for (what, count) in counts.iter().chain(&extra) {
                 if let Some(n) = seen.get(what) {
@@ -98,36 +112,55 @@ fn every_importer_counts_what_the_model_holds() {
         }
         assert!(found.as_object().unwrap().len() >= 8, "{found}");
     }
+    Ok(())
 }
 
-#[test]
-fn a_chest_rests_opens_and_its_drawer_holds_a_ball() {
+/// urdfdom, which ROS reads URDFs with, has no other interface that says what it read.
+fn urdfdom_counts_the_joints() -> Result<(), Missing> {
+    venv::program("check_urdf", "--help", "liburdfdom-tools")?;
+    for model in [chest(), lamp()] {
+        let temp = Temp::new(&format!("urdfdom-{}", model.name));
+        let urdf = written(&model, &temp).join(format!("{}.urdf", model.name));
+        let output = Command::new("check_urdf").arg(urdf).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let text = String::from_utf8_lossy(&output.stdout);
+        // One line a link below the root.
+        let links = text.lines().filter(|line| line.trim_start().starts_with("child(")).count();
+        assert_eq!(links, model.joints.len(), "{text}");
+    }
+    Ok(())
+}
+
+fn a_chest_rests_opens_and_its_drawer_holds_a_ball() -> Result<(), Missing> {
+    let python = venv::python()?;
     let (model, temp) = (chest(), Temp::new("physics-chest"));
     let folder = written(&model, &temp);
     let arguments = [folder.to_str().unwrap(), &model.name, "--ball", "joint_1"];
-    let Some(found) = script("handoff_physics.py", &arguments) else { return };
+    let found = script(&python, "handoff_physics.py", &arguments);
     rests_and_opens(&model, &found);
     holds_the_ball(&found);
+    Ok(())
 }
 
-#[test]
-fn a_lid_that_hangs_in_the_air_is_held_by_its_friction() {
+fn a_lid_that_hangs_in_the_air_is_held_by_its_friction() -> Result<(), Missing> {
+    let python = venv::python()?;
     let (model, temp) = (lamp(), Temp::new("physics-lamp"));
     let folder = written(&model, &temp);
-    let Some(found) = script("handoff_physics.py", &[folder.to_str().unwrap(), &model.name]) else { return };
+    let found = script(&python, "handoff_physics.py", &[folder.to_str().unwrap(), &model.name]);
     rests_and_opens(&model, &found);
+    Ok(())
 }
 
-#[test]
-fn a_lid_on_a_thread_holds_turns_and_stays_on_it() {
+fn a_lid_on_a_thread_holds_turns_and_stays_on_it() -> Result<(), Missing> {
+    let python = venv::python()?;
     let (model, temp) = (jar(), Temp::new("physics-jar"));
     let folder = written(&model, &temp);
     let arguments = [folder.to_str().unwrap(), &model.name];
-    let Some(found) = script("handoff_physics.py", &arguments) else { return };
+    let found = script(&python, "handoff_physics.py", &arguments);
     rests_and_opens(&model, &found);
     // In MuJoCo the lid also keeps its height.
     assert!(found["mujoco"]["rest"]["joint_1_advance"].as_f64().unwrap() < 1e-5, "{found}");
-    let found = script("handoff_screw.py", &arguments).expect("python, as before");
+    let found = script(&python, "handoff_screw.py", &arguments);
     for reader in ["mujoco mjcf", "mujoco urdf", "drake sdf", "drake urdf", "drake mjcf"] {
         let seen = &found[reader];
         let off = |what: &str| seen[what].as_f64().unwrap_or_else(|| panic!("{reader}: {found}"));
@@ -136,10 +169,11 @@ fn a_lid_on_a_thread_holds_turns_and_stays_on_it() {
         assert!(off("slip_m") < most, "{reader}: the lid leaves its thread by {} m", off("slip_m"));
         assert!(off("beyond_rad") < 0.02, "{reader}: {} rad beyond the limits", off("beyond_rad"));
     }
+    Ok(())
 }
 
-#[test]
-fn scenes_and_ros_files_say_the_same_as_the_twin() {
+fn scenes_and_ros_files_say_the_same_as_the_twin() -> Result<(), Missing> {
+    let python = venv::python()?;
     for (model, settings) in [
         (chest(), serde_json::json!({})),
         (jar(), serde_json::json!({ "base": "floating", "prefix": "left_" })),
@@ -150,7 +184,7 @@ fn scenes_and_ros_files_say_the_same_as_the_twin() {
         let model = named(model, PartNames::Numbered, &config.prefix);
         let folder = checked(write_run_as(&model, &config, &temp.0));
         let arguments = [folder.to_str().unwrap(), &model.name];
-        let Some(found) = script("handoff_scene.py", &arguments) else { return };
+        let found = script(&python, "handoff_scene.py", &arguments);
         let count = |what: &str| found[what].as_u64().unwrap();
         let floating = settings["base"] == "floating";
         let slides = model.joints.iter().filter(|j| j.kind.thread_m_per_rad().is_some()).count();
@@ -168,6 +202,7 @@ fn scenes_and_ros_files_say_the_same_as_the_twin() {
             assert!(held < 0.03 && reached < 0.05, "{}: {found}", joint.name);
         }
     }
+    Ok(())
 }
 
 /// The twin of a shipped recording.
@@ -191,25 +226,21 @@ fn holds_the_ball(found: &serde_json::Value) {
     assert!((ball["closed_to"].as_f64().unwrap() - ball["half"].as_f64().unwrap()).abs() < 0.01, "{ball}");
 }
 
-#[test]
-fn the_reconstructed_drawer_holds_a_ball() {
+fn the_reconstructed_drawer_holds_a_ball() -> Result<(), Missing> {
+    let python = venv::python()?;
     let temp = Temp::new("handoff-ball");
     let folder = reconstructed("drawer", "default", &temp);
-    let Some(found) =
-        script("handoff_physics.py", &[folder.to_str().unwrap(), "drawer", "--ball", "joint_1"])
-    else {
-        return;
-    };
-    holds_the_ball(&found);
+    let arguments = [folder.to_str().unwrap(), "drawer", "--ball", "joint_1"];
+    holds_the_ball(&script(&python, "handoff_physics.py", &arguments));
+    Ok(())
 }
 
-#[test]
-fn the_reconstructed_laptop_looks_in_mujoco_as_in_the_photos() {
+fn the_reconstructed_laptop_looks_in_mujoco_as_in_the_photos() -> Result<(), Missing> {
+    let python = venv::python()?;
+    venv::drawing(&python, "libOSMesa.so.8", "libosmesa6")?;
     let temp = Temp::new("handoff-pictures");
     let folder = reconstructed("laptop", "preview", &temp);
-    let Some(found) = script("mujoco_pictures.py", &[folder.to_str().unwrap(), "laptop", "--add"]) else {
-        return;
-    };
+    let found = script(&python, "mujoco_pictures.py", &[folder.to_str().unwrap(), "laptop", "--add"]);
     let report: serde_json::Value =
         serde_json::from_slice(&std::fs::read(folder.join("report.json")).unwrap()).unwrap();
     let (found, own) = (found.as_array().unwrap(), report["renderings"].as_array().unwrap());
@@ -221,6 +252,7 @@ fn the_reconstructed_laptop_looks_in_mujoco_as_in_the_photos() {
         assert!(theirs > 14.0 && theirs > ours - 4.5, "{theirs} dB in MuJoCo, {ours} dB here");
     }
     assert!(std::fs::read_to_string(folder.join("report.html")).unwrap().contains("In MuJoCo"));
+    Ok(())
 }
 
 fn rests_and_opens(model: &ArticulatedModel, found: &serde_json::Value) {
@@ -236,7 +268,6 @@ fn rests_and_opens(model: &ArticulatedModel, found: &serde_json::Value) {
     }
 }
 
-#[test]
 fn limits_lie_between_what_was_seen_and_what_is_free() {
     let observed = chest_with(&ModelConfig { limits: LimitPolicy::Observed, ..ModelConfig::default() });
     let limit = &observed.joints[0].limit;
@@ -249,7 +280,6 @@ fn limits_lie_between_what_was_seen_and_what_is_free() {
     assert_eq!(([limit.lower, limit.upper], limit.source), (swept, LimitSource::Swept));
 }
 
-#[test]
 fn masses_follow_the_material_and_stay_in_their_range() {
     let wood = chest();
     let steel =
@@ -274,22 +304,16 @@ fn masses_follow_the_material_and_stay_in_their_range() {
     }
 }
 
-fn is_without_chromium() -> bool {
-    let is_missing = Command::new("chromium").arg("--version").output().is_err();
-    if is_missing {
-        venv::without::<()>("chromium is not installed");
-    }
-    is_missing
+fn chromium() -> Result<(), Missing> {
+    venv::program("chromium", "--version", "chromium")
 }
 
-#[test]
-fn everything_that_the_viewer_offers_does_something_and_fits_every_screen() {
-    if is_without_chromium() {
-        return;
-    }
+fn everything_that_the_viewer_offers_does_something_and_fits_every_screen() -> Result<(), Missing> {
+    chromium()?;
+    let python = venv::python()?;
     let (model, temp) = (chest(), Temp::new("viewer"));
     let page = written(&model, &temp).join("viewer.html");
-    let Some(found) = script("handoff_viewer.py", &[page.to_str().unwrap(), "joint_1"]) else { return };
+    let found = script(&python, "handoff_viewer.py", &[page.to_str().unwrap(), "joint_1"]);
     assert_eq!(
         (found["meshes"].as_u64(), found["errors"].as_array().map(Vec::len)),
         (Some(2), Some(0)),
@@ -303,6 +327,7 @@ fn everything_that_the_viewer_offers_does_something_and_fits_every_screen() {
         assert!(is_as_expected, "{step}: {share} in {found}");
     }
     nothing_is_cut(&found);
+    Ok(())
 }
 
 fn nothing_is_cut(found: &serde_json::Value) {
@@ -311,11 +336,9 @@ fn nothing_is_cut(found: &serde_json::Value) {
     assert_eq!(found["errors"].as_array().map(Vec::len), Some(0), "{found}");
 }
 
-#[test]
-fn no_text_of_the_report_is_cut_on_any_screen() {
-    if is_without_chromium() {
-        return;
-    }
+fn no_text_of_the_report_is_cut_on_any_screen() -> Result<(), Missing> {
+    chromium()?;
+    let python = venv::python()?;
     let temp = Temp::new("report-widths");
     let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags/drawer");
     let name = format!("n{}", "ame_without_end".repeat(4));
@@ -324,6 +347,7 @@ fn no_text_of_the_report_is_cut_on_any_screen() {
     request.config.export.prefix = "a_cell_with_many_robots_".into();
     reconstruct(&request, &Monitor::silent()).unwrap();
     let page = temp.0.join(&name).join("report.html");
-    let Some(found) = script("handoff_report.py", &[page.to_str().unwrap()]) else { return };
+    let found = script(&python, "handoff_report.py", &[page.to_str().unwrap()]);
     nothing_is_cut(&found);
+    Ok(())
 }

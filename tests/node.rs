@@ -1,7 +1,6 @@
 //! The ROS 2 node among neighbors that are not made of it: Cyclone DDS and rosbags, on the loopback network,
 //! every test in a domain of its own.
 
-#![cfg(feature = "node")]
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -12,6 +11,8 @@
 mod common;
 #[path = "common/doors.rs"]
 mod doors;
+#[path = "common/harness.rs"]
+mod harness;
 #[path = "common/program.rs"]
 mod program;
 #[path = "common/ros.rs"]
@@ -19,12 +20,43 @@ mod ros;
 #[path = "common/venv.rs"]
 mod venv;
 
-use std::path::Path;
+use std::{path::Path, process::ExitCode};
 
 use artitwin::internal::geometry::Pose;
 use common::TempDir;
+use harness::{Missing, tests};
 use program::{SMALL, end, reconstruct, shipped};
 use ros::{Node, lossy_scenario, scenario, serial, with_fastdds};
+
+fn main() -> ExitCode {
+    harness::main(tests![
+        a_session_has_one_node,
+        a_replayed_recording_gives_the_twin_of_the_command_line,
+        three_hundred_frames_at_30_hz_arrive,
+        images_that_are_lost_on_the_way_are_counted,
+        ten_thousand_broken_messages_are_counted_and_do_no_harm,
+        simulated_time_may_jump_back,
+        a_camera_without_transforms_is_followed_and_its_poses_come_back,
+        what_is_collected_is_shown_as_it_comes,
+        camera_poses_may_come_as_pose_or_odometry,
+        a_publisher_may_be_killed_and_another_go_on,
+        transforms_images_and_clock_may_jump_back,
+        a_session_is_saved_and_another_begun,
+        a_diagnosis_is_asked_for_canceled_and_published,
+        the_node_is_seen_under_its_name,
+        states_are_found_without_a_call,
+        a_crash_loses_nothing_that_was_there_for_a_second,
+        what_is_recorded_is_what_was_published,
+        what_cannot_work_is_refused_at_the_start;
+        on request:
+        a_replayed_raw_recording_gives_the_twin_of_the_command_line =
+            "the same with raw images: 1 minute more",
+        a_replayed_recording_of_ones_own_gives_the_twin_of_the_command_line =
+            "needs a recording with the topics of bags/drawer, named by ARTITWIN_BAG; 4 minutes for 30 views",
+        a_hundred_thousand_broken_messages_are_counted_and_do_no_harm = "1e5 messages: 2 minutes",
+        ten_minutes_of_images_need_no_more_memory_than_one = "10 minutes of images at 30 Hz",
+    ])
+}
 
 /// Parameters that make a run of the node the one of [`reconstruct`] with [`SMALL`].
 fn small_run(folder: &TempDir, raw: bool) -> Vec<String> {
@@ -63,8 +95,8 @@ fn joints(urdf: &Path) -> Vec<(String, Vec<f64>)> {
 
 /// A whole session: both states from bags at the pace of their recording, a goal that is canceled, one that
 /// is not, and everything that is published then. The twin is that of the command line.
-fn session(bag: &Path, domain: u16, raw: bool, cancel: bool) {
-    let Some(python) = venv::ros_python() else { return };
+fn session(bag: &Path, domain: u16, raw: bool, cancel: bool) -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let _serial = serial();
     let folder = TempDir::new(&format!("node-{domain}"));
     let node = Node::start(domain, &small_run(&folder, raw));
@@ -98,6 +130,7 @@ fn session(bag: &Path, domain: u16, raw: bool, cancel: bool) {
     assert!(ended.code == 0 || ended.code == 3, "{}", ended.stderr);
     let read = |path: &Path| std::fs::read(path.join("drawer.urdf")).unwrap();
     assert_eq!(read(&twin), read(&again.join("drawer")));
+    Ok(())
 }
 
 /// A node on the session of an earlier one publishes the twin made there; a damaged twin is a warning.
@@ -131,7 +164,6 @@ fn taken_up(python: &Path, domain: u16, folder: &TempDir, parameters: &[String],
     std::fs::write(&report, text).unwrap();
 }
 
-#[test]
 fn a_session_has_one_node() {
     let folder = TempDir::new("node-two");
     let parameters = [format!("out_folder:={}", folder.join("out").display()), "session:=session".to_owned()];
@@ -149,28 +181,22 @@ fn a_session_has_one_node() {
     assert!(after.end().contains("session"));
 }
 
-#[test]
-fn a_replayed_recording_gives_the_twin_of_the_command_line() {
-    session(&shipped("drawer"), 41, false, true);
+fn a_replayed_recording_gives_the_twin_of_the_command_line() -> Result<(), Missing> {
+    session(&shipped("drawer"), 41, false, true)
 }
 
-#[test]
-#[ignore = "the same with raw images: 1 minute more"]
-fn a_replayed_raw_recording_gives_the_twin_of_the_command_line() {
-    session(&shipped("drawer_raw"), 42, true, false);
+fn a_replayed_raw_recording_gives_the_twin_of_the_command_line() -> Result<(), Missing> {
+    session(&shipped("drawer_raw"), 42, true, false)
 }
 
-#[test]
-#[ignore = "needs a recording with the topics of bags/drawer, named by ARTITWIN_BAG; 4 minutes for 30 views \
-            of 640x480 a state"]
-fn a_replayed_recording_of_ones_own_gives_the_twin_of_the_command_line() {
+/// 4 minutes for 30 views of 640x480 a state.
+fn a_replayed_recording_of_ones_own_gives_the_twin_of_the_command_line() -> Result<(), Missing> {
     let bag = std::env::var_os("ARTITWIN_BAG").expect("ARTITWIN_BAG names a folder with state0 and state1");
-    session(Path::new(&bag), 60, false, false);
+    session(Path::new(&bag), 60, false, false)
 }
 
-#[test]
-fn three_hundred_frames_at_30_hz_arrive() {
-    let Some(python) = venv::ros_python() else { return };
+fn three_hundred_frames_at_30_hz_arrive() -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let _serial = serial();
     let folder = TempDir::new("node-rate");
     let parameters =
@@ -188,14 +214,13 @@ fn three_hundred_frames_at_30_hz_arrive() {
     assert!((40..=45).contains(&told["kept"].as_u64().unwrap()), "{told}");
     let live = |key: &str| told["live_map"][key].as_str().unwrap().parse::<u64>().unwrap();
     assert_eq!(live("views_fused") + live("left_out_busy"), told["kept"].as_u64().unwrap(), "{told}");
+    Ok(())
 }
 
-#[test]
-fn images_that_are_lost_on_the_way_are_counted() {
-    let Some(python) = venv::ros_python() else { return };
+fn images_that_are_lost_on_the_way_are_counted() -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     if with_fastdds() {
-        eprintln!("skipped: only Cyclone DDS drops packets on request");
-        return;
+        return Err(ros::ONLY_CYCLONE.into());
     }
     let _serial = serial();
     let folder = TempDir::new("node-loss");
@@ -215,21 +240,19 @@ fn images_that_are_lost_on_the_way_are_counted() {
             }
         }
     }
+    Ok(())
 }
 
-#[test]
-fn ten_thousand_broken_messages_are_counted_and_do_no_harm() {
-    flood(44, "10000", "2000");
+fn ten_thousand_broken_messages_are_counted_and_do_no_harm() -> Result<(), Missing> {
+    flood(44, "10000", "2000")
 }
 
-#[test]
-#[ignore = "1e5 messages: 2 minutes"]
-fn a_hundred_thousand_broken_messages_are_counted_and_do_no_harm() {
-    flood(45, "100000", "2000");
+fn a_hundred_thousand_broken_messages_are_counted_and_do_no_harm() -> Result<(), Missing> {
+    flood(45, "100000", "2000")
 }
 
-fn flood(domain: u16, count: &str, hz: &str) {
-    let Some(python) = venv::ros_python() else { return };
+fn flood(domain: u16, count: &str, hz: &str) -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let _serial = serial();
     let folder = TempDir::new("node-flood");
     let mut parameters = small_run(&folder, false);
@@ -248,11 +271,11 @@ fn flood(domain: u16, count: &str, hz: &str) {
     }
     assert!(number(&told["refused"]) > 0, "{told}");
     assert!(number(&told["resident_bytes"]) < 600_000_000, "{told}");
+    Ok(())
 }
 
-#[test]
-fn simulated_time_may_jump_back() {
-    let Some(python) = venv::ros_python() else { return };
+fn simulated_time_may_jump_back() -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let _serial = serial();
     let folder = TempDir::new("node-clock");
     let parameters =
@@ -261,11 +284,11 @@ fn simulated_time_may_jump_back() {
     let told = scenario(&python, 46, &["clock"]);
     node.end();
     assert!(told["jumps"].as_u64().unwrap() >= 1, "{told}");
+    Ok(())
 }
 
-#[test]
-fn a_camera_without_transforms_is_followed_and_its_poses_come_back() {
-    let Some(python) = venv::ros_python() else { return };
+fn a_camera_without_transforms_is_followed_and_its_poses_come_back() -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let _serial = serial();
     let folder = TempDir::new("node-tracked");
     let node = Node::start(66, &small_run(&folder, false));
@@ -297,12 +320,12 @@ fn a_camera_without_transforms_is_followed_and_its_poses_come_back() {
     let expected = by_poses.joints[0].states[1] - by_poses.joints[0].states[0];
     assert!((motion.abs() - expected.abs()).abs() < 0.01, "{motion} m, by poses {expected} m");
     assert!(by_poses.object_box_m.is_some());
+    Ok(())
 }
 
 /// The live map while the drawer is replayed: there in time, where the drawer is, and lit where it moved.
-#[test]
-fn what_is_collected_is_shown_as_it_comes() {
-    let Some(python) = venv::ros_python() else { return };
+fn what_is_collected_is_shown_as_it_comes() -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let _serial = serial();
     let folder = TempDir::new("node-live");
     let node = Node::start(67, &small_run(&folder, false));
@@ -351,6 +374,7 @@ fn what_is_collected_is_shown_as_it_comes() {
     assert!(last["appeared_m2"].as_str().unwrap().parse::<f64>().unwrap() > 0.01, "{}", last["appeared_m2"]);
     assert!(number(&last["cleared"]) >= 2.0, "the markers of state 0 went");
     assert!(number(&told["late_secs"]) < 12.0 && told["left_after_reset"] == 0, "{}", told["late_secs"]);
+    Ok(())
 }
 
 /// Distance of points to a shipped mesh, meters.
@@ -366,7 +390,7 @@ fn with_drawer(
     domain: u16,
     parameters: &[&str],
     arguments: &[&str],
-) -> Option<(TempDir, serde_json::Value)> {
+) -> Result<(TempDir, serde_json::Value), Missing> {
     let python = venv::ros_python()?;
     let _serial = serial();
     let folder = TempDir::new(name);
@@ -378,7 +402,7 @@ fn with_drawer(
     let told = scenario(&python, domain, &[&arguments[..1], &[&bag], &arguments[1..]].concat());
     let log = node.end();
     assert!(!log.contains("panicked"), "{log}");
-    Some((folder, told))
+    Ok((folder, told))
 }
 
 /// Camera poses of the views of a recording of state 0.
@@ -403,26 +427,23 @@ fn same_poses(found: &[Pose], expected: &[Pose]) {
     }
 }
 
-#[test]
-fn camera_poses_may_come_as_pose_or_odometry() {
+fn camera_poses_may_come_as_pose_or_odometry() -> Result<(), Missing> {
     let expected = camera_poses(&shipped("drawer/state0"), None);
     for (domain, form, frame) in [(54, "pose", "camera_link"), (55, "odometry", "")] {
         let (pose_type, pose_frame) = (format!("pose_type:={form}"), format!("pose_frame:='{frame}'"));
         let parameters = ["pose_topic:=/camera_pose", &pose_type, &pose_frame];
         let arguments = ["play", "--begin", "0", "--masks", "--poses", form, "--linger", "2"];
-        let Some((folder, _)) = with_drawer(&format!("node-{form}"), domain, &parameters, &arguments) else {
-            return;
-        };
+        let (folder, _) = with_drawer(&format!("node-{form}"), domain, &parameters, &arguments)?;
         same_poses(
             &camera_poses(&folder.join("node/session/state0"), Some(frame).filter(|f| !f.is_empty())),
             &expected,
         );
     }
+    Ok(())
 }
 
-#[test]
-fn a_publisher_may_be_killed_and_another_go_on() {
-    let Some((folder, told)) = with_drawer("node-restart", 56, &[], &["restart"]) else { return };
+fn a_publisher_may_be_killed_and_another_go_on() -> Result<(), Missing> {
+    let (folder, told) = with_drawer("node-restart", 56, &[], &["restart"])?;
     assert_eq!(
         (&told["half"], &told["kept"], &told["lost"], &told["received"]),
         (&8.into(), &16.into(), &0.into(), &16.into()),
@@ -432,24 +453,22 @@ fn a_publisher_may_be_killed_and_another_go_on() {
         &camera_poses(&folder.join("node/session/state0"), None),
         &camera_poses(&shipped("drawer/state0"), None),
     );
+    Ok(())
 }
 
-#[test]
-fn transforms_images_and_clock_may_jump_back() {
-    let Some((folder, told)) = with_drawer("node-jumps", 57, &["use_sim_time:=true"], &["jumps"]) else {
-        return;
-    };
+fn transforms_images_and_clock_may_jump_back() -> Result<(), Missing> {
+    let (folder, told) = with_drawer("node-jumps", 57, &["use_sim_time:=true"], &["jumps"])?;
     // What was kept stays as it is; older views are no part of it, and a new recording takes them.
     assert_eq!((&told["future"], &told["kept_after_jump"]), (&8.into(), &8.into()), "{told}");
     let (again, jumps) = (told["again"].as_u64().unwrap() as usize, told["jumps"].as_u64().unwrap());
     assert!((15..=16).contains(&again) && jumps >= 2, "{told}");
     let expected = camera_poses(&shipped("drawer/state0"), None);
     same_poses(&camera_poses(&folder.join("node/session/state0"), None), &expected[16 - again..]);
+    Ok(())
 }
 
-#[test]
-fn a_session_is_saved_and_another_begun() {
-    let Some((_folder, told)) = with_drawer("node-resets", 58, &[], &["resets"]) else { return };
+fn a_session_is_saved_and_another_begun() -> Result<(), Missing> {
+    let (_folder, told) = with_drawer("node-resets", 58, &[], &["resets"])?;
     assert_eq!((&told["on_disk"], &told["kept"]), (&8.into(), &8.into()), "{told}");
     let sessions: Vec<&Path> =
         told["sessions"].as_array().unwrap().iter().map(|s| Path::new(s.as_str().unwrap())).collect();
@@ -462,11 +481,11 @@ fn a_session_is_saved_and_another_begun() {
             session.display()
         );
     }
+    Ok(())
 }
 
-#[test]
-fn a_diagnosis_is_asked_for_canceled_and_published() {
-    let Some(python) = venv::ros_python() else { return };
+fn a_diagnosis_is_asked_for_canceled_and_published() -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let _serial = serial();
     let folder = TempDir::new("node-diagnose");
     let (twin, runs) = doors::write(&folder, 3, 10.0);
@@ -515,11 +534,11 @@ fn a_diagnosis_is_asked_for_canceled_and_published() {
             "{file}"
         );
     }
+    Ok(())
 }
 
-#[test]
-fn the_node_is_seen_under_its_name() {
-    let Some(python) = venv::ros_python() else { return };
+fn the_node_is_seen_under_its_name() -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let _serial = serial();
     let folder = TempDir::new("node-discovery");
     let out = format!("out_folder:={}", folder.join("out").display());
@@ -528,11 +547,11 @@ fn the_node_is_seen_under_its_name() {
     node.end();
     assert_eq!((&told["name"], &told["namespace"]), (&"twin_maker".into(), &"/lab".into()), "{told}");
     assert!(told["writers"].as_u64().unwrap() > 8, "{told}");
+    Ok(())
 }
 
-#[test]
-fn states_are_found_without_a_call() {
-    let Some(python) = venv::ros_python() else { return };
+fn states_are_found_without_a_call() -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let _serial = serial();
     let folder = TempDir::new("node-automatic");
     let mut parameters = small_run(&folder, false);
@@ -549,11 +568,11 @@ fn states_are_found_without_a_call() {
     for state in 0..2 {
         assert!(folder.join(&format!("node/session/state{state}/metadata.yaml")).is_file(), "{log}");
     }
+    Ok(())
 }
 
-#[test]
-fn a_crash_loses_nothing_that_was_there_for_a_second() {
-    let Some(python) = venv::ros_python() else { return };
+fn a_crash_loses_nothing_that_was_there_for_a_second() -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let _serial = serial();
     let folder = TempDir::new("node-crash");
     let node = Node::start(49, &small_run(&folder, false));
@@ -564,11 +583,11 @@ fn a_crash_loses_nothing_that_was_there_for_a_second() {
     assert!(!session.join("state0/metadata.yaml").exists());
     let found = artitwin::internal::io::inspect(&session.join("state0")).unwrap();
     assert_eq!(found.recordings[0].views, 16);
+    Ok(())
 }
 
-#[test]
-fn what_is_recorded_is_what_was_published() {
-    let Some(python) = venv::ros_python() else { return };
+fn what_is_recorded_is_what_was_published() -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let _serial = serial();
     let folder = TempDir::new("node-record");
     let bag = folder.join("bag");
@@ -587,12 +606,11 @@ fn what_is_recorded_is_what_was_published() {
     assert_eq!(told["sent"], 113);
     assert!(text.ends_with(": 113 messages\n"), "{text}");
     assert_eq!(artitwin::internal::io::inspect(&bag).unwrap().recordings[0].views, 16);
+    Ok(())
 }
 
-#[test]
-#[ignore = "10 minutes of images at 30 Hz"]
-fn ten_minutes_of_images_need_no_more_memory_than_one() {
-    let Some(python) = venv::ros_python() else { return };
+fn ten_minutes_of_images_need_no_more_memory_than_one() -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let _serial = serial();
     let folder = TempDir::new("node-load");
     let parameters =
@@ -608,9 +626,9 @@ fn ten_minutes_of_images_need_no_more_memory_than_one() {
         told["resident_every_20_s"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
     let (early, late) = (resident[3], resident.iter().fold(0.0, |a: f64, b| a.max(*b)));
     assert!(late < 500e6 && late < 1.1 * early, "{told}");
+    Ok(())
 }
 
-#[test]
 fn what_cannot_work_is_refused_at_the_start() {
     let refused = |environment: &[(&str, &str)], arguments: &[&str]| {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_artitwin"));

@@ -1,6 +1,5 @@
 //! The node against neighbors that mean harm: who reaches it, and what a datagram may cost it.
 
-#![cfg(all(feature = "node", target_os = "linux"))]
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -9,25 +8,43 @@
 )]
 
 mod common;
+#[path = "common/harness.rs"]
+mod harness;
 #[path = "common/ros.rs"]
 mod ros;
 #[path = "common/venv.rs"]
 mod venv;
 
-use std::{path::Path, process::Command};
+use std::{
+    path::{Path, PathBuf},
+    process::{Command, ExitCode},
+};
 
 use common::TempDir;
+use harness::{Missing, tests};
 use ros::{Node, scenario, serial, with_fastdds};
 
-#[test]
-fn who_is_not_on_this_machine_gets_nothing() {
-    let Some(python) = venv::ros_python() else { return };
+/// Two machines are two network namespaces and a pair of interfaces.
+const NO_NAMESPACES: &str =
+    "network namespaces are missing: apt-get install iproute2, and run the tests as root";
+
+fn main() -> ExitCode {
+    harness::main(tests![
+        who_is_not_on_this_machine_gets_nothing,
+        a_datagram_costs_no_more_than_it_holds,
+        large_images_arrive,
+    ])
+}
+
+/// The neighbor of the node, on Linux: its sockets and memory are read from /proc.
+fn neighbor() -> Result<PathBuf, Missing> {
+    if cfg!(target_os = "linux") { venv::ros_python() } else { Err("Linux is missing".into()) }
+}
+
+fn who_is_not_on_this_machine_gets_nothing() -> Result<(), Missing> {
+    let python = neighbor()?;
     if !Command::new("unshare").args(["--net", "true"]).status().is_ok_and(|s| s.success()) {
-        eprintln!(
-            "SKIPPED: network namespaces cannot be made here (unshare --net; root is needed), so who reaches \
-             the node is not tested"
-        );
-        return;
+        return Err(NO_NAMESPACES.into());
     }
     let _serial = serial();
     let folder = TempDir::new("node-outside");
@@ -37,8 +54,8 @@ fn who_is_not_on_this_machine_gets_nothing() {
     let output = command.output().unwrap();
     let error = String::from_utf8_lossy(&output.stderr);
     if output.status.code() == Some(3) {
-        eprintln!("SKIPPED: who reaches the node is not tested: {error}");
-        return;
+        eprintln!("{error}");
+        return Err(NO_NAMESPACES.into());
     }
     assert!(output.status.success(), "{error}");
     let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -66,14 +83,13 @@ fn who_is_not_on_this_machine_gets_nothing() {
         "{log}"
     );
     assert!(!closed["log"].as_str().unwrap().contains("open to the network"), "{told}");
+    Ok(())
 }
 
-#[test]
-fn a_datagram_costs_no_more_than_it_holds() {
-    let Some(python) = venv::ros_python() else { return };
+fn a_datagram_costs_no_more_than_it_holds() -> Result<(), Missing> {
+    let python = neighbor()?;
     if with_fastdds() {
-        eprintln!("skipped: the identities of endpoints are read from Cyclone DDS");
-        return;
+        return Err(ros::ONLY_CYCLONE.into());
     }
     let _serial = serial();
     let folder = TempDir::new("node-claims");
@@ -88,11 +104,11 @@ fn a_datagram_costs_no_more_than_it_holds() {
     let (held, released) = (told["held"].as_f64().unwrap(), told["released"].as_f64().unwrap());
     assert!((20.0..100.0).contains(&held) && released < 32.0, "{told}");
     assert_eq!(told["answers"], true, "{told}");
+    Ok(())
 }
 
-#[test]
-fn large_images_arrive() {
-    let Some(python) = venv::ros_python() else { return };
+fn large_images_arrive() -> Result<(), Missing> {
+    let python = neighbor()?;
     let _serial = serial();
     let folder = TempDir::new("node-large");
     let node = Node::start(
@@ -106,4 +122,5 @@ fn large_images_arrive() {
         (&"3".into(), &"0".into(), &"0".into()),
         "{told}"
     );
+    Ok(())
 }

@@ -2,11 +2,12 @@
 //! told.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic")]
-#![cfg(unix)]
 
 mod common;
 #[path = "common/doors.rs"]
 mod doors;
+#[path = "common/harness.rs"]
+mod harness;
 #[path = "common/program.rs"]
 mod program;
 
@@ -15,12 +16,38 @@ use std::{
     fs::{self, File},
     os::unix::fs::symlink,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::{Command, ExitCode, Stdio},
     sync::OnceLock,
 };
 
 use common::TempDir;
+use harness::{Missing, tests};
 use program::{Ended, end, shipped};
+
+fn main() -> ExitCode {
+    harness::main(tests![
+        diagnose_and_synth_leave_a_twins_folder_as_it_is,
+        notes_and_edits_survive_a_second_reconstruction,
+        the_manifest_names_every_file_with_its_digest,
+        out_and_name_mean_the_same_for_all_commands,
+        a_result_never_takes_the_place_of_an_input,
+        a_link_is_no_place_for_a_result,
+        #[cfg(feature = "node")]
+        record_overwrites_nothing,
+        a_diagnosis_by_frames_and_motion_is_one_result,
+        #[cfg(target_os = "linux")]
+        a_full_standard_output_is_a_failure_of_every_command,
+        #[cfg(target_os = "linux")]
+        events_that_cannot_be_written_stop_the_run,
+        a_reader_that_went_away_is_no_error,
+        #[cfg(target_os = "linux")]
+        a_disk_that_is_too_full_is_refused_before_the_work,
+        #[cfg(target_os = "linux")]
+        a_disk_that_fills_up_midway_leaves_nothing,
+        #[cfg(target_os = "linux")]
+        a_file_that_cannot_be_written_whole_leaves_nothing,
+    ])
+}
 
 /// What the first stage of a reconstruction says.
 const BEGUN: &str = "capture: started";
@@ -125,7 +152,6 @@ fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-#[test]
 fn diagnose_and_synth_leave_a_twins_folder_as_it_is() {
     let folder = TempDir::new("outputs-twin-folder");
     let runs = TempDir::new("outputs-twin-folder-runs");
@@ -172,7 +198,6 @@ fn diagnose_and_synth_leave_a_twins_folder_as_it_is() {
     }
 }
 
-#[test]
 fn notes_and_edits_survive_a_second_reconstruction() {
     let folder = TempDir::new("outputs-notes");
     let (runs, twin) = (folder.join("runs"), twin(&folder));
@@ -197,7 +222,6 @@ fn notes_and_edits_survive_a_second_reconstruction() {
     assert!(!again.stderr.contains("was moved to"), "{}", again.stderr);
 }
 
-#[test]
 fn the_manifest_names_every_file_with_its_digest() {
     let folder = TempDir::new("outputs-manifest");
     let (twin, object, diagnosis) = (twin(&folder), folder.join("made/object"), folder.join("found"));
@@ -229,7 +253,6 @@ fn the_manifest_names_every_file_with_its_digest() {
     assert_eq!(names(&folder.join("made")), ["object"]);
 }
 
-#[test]
 fn out_and_name_mean_the_same_for_all_commands() {
     let help = |verb: &str| {
         let text = end(artitwin().args([verb, "--help"])).stdout;
@@ -252,7 +275,6 @@ fn out_and_name_mean_the_same_for_all_commands() {
     assert_eq!(wrong.code, 2, "{}", wrong.stderr);
 }
 
-#[test]
 fn a_result_never_takes_the_place_of_an_input() {
     let folder = TempDir::new("outputs-inputs");
     let bags = folder.join("bags");
@@ -303,7 +325,6 @@ fn a_result_never_takes_the_place_of_an_input() {
     );
 }
 
-#[test]
 fn a_link_is_no_place_for_a_result() {
     let folder = TempDir::new("outputs-link");
     let theirs = folder.join("theirs");
@@ -321,7 +342,6 @@ fn a_link_is_no_place_for_a_result() {
     );
 }
 
-#[test]
 #[cfg(feature = "node")]
 fn record_overwrites_nothing() {
     let folder = TempDir::new("outputs-record");
@@ -337,7 +357,6 @@ fn record_overwrites_nothing() {
     }
 }
 
-#[test]
 fn a_diagnosis_by_frames_and_motion_is_one_result() {
     let folder = TempDir::new("outputs-frames");
     let (made, out) = (folder.join("made"), folder.join("found"));
@@ -378,7 +397,6 @@ fn on_a_full_device(command: &mut Command) -> (i32, String) {
     (output.status.code().unwrap(), String::from_utf8(output.stderr).unwrap())
 }
 
-#[test]
 #[cfg(target_os = "linux")]
 fn a_full_standard_output_is_a_failure_of_every_command() {
     let folder = TempDir::new("outputs-dev-full");
@@ -417,7 +435,6 @@ fn a_full_standard_output_is_a_failure_of_every_command() {
     assert!(folder.join("made/manifest.json").is_file() && folder.join("found/manifest.json").is_file());
 }
 
-#[test]
 #[cfg(target_os = "linux")]
 fn events_that_cannot_be_written_stop_the_run() {
     let folder = TempDir::new("outputs-json");
@@ -432,7 +449,6 @@ fn events_that_cannot_be_written_stop_the_run() {
     assert!(!folder.join("runs/drawer").exists(), "the run went on to its end");
 }
 
-#[test]
 fn a_reader_that_went_away_is_no_error() {
     let drawer = shipped("drawer").display().to_string();
     for arguments in [&["inspect", drawer.as_str()][..], &["config", "show"], &["--help"]] {
@@ -448,8 +464,7 @@ fn a_reader_that_went_away_is_no_error() {
 struct SmallDisk(PathBuf);
 
 impl SmallDisk {
-    /// `None`, and a line that says so, where nothing can be mounted.
-    fn new(folder: &TempDir, bytes: u64) -> Option<Self> {
+    fn new(folder: &TempDir, bytes: u64) -> Result<Self, Missing> {
         let at = folder.join("disk");
         fs::create_dir(&at).unwrap();
         let mounted = Command::new("mount")
@@ -457,10 +472,9 @@ impl SmallDisk {
             .arg(&at)
             .output();
         if mounted.is_ok_and(|o| o.status.success()) {
-            return Some(Self(at));
+            return Ok(Self(at));
         }
-        eprintln!("SKIPPED: a small file system cannot be mounted here (it takes root)");
-        None
+        Err("a small file system cannot be mounted: run the tests as root".into())
     }
 }
 
@@ -470,12 +484,11 @@ impl Drop for SmallDisk {
     }
 }
 
-#[test]
 #[cfg(target_os = "linux")]
-fn a_disk_that_is_too_full_is_refused_before_the_work() {
+fn a_disk_that_is_too_full_is_refused_before_the_work() -> Result<(), Missing> {
     let folder = TempDir::new("outputs-disk");
     let (twin, runs) = doors::write(&folder, 2, 4.0);
-    let Some(disk) = SmallDisk::new(&folder, 8192) else { return };
+    let disk = SmallDisk::new(&folder, 8192)?;
     let mut diagnosis = artitwin();
     diagnosis.arg("diagnose").arg(twin).args(runs).arg("--out").arg(disk.0.join("found"));
     let bag = shipped("drawer");
@@ -491,14 +504,14 @@ fn a_disk_that_is_too_full_is_refused_before_the_work() {
         );
     }
     assert!(names(&disk.0).is_empty());
+    Ok(())
 }
 
-#[test]
 #[cfg(target_os = "linux")]
-fn a_disk_that_fills_up_midway_leaves_nothing() {
+fn a_disk_that_fills_up_midway_leaves_nothing() -> Result<(), Missing> {
     let folder = TempDir::new("outputs-midway");
     // More than the least that is asked for, less than all: 250 kB of the object, 3.7 MB of the twin.
-    let Some(disk) = SmallDisk::new(&folder, 100 << 10) else { return };
+    let disk = SmallDisk::new(&folder, 100 << 10)?;
     let ended = end(&mut synth(&disk.0.join("new/made"), &[]));
     assert!(ended.code == 1 && ended.stderr.contains("No space left"), "{}", ended.stderr);
     assert!(names(&disk.0).is_empty(), "{:?}", names(&disk.0));
@@ -509,10 +522,10 @@ fn a_disk_that_fills_up_midway_leaves_nothing() {
     // The checkpoint stays, so that the run can go on where there is room.
     let left = names(&disk.0.join("runs"));
     assert!(left.iter().all(|n| n == ".artitwin-drawer.checkpoint"), "{left:?}");
+    Ok(())
 }
 
 /// The same without a mount: no file may grow beyond a size.
-#[test]
 #[cfg(target_os = "linux")]
 fn a_file_that_cannot_be_written_whole_leaves_nothing() {
     let folder = TempDir::new("outputs-quota");

@@ -1,18 +1,31 @@
 //! The Python package: its wheel in an environment of its own, its functions, its types, and the notebook of
 //! `examples/`.
 //!
-//! Needs Python (see `common/venv.rs`); says so and passes where there is none.
+//! Needs Python (see `common/venv.rs`).
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic")]
 
+#[path = "common/harness.rs"]
+mod harness;
 #[path = "common/venv.rs"]
 mod venv;
 
 use std::{
     path::{Path, PathBuf},
-    process::Command,
+    process::{Command, ExitCode},
     sync::OnceLock,
 };
+
+use harness::{Missing, tests};
+
+fn main() -> ExitCode {
+    harness::main(tests![
+        functions_do_what_the_commands_do,
+        the_fleet_is_a_script_and_ray_is_left_out_elsewhere,
+        types_are_whole,
+        the_notebook_names_the_effect_that_it_put_in,
+    ])
+}
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
@@ -67,9 +80,9 @@ fn wheel(python: &Path) -> PathBuf {
 }
 
 /// The interpreter of a new environment with the wheel, which finds all other packages where the tests have
-/// them; `None` without Python.
-fn installed() -> Option<PathBuf> {
-    static FOUND: OnceLock<Option<PathBuf>> = OnceLock::new();
+/// them.
+fn installed() -> Result<PathBuf, Missing> {
+    static FOUND: OnceLock<Result<PathBuf, Missing>> = OnceLock::new();
     let make = || {
         let python = venv::python()?;
         let wheel = wheel(&python);
@@ -89,33 +102,32 @@ fn installed() -> Option<PathBuf> {
         // Without an index: what the wheel needs must be there.
         pip.args(["-m", "pip", "--disable-pip-version-check", "--python"]).arg(&own_python);
         output(pip.args(["install", "--quiet", "--no-index"]).arg(&wheel));
-        Some(own_python)
+        Ok(own_python)
     };
     FOUND.get_or_init(make).clone()
 }
 
-#[test]
-fn functions_do_what_the_commands_do() {
-    let Some(python) = installed() else { return };
+fn functions_do_what_the_commands_do() -> Result<(), Missing> {
+    let python = installed()?;
     let mut command = Command::new(&python);
     command.arg(own("functions.py")).arg(Path::new(ROOT).join("bags/drawer")).arg(folder("functions"));
     output(command.env_remove("ARTITWIN_PROGRAM"));
     let version = output(Command::new(&python).args(["-m", "artitwin", "--version"]));
     assert_eq!(version, concat!("artitwin ", env!("CARGO_PKG_VERSION"), "\n"));
+    Ok(())
 }
 
-#[test]
-fn the_fleet_is_a_script_and_ray_is_left_out_elsewhere() {
-    let Some(python) = installed() else { return };
+fn the_fleet_is_a_script_and_ray_is_left_out_elsewhere() -> Result<(), Missing> {
+    let python = installed()?;
     let text = output(Command::new(python.with_file_name("artitwin-fleet")).arg("--help"));
     assert!(text.contains("--objects TABLE|GLOB"), "{text}");
     let ask = "import sys, artitwin\nprint(any(name in sys.modules for name in ('ray', 'pyarrow')))";
     assert_eq!(output(Command::new(&python).args(["-c", ask])), "False\n");
+    Ok(())
 }
 
-#[test]
-fn types_are_whole() {
-    let Some(python) = installed() else { return };
+fn types_are_whole() -> Result<(), Missing> {
+    let python = installed()?;
     let mut mypy = Command::new(&python);
     mypy.args(["-m", "mypy", "--strict", "--python-version", "3.10", "--cache-dir"]).arg(folder("mypy"));
     // Installed, as a user has it.
@@ -123,11 +135,11 @@ fn types_are_whole() {
     let mut mypy = Command::new(&python);
     mypy.args(["-m", "mypy", "--strict", "--cache-dir"]).arg(folder("mypy")).arg(own("example.py"));
     output(mypy.arg("--config-file="));
+    Ok(())
 }
 
-#[test]
-fn the_notebook_names_the_effect_that_it_put_in() {
-    let Some(python) = installed() else { return };
+fn the_notebook_names_the_effect_that_it_put_in() -> Result<(), Missing> {
+    let python = installed()?;
     let mut command = Command::new(&python);
     command.arg(own("notebook.py")).arg(Path::new(ROOT).join("examples/notebook.ipynb"));
     let text = output(command.env_remove("ARTITWIN_PROGRAM").env("TMPDIR", folder("notebook")));
@@ -148,4 +160,5 @@ fn the_notebook_names_the_effect_that_it_put_in() {
         assert_eq!(given, &report["gap"][key], "{key}");
     }
     assert!(said["files"].as_array().unwrap().iter().all(|there| there == true), "{said}");
+    Ok(())
 }

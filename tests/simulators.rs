@@ -1,20 +1,34 @@
 //! The exported URDF in MuJoCo and PyBullet: they load it, and each joint moves the right parts to the right
 //! places.
 //!
-//! Needs Python (see `common/venv.rs`); says so and passes where there is none. Pictures go to
-//! `target/pictures/`.
+//! Needs Python (see `common/venv.rs`). Pictures go to `target/pictures/`.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test may panic")]
 
+#[path = "common/harness.rs"]
+mod harness;
 #[path = "common/objects.rs"]
 mod objects;
 #[path = "common/venv.rs"]
 mod venv;
 
-use std::{collections::BTreeMap, path::Path, process::Command};
+use std::{
+    collections::BTreeMap,
+    path::Path,
+    process::{Command, ExitCode},
+};
 
 use artitwin::internal::model::ArticulatedModel;
+use harness::{Missing, tests};
 use objects::{Temp, desk, true_drawer, write_run, write_truth};
+
+fn main() -> ExitCode {
+    harness::main(tests![
+        a_chain_and_a_drawer_move_in_both_simulators,
+        the_true_drawer_moves_in_both_simulators,
+        truth_folders_say_what_the_model_says,
+    ])
+}
 
 /// Where the model itself says its links are.
 fn poses(model: &ArticulatedModel) -> serde_json::Value {
@@ -41,8 +55,8 @@ fn poses(model: &ArticulatedModel) -> serde_json::Value {
     })
 }
 
-fn check(model: &ArticulatedModel) {
-    let Some(python) = venv::python() else { return };
+fn check(model: &ArticulatedModel) -> Result<(), Missing> {
+    let python = venv::python()?;
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let temp = Temp::new(&format!("simulators-{}", model.name));
     let folder = write_run(model, &temp.0);
@@ -75,21 +89,19 @@ fn check(model: &ArticulatedModel) {
         }
         assert_eq!(found["contacts"].as_u64(), Some(0), "{simulator}");
     }
+    Ok(())
 }
 
-#[test]
-fn a_chain_and_a_drawer_move_in_both_simulators() {
-    check(&desk());
+fn a_chain_and_a_drawer_move_in_both_simulators() -> Result<(), Missing> {
+    check(&desk())
 }
 
-#[test]
-fn the_true_drawer_moves_in_both_simulators() {
-    check(&true_drawer());
+fn the_true_drawer_moves_in_both_simulators() -> Result<(), Missing> {
+    check(&true_drawer())
 }
 
 /// The truth that other tests measure against, checked by the same poses: a part moves from state 0 to state
 /// 1.
-#[test]
 fn truth_folders_say_what_the_model_says() {
     let temp = Temp::new("truth-folder");
     write_truth(&desk(), &temp.0);

@@ -4,6 +4,8 @@
 #![allow(clippy::print_stderr, reason = "says what is left out")]
 
 mod common;
+#[path = "common/harness.rs"]
+mod harness;
 #[path = "common/program.rs"]
 mod program;
 #[path = "common/venv.rs"]
@@ -15,13 +17,27 @@ use std::{
     io::{BufRead as _, BufReader, Read as _, Write as _},
     net::TcpStream,
     path::{Path, PathBuf},
-    process::{Child, Command, Stdio},
+    process::{Child, Command, ExitCode, Stdio},
     time::{Duration, Instant},
 };
 
 use common::{BagWriter, TempDir};
+use harness::{Missing, tests};
 use program::{Ended, end, reconstruct, shipped};
 use serde_json::Value;
+
+fn main() -> ExitCode {
+    harness::main(tests![
+        a_job_is_done_once_and_as_the_plain_command_does_it,
+        a_job_with_another_setting_takes_the_stages_that_stand,
+        a_refusal_is_kept_with_its_reason_and_not_met_again,
+        #[cfg(unix)]
+        a_job_that_was_killed_is_done_by_the_next,
+        #[cfg(unix)]
+        a_command_of_another_package_is_run_and_an_unknown_one_refused,
+        an_object_store_that_refuses_some_requests_gives_and_gets_the_same_bytes,
+    ])
+}
 
 /// Files of a result that hold times or digests of such.
 const WITH_TIMES: [&str; 3] = ["report.json", "report.html", "manifest.json"];
@@ -73,7 +89,6 @@ fn estimate(sources: &[&Path], out: &Path) -> Value {
     serde_json::from_str(&ended.stdout).unwrap()
 }
 
-#[test]
 fn a_job_is_done_once_and_as_the_plain_command_does_it() {
     let folder = TempDir::new("store-once");
     let (store, plain) = (folder.join("store"), folder.join("plain"));
@@ -106,7 +121,6 @@ fn a_job_is_done_once_and_as_the_plain_command_does_it() {
     assert_eq!(estimate(&[&bag], &uri(&store))["done"], made["status"]);
 }
 
-#[test]
 fn a_job_with_another_setting_takes_the_stages_that_stand() {
     let folder = TempDir::new("store-stages");
     let (store, stages) = (folder.join("store"), folder.join("stages"));
@@ -127,7 +141,6 @@ fn a_job_with_another_setting_takes_the_stages_that_stand() {
     assert_eq!(files(&store.join(made["folder"].as_str().unwrap())), files(&plain.join("drawer")));
 }
 
-#[test]
 fn a_refusal_is_kept_with_its_reason_and_not_met_again() {
     let folder = TempDir::new("store-refused");
     let (store, bag) = (folder.join("store"), folder.join("empty_room"));
@@ -154,7 +167,6 @@ fn a_refusal_is_kept_with_its_reason_and_not_met_again() {
     assert_eq!(fs::read_dir(&store).unwrap().count(), 2);
 }
 
-#[test]
 #[cfg(unix)]
 fn a_job_that_was_killed_is_done_by_the_next() {
     let folder = TempDir::new("store-killed");
@@ -179,7 +191,6 @@ fn a_job_that_was_killed_is_done_by_the_next() {
     assert_eq!(fs::read_dir(&store).unwrap().count(), 2);
 }
 
-#[test]
 #[cfg(unix)]
 fn a_command_of_another_package_is_run_and_an_unknown_one_refused() {
     use std::os::unix::fs::PermissionsExt as _;
@@ -207,9 +218,9 @@ struct Server {
 }
 
 impl Server {
-    fn start() -> Option<Self> {
+    fn start() -> Result<Self, Missing> {
         if !cfg!(feature = "store") {
-            return None;
+            return Err("the feature store is not built: give --features store".into());
         }
         let python = venv::python()?;
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/store_server.py");
@@ -222,7 +233,7 @@ impl Server {
             .unwrap();
         let mut line = String::new();
         BufReader::new(process.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        Some(Self { process, python, port: line.trim().parse().unwrap() })
+        Ok(Self { process, python, port: line.trim().parse().unwrap() })
     }
 
     fn copy(&self, arguments: &[&str]) {
@@ -255,9 +266,8 @@ impl Drop for Server {
     }
 }
 
-#[test]
-fn an_object_store_that_refuses_some_requests_gives_and_gets_the_same_bytes() {
-    let Some(server) = Server::start() else { return };
+fn an_object_store_that_refuses_some_requests_gives_and_gets_the_same_bytes() -> Result<(), Missing> {
+    let server = Server::start()?;
     let folder = TempDir::new("store-s3");
     let (plain, back, scratch) = (folder.join("plain"), folder.join("back"), folder.join("scratch"));
     server.copy(&["put", shipped("drawer").to_str().unwrap(), "day/drawer"]);
@@ -298,4 +308,5 @@ fn an_object_store_that_refuses_some_requests_gives_and_gets_the_same_bytes() {
     let mut nowhere = reconstruct(&[bag], Path::new("http://127.0.0.1:1/out"), &["--parts", "2"]);
     nowhere.env("ARTITWIN_STORE_PATIENCE_S", "1");
     assert_eq!(server.run(&mut nowhere).code, 75);
+    Ok(())
 }

@@ -9,13 +9,15 @@
 )]
 
 mod common;
+#[path = "common/harness.rs"]
+mod harness;
 #[path = "common/venv.rs"]
 mod venv;
 
 use std::{
     io::Write as _,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::{Command, ExitCode, Stdio},
 };
 
 use artitwin::internal::io::{
@@ -39,7 +41,17 @@ use artitwin::internal::io::{
     },
 };
 use common::TempDir;
+use harness::{Missing, tests};
 use serde_json::{Value, json};
+
+fn main() -> ExitCode {
+    harness::main(tests![
+        every_message_has_the_bytes_of_rosbags,
+        definitions_and_hashes_are_those_of_three_distributions,
+        our_bags_are_read_by_others,
+        package_and_launch_files_are_sound,
+    ])
+}
 
 fn script(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/ros").join(name)
@@ -332,9 +344,8 @@ fn diagnoses() -> Vec<String> {
     ]
 }
 
-#[test]
-fn every_message_has_the_bytes_of_rosbags() {
-    let Some(python) = venv::ros_python() else { return };
+fn every_message_has_the_bytes_of_rosbags() -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let cases = [inputs(), outputs(), diagnoses()].concat();
     let mut child = Command::new(python)
         .arg(script("wire.py"))
@@ -355,18 +366,18 @@ fn every_message_has_the_bytes_of_rosbags() {
             definition.type_name
         );
     }
+    Ok(())
 }
 
-#[test]
-fn definitions_and_hashes_are_those_of_three_distributions() {
-    let Some(python) = venv::ros_python() else { return };
+fn definitions_and_hashes_are_those_of_three_distributions() -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let text = succeed(Command::new(python).arg(script("definitions.py")).arg("--check"));
     assert!(text.contains("humble") && text.contains("jazzy"), "{text}");
+    Ok(())
 }
 
-#[test]
-fn our_bags_are_read_by_others() {
-    let Some(python) = venv::ros_python() else { return };
+fn our_bags_are_read_by_others() -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let folder = TempDir::new("wire-bag");
     let bag = folder.join("own");
     let mut writer = BagWriter::create(&bag).unwrap();
@@ -410,14 +421,15 @@ fn our_bags_are_read_by_others() {
     std::fs::copy(killed.join("killed_0.mcap"), &copy).unwrap();
     let found = artitwin::internal::io::inspect(&copy).unwrap();
     assert_eq!(found.recordings[0].topics[0].count, 1);
+    Ok(())
 }
 
-#[test]
-fn package_and_launch_files_are_sound() {
-    let Some(python) = venv::ros_python() else { return };
+fn package_and_launch_files_are_sound() -> Result<(), Missing> {
+    let python = venv::ros_python()?;
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     assert_eq!(
         succeed(Command::new(python).arg(script("packages.py")).arg(root)).trim(),
         "artitwin artitwin_msgs 7 interfaces 3 launch files"
     );
+    Ok(())
 }

@@ -16,6 +16,9 @@ pub fn serial() -> MutexGuard<'static, ()> {
     SERIAL.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// What a test says that needs more of its neighbors than Fast DDS gives.
+pub const ONLY_CYCLONE: &str = "Cyclone DDS is missing: run the test without DDS_PEER=fastdds";
+
 /// Whether the neighbors are made of Fast DDS (`tests/fastdds/run.sh`), not of Cyclone DDS.
 pub fn with_fastdds() -> bool {
     std::env::var_os("DDS_PEER").is_some_and(|peer| peer == "fastdds")

@@ -9,28 +9,40 @@ use std::{
     sync::OnceLock,
 };
 
-/// The interpreter; `None`, with a line that says why, where there is none and none can be made. With
-/// `CI=true` a failure, see [`without`].
+use crate::harness::Missing;
+
+/// What is missing, for Python and both environments.
+const NO_PYTHON: &str = "python3 with venv is missing: apt-get install python3-venv";
+
+/// The interpreter; what is missing, where there is none and none can be made.
 ///
 /// `ARTITWIN_VENV` names a virtual environment to use, which then must hold every package of the files. Else
 /// `.venv` in the repository is made once; that needs python3 with venv and pip, and a package index.
-pub fn python() -> Option<PathBuf> {
+pub fn python() -> Result<PathBuf, Missing> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
     interpreter(&FOUND, "ARTITWIN_VENV", ".venv", "tests/python/requirements.txt")
 }
 
 /// The interpreter of the ROS 2 peers: `ARTITWIN_ROS_VENV`, else `.venv-ros`, under the same conditions.
-pub fn ros_python() -> Option<PathBuf> {
+pub fn ros_python() -> Result<PathBuf, Missing> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
     interpreter(&FOUND, "ARTITWIN_ROS_VENV", ".venv-ros", "tests/python/ros/requirements.txt")
 }
 
-/// What a test does without a peer or tool that it needs: it is skipped, with a line that says why. In CI,
-/// which has all of them, it fails: a test that did not run is no pass.
-pub fn without<T>(why: &str) -> Option<T> {
-    assert!(std::env::var_os("CI").is_none_or(|ci| ci != "true"), "CI=true, but {why}");
-    eprintln!("skipped: {why}");
-    None
+/// Whether a program of the system runs: it is asked for its version or help by `argument`.
+pub fn program(name: &str, argument: &str, package: &str) -> Result<(), Missing> {
+    let run = Command::new(name).arg(argument).output();
+    run.map(drop).map_err(|_| Missing(format!("{name} is missing: apt-get install {package}")))
+}
+
+/// Whether MuJoCo can draw by a shared library; `MUJOCO_GL` may name another way.
+pub fn drawing(python: &Path, library: &str, package: &str) -> Result<(), Missing> {
+    if std::env::var_os("MUJOCO_GL").is_some() {
+        return Ok(());
+    }
+    let load = "import ctypes, sys\nctypes.CDLL(sys.argv[1])";
+    let run = succeed(Command::new(python).args(["-c", load, library]));
+    run.map_err(|_| Missing(format!("{library} is missing: apt-get install {package}")))
 }
 
 fn interpreter(
@@ -38,17 +50,15 @@ fn interpreter(
     variable: &str,
     folder: &str,
     requirements: &str,
-) -> Option<PathBuf> {
+) -> Result<PathBuf, Missing> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     if let Some(venv) = std::env::var_os(variable) {
         let named = || whole(Path::new(&venv).join("bin/python"), &root.join(requirements));
         let python = found.get_or_init(named).as_ref();
-        return Some(python.unwrap_or_else(|why| panic!("{variable}: {why}")).clone());
+        return Ok(python.unwrap_or_else(|why| panic!("{variable}: {why}")).clone());
     }
-    match found.get_or_init(|| lock().and_then(|_guard| find_or_make(folder, requirements))) {
-        Ok(path) => Some(path.clone()),
-        Err(why) => without(why),
-    }
+    let made = found.get_or_init(|| lock().and_then(|_guard| find_or_make(folder, requirements)));
+    made.clone().map_err(Missing)
 }
 
 /// The interpreter, if every package of the files is installed in the version that they name.
@@ -78,10 +88,16 @@ fn find_or_make(folder: &str, requirements: &str) -> Result<PathBuf, String> {
     if python.exists() && std::fs::read_to_string(&stamp).is_ok_and(|text| text == wanted) {
         return Ok(python);
     }
+    // Debian's python3 has venv, but without python3-venv no ensurepip.
+    succeed(Command::new("python3").args(["-c", "import ensurepip, venv"]))
+        .map_err(|_| NO_PYTHON.to_owned())?;
     succeed(Command::new("python3").args(["-m", "venv"]).arg(&venv))?;
     let install = |more: &[&str], file: &Path| {
         let quiet = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
-        succeed(Command::new(&python).args(quiet).args(more).arg("-r").arg(file))
+        let run = succeed(Command::new(&python).args(quiet).args(more).arg("-r").arg(file));
+        // One line of what pip says, which may be many.
+        let last = |said: String| said.lines().last().unwrap_or_default().to_owned();
+        run.map_err(|said| format!("pip cannot install {}: {}", file.display(), last(said)))
     };
     install(&[], &requirements)?;
     bare.as_deref().map_or(Ok(()), |file| install(&["--no-deps"], file))?;

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The tests of the node with Fast DDS in place of Cyclone DDS: tests/fastdds/run.sh [FILTER ...]
+# The tests of the node with Fast DDS in place of Cyclone DDS: tests/fastdds/run.sh [FILTER]
 #
 # Uses the Fast DDS that is installed (Debian: libfastrtps-dev, libfastcdr-dev); else, on Debian, unpacks its packages into
 # a folder of the cache, without installing them. Needs g++, and for Python what the node's tests need. What the last run
@@ -29,5 +29,5 @@ g++ -std=c++17 -O1 -shared -fPIC ${root:+-I"$root/usr/include" -I"$root/usr/incl
 export DDS_PEER=fastdds FASTDDS_PEER="$cache/libpeer.so"
 {
     printf '%s, Fast DDS %s, %s\n' "$(date -u +%F)" "$(basename "$(readlink -f "${root:-}/usr/lib/$multiarch/libfastrtps.so")")" "$(uname -sm)"
-    cargo test --release --test node -- --test-threads=1 "$@" 2>&1 | grep -E '^test |^test result|panicked|FAILED' | sed "s#$HOME#~#g"
+    cargo test --release --test node -- "$@" 2>&1 | grep -E '^test |^test result|panicked|FAILED' | sed "s#$HOME#~#g"
 } | tee tests/fastdds/last_run.txt

@@ -4,6 +4,7 @@ cannot be made here."""
 import glob
 import json
 import os
+import shutil
 import socket
 import struct
 import subprocess
@@ -16,7 +17,7 @@ GROUP = "239.255.0.1"
 
 
 def run(*command):
-    if subprocess.run(command, stdout=subprocess.DEVNULL).returncode != 0:
+    if shutil.which(command[0]) is None or subprocess.run(command, stdout=subprocess.DEVNULL).returncode != 0:
         print(f"{' '.join(command)} failed", file=sys.stderr)
         sys.exit(3)
 
