@@ -1,6 +1,8 @@
-"""Scores diagnoses of the blind suite: OUT/<case>/report.json against DATA/truth/<case>.json.
+"""Scores diagnoses of the blind suite: OUT/<case>/report.json against DATA/truth/<case>.json; or judges the records of a suite
+(suite.py) again, one line a case: kind, name, result.
 
 usage: score.py DATA OUT
+       score.py WORK/results
 """
 
 import json
@@ -68,6 +70,15 @@ def judge(truth, report):
     return "one too many" if wanted < first else "wrong name"
 
 
+def judge_record(record):
+    """The result of a finished case of the suite, from what its record says was hidden and found."""
+    if record["verdict"] == "failed":
+        return "failed"
+    truth = {"hidden": record["truth"], "explained": record.get("explained", {})}
+    report = {"verdict": record["verdict"], "findings": record["findings"]}
+    return judge(truth, without_floor(truth, report) if record["kind"].startswith("machine") else report)
+
+
 # Parameters that mean the same in the generator and in the reports; where the shapes differ there is none.
 SAME = {
     "viscous_friction": {"b": "damping"}, "coulomb_friction": {"F": "friction"}, "quadratic_drag": {"c": "drag"},
@@ -116,7 +127,16 @@ def place(truth, report):
     return False
 
 
+def judge_again(results):
+    for file in sorted(results.glob("*.json")):
+        record = json.loads(file.read_text())
+        print(f"{record['kind']}\t{record['name']}\t{judge_record(record)}")
+
+
 def main():
+    if len(sys.argv) == 2:
+        judge_again(Path(sys.argv[1]))
+        return
     data, out = Path(sys.argv[1]), Path(sys.argv[2])
     table, wrong, shrink = defaultdict(lambda: [0, 0]), [], []
     for file in sorted((data / "truth").glob("*.json")):

@@ -2,7 +2,9 @@
 
 A run that was stopped goes on where it was; results stay in WORK/results, one file a case.
 
-usage: suite.py PROGRAM WORK [--size ci|day|full] [--seed N] [--jobs N] [--table FILE] [--only KIND ...]
+`tests/gap_suite.rs` runs the size `ci`, every effect once, and holds what it counts.
+
+usage: suite.py PROGRAM WORK [--size ci|day|full] [--seed N] [--jobs N] [--table FILE] [--only KIND ...] [--written-by COMMAND]
 """
 
 import argparse
@@ -20,21 +22,26 @@ from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).resolve().parents[2] / "tests/python/gap")]
 import generate
-import machine
 import mjcf_error
 import replay
 import score
 from table import table
 
-# kind: (noises, runs, seconds of a run, cases); 0 cases: all of one seed's, times the seeds.
+# kind: (noises, runs, seconds of a run, cases).
 SIZES = {
     "ci": {
-        "single": (["mid"], 3, 8.0, 8),
+        "single": (["mid"], 3, 8.0, 22),
         "null": (["mid"], 3, 8.0, 4),
-        "pair": (["mid"], 4, 8.0, 2),
-        "outside": (["mid"], 4, 8.0, 3),
+        "pair": (["mid"], 4, 8.0, 4),
+        "outside": (["mid"], 4, 8.0, 6),
         "machine": (["mid"], 3, 8.0, 4),
-        "machine_null": (["mid"], 3, 8.0, 2),
+        "machine_null": (["mid"], 3, 8.0, 3),
+        "servo": (["mid"], 3, 12.0, 5),
+        "servo_null": (["mid"], 3, 12.0, 3),
+        "bullet": (["mid"], 3, 8.0, 12),
+        "bullet_null": (["mid"], 3, 8.0, 2),
+        "drake": (["mid"], 3, 8.0, 5),
+        "drake_null": (["mid"], 3, 8.0, 1),
     },
     "day": {
         "single": (["low", "mid", "high"], 5, 10.0, 132),
@@ -43,6 +50,12 @@ SIZES = {
         "outside": (["low", "mid", "high"], 5, 10.0, 48),
         "machine": (["low", "mid"], 5, 10.0, 132),
         "machine_null": (["low", "mid"], 3, 8.0, 84),
+        "servo": (["low", "mid", "high"], 3, 12.0, 45),
+        "servo_null": (["low", "mid", "high"], 3, 12.0, 18),
+        "bullet": (["low", "mid", "high"], 5, 10.0, 72),
+        "bullet_null": (["low", "mid", "high"], 3, 8.0, 24),
+        "drake": (["low", "mid", "high"], 5, 10.0, 30),
+        "drake_null": (["low", "mid", "high"], 3, 8.0, 12),
     },
     "full": {
         "single": (["low", "mid", "high"], 5, 10.0, 1100),
@@ -51,6 +64,12 @@ SIZES = {
         "outside": (["low", "mid", "high"], 5, 10.0, 90),
         "machine": (["low", "mid"], 5, 10.0, 440),
         "machine_null": (["low", "mid"], 3, 8.0, 300),
+        "servo": (["low", "mid", "high"], 3, 12.0, 150),
+        "servo_null": (["low", "mid", "high"], 3, 12.0, 90),
+        "bullet": (["low", "mid", "high"], 5, 10.0, 240),
+        "bullet_null": (["low", "mid", "high"], 3, 8.0, 90),
+        "drake": (["low", "mid", "high"], 5, 10.0, 100),
+        "drake_null": (["low", "mid", "high"], 3, 8.0, 60),
     },
 }
 
@@ -63,7 +82,7 @@ def plan(kind, setting, seed):
     families = {}
     for obj, effects, _, _ in generate.cases(kind, list(generate.OBJECTS), [], ["mid"], [seed]):
         families.setdefault(effects, []).append((obj, effects))
-    if kind in ("null", "machine_null"):
+    if kind.endswith("null"):
         families = {obj: [(obj, effects)] for (obj, effects) in families[()]}
     cells = {}
     for family, members in families.items():
@@ -86,8 +105,8 @@ def plan(kind, setting, seed):
 def judge_machine(record, truth, report, out, case):
     """Adds what is judged of machines alone: names, and the exported MJCF on runs that the program did not get."""
     named = score.without_floor(truth, report)
-    record |= dict(result=score.judge(truth, named), first=score.first_name(truth, named), explained=len(report["findings"]) - len(named["findings"]))
-    record |= {key: truth[key] for key in ("drawn", "ratio", "floor")}
+    record |= dict(result=score.judge(truth, named), first=score.first_name(truth, named), of_floor=len(report["findings"]) - len(named["findings"]))
+    record |= {key: truth[key] for key in ("drawn", "ratio", "floor", "explained")}
     found = mjcf_error.errors(case / "twin.urdf", out / "twin.xml", sorted(case.glob("unseen_*")))
     record["mjcf"] = found
     record["mjcf_ratio"] = found[next((f"{part}_joint" for part in truth["hidden"]), "all")][2]
@@ -105,7 +124,7 @@ def one(job):
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     is_machine = kind.startswith("machine")
-    (machine if is_machine else generate).write_case(folder, name, obj, effects, noise, seed, runs, duration)
+    generate.writer(kind)(folder, name, obj, effects, noise, seed, runs, duration)
     case, out = folder / name, folder / "out"
     started, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     command = [program, "diagnose", case / "twin.urdf", *(case / f"run_{r}" for r in range(runs)), "--out", out]
@@ -123,11 +142,14 @@ def one(job):
         record |= dict(findings=report["findings"], gap={k: report["gap"][k] for k in ("before", "after", "noise_floor")})
         record["place"] = score.place(truth, report)
         record["covered"] = score.coverage(truth, report)
+        found = [p["value"] for a in report["actuators"] for p in a["parameters"] if p["name"] == "stiffness"]
+        if found and "stiffness" in truth:
+            record["stiffness"] = found[0] / truth["stiffness"]
         named = {f["joint"] for f in report["findings"]}
         mjcf = [e for e in report["exports"] if e["format"] == "mjcf"]
         if is_machine:
             judge_machine(record, truth, report, out, case)
-        elif len(named) == 1 and all(e["status"] == "native" for e in mjcf):
+        elif not kind.startswith("servo") and len(named) == 1 and all(e["status"] == "native" for e in mjcf):
             joint = named.pop()
             own = [r["after"] ** 2 for r in report["gap"]["runs"] if r["joint"] == joint]
             record["replay"] = replay.replay(out, [case / f"run_{r}" for r in range(runs)])[joint] / (sum(own) / len(own)) ** 0.5
@@ -148,6 +170,7 @@ def main():
     a.add_argument("--jobs", type=int, default=2)
     a.add_argument("--table", type=Path)
     a.add_argument("--only", nargs="*", default=[])
+    a.add_argument("--written-by", help="of the page: the command that a reader repeats")
     o = a.parse_args()
     os.environ["RAYON_NUM_THREADS"] = "1"
     kinds = {k: v for k, v in SIZES[o.size].items() if not o.only or k in o.only}
@@ -159,7 +182,8 @@ def main():
         for line in pool.imap_unordered(one, [(o.program, o.work, j) for j in jobs]):
             if line:
                 print(line, flush=True)
-    text = table(o.work / "results", f"size {o.size}, seeds from {o.seed}, {len(jobs)} cases planned")
+    again = o.written_by or " ".join(["python eval/gap/suite.py PROGRAM WORK --size", o.size, "--seed", str(o.seed), *(["--only", *o.only] if o.only else [])])
+    text = table(o.work / "results", f"size {o.size}, seeds from {o.seed}, {len(jobs)} cases planned", again)
     print(text)
     if o.table:
         o.table.write_text(text)

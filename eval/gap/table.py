@@ -1,6 +1,6 @@
 """The table of a suite's results.
 
-usage: table.py WORK/results [TITLE]
+usage: table.py WORK/results [TITLE [COMMAND]]
 """
 
 import datetime
@@ -8,6 +8,10 @@ import json
 import math
 import sys
 from pathlib import Path
+
+
+# Other simulators than MuJoCo, by their kind.
+SIMULATORS = {"bullet": "PyBullet", "drake": "Drake"}
 
 
 def bounds(k, n):
@@ -29,11 +33,11 @@ def share(values, at):
     return values[min(len(values) - 1, int(at * len(values)))] if values else math.nan
 
 
-def table(folder, title):
+def table(folder, title, command):
     results = [json.loads(f.read_text()) for f in sorted(Path(folder).glob("*.json"))]
     of = lambda **want: [r for r in results if all(r[k] == v for k, v in want.items())]
     right = lambda some: sum(r["result"] == "right" for r in some)
-    lines = [f"Blind suite of {datetime.date.today().isoformat()}: {title}; {len(results)} done.", ""]
+    lines = [f"Blind suite of {datetime.date.today().isoformat()}: {title}; {len(results)} done. Written by `{command}`.", ""]
     lines += ["| demand | cases that meet it | cases | % | 95 % interval |", "|---|---|---|---|---|"]
     single, null, pair, outside = (of(kind=k) for k in ("single", "null", "pair", "outside"))
     if single:
@@ -54,6 +58,9 @@ def table(folder, title):
     if covered:
         lines.append(row("95 % intervals that hold the truth", sum(c["inside"] for c in covered), len(covered)))
     lines += machine_rows(of(kind="machine"), of(kind="machine_null"))
+    lines += servo_rows(of(kind="servo"), of(kind="servo_null"))
+    for kind, simulator in SIMULATORS.items():
+        lines += simulator_rows(simulator, of(kind=kind), of(kind=f"{kind}_null"))
     lines += ["", "| one effect, by | right | cases | % | 95 % interval |", "|---|---|---|---|---|"]
     for noise in ("low", "mid", "high"):
         some = [r for r in single if r["noise"] == noise]
@@ -61,7 +68,8 @@ def table(folder, title):
     for obj in sorted({r["object"] for r in single}):
         some = [r for r in single if r["object"] == obj]
         lines.append(row(obj, right(some), len(some)))
-    for kind, some_kind in (("", single), ("outside: ", outside), ("machine: ", of(kind="machine"))):
+    others = [(f"{kind}: ", of(kind=kind)) for kind in ("machine", "servo", *SIMULATORS)]
+    for kind, some_kind in (("", single), ("outside: ", outside), *others):
         for effect in sorted({r["effects"][0] for r in some_kind}):
             some = [r for r in some_kind if r["effects"] == [effect]]
             lines.append(row(kind + effect, right(some), len(some)))
@@ -69,9 +77,32 @@ def table(folder, title):
     wrong = [r for r in results if r["result"] != "right"]
     if wrong:
         lines += ["", "Cases that were not right:", ""]
-        name = lambda r: " + ".join(f["effect"] for f in r.get("findings", [])) or "no name"
+        name = lambda r: " + ".join(f"{f['effect']} (weight {f['weight']:.2f})" for f in r.get("findings", [])) or "no name"
         lines += [f"- {r['kind']} `{r['name']}`: {r['result']}, verdict {r['verdict']}, {name(r)}" for r in wrong]
     return "\n".join(lines) + "\n"
+
+
+def servo_rows(servo, null):
+    """Demands on joints under a servo of unknown gains."""
+    lines = []
+    if servo:
+        lines.append(row("servo, one hidden effect: right name", sum(r["result"] == "right" for r in servo), len(servo)))
+    if null:
+        lines.append(row("servo, nothing hidden: no name", sum(r["result"] == "right" for r in null), len(null)))
+    return lines
+
+
+def simulator_rows(simulator, single, null):
+    """Demands on recordings of another simulator than MuJoCo."""
+    lines = []
+    if single:
+        lines.append(row(f"{simulator}, one hidden effect: right name", sum(r["result"] == "right" for r in single), len(single)))
+    if null:
+        lines.append(row(f"{simulator}, nothing hidden: no name", sum(r["result"] == "right" for r in null), len(null)))
+    covered = [c for r in single if r["result"] == "right" for c in r["covered"]]
+    if covered:
+        lines.append(row(f"{simulator}: 95 % intervals that hold the truth", sum(c["inside"] for c in covered), len(covered)))
+    return lines
 
 
 def machine_rows(machine, null):
@@ -121,6 +152,9 @@ def figures(results):
     if replays:
         near = sum(abs(x - 1) < 0.03 for x in replays)
         lines.append(f"Exported MJCF rolled out by MuJoCo over `after`, {len(replays)} cases whose effects are native: within 3 % in {near}, median {share(replays, 0.5):.3f}, highest {max(replays):.3f}.")
+    stiffness = [abs(r["stiffness"] - 1) for r in results if "stiffness" in r]
+    if stiffness:
+        lines.append(f"Stiffness of {len(stiffness)} servos, off by: median {share(stiffness, 0.5):.4f}, highest {max(stiffness):.4f}.")
     lines += machine_figures([r for r in results if r["kind"] == "machine"])
     if times:
         lines.append(f"CPU per joint and 50 s of fitted log: median {share(times, 0.5):.1f} s, 95th percentile {share(times, 0.95):.1f} s.")
@@ -128,4 +162,5 @@ def figures(results):
 
 
 if __name__ == "__main__":
-    print(table(sys.argv[1], sys.argv[2] if len(sys.argv) > 2 else "so far"))
+    given = sys.argv[2:]
+    print(table(sys.argv[1], given[0] if given else "so far", given[1] if len(given) > 1 else "eval/gap/table.py"))

@@ -3,10 +3,14 @@
 Shares no code with the program. Every case is a folder with `twin.urdf` (the nominal model) and `run_*` bags; what is
 hidden goes to `truth/<case>.json` beside the case folders, which only the scorer opens.
 
-usage: generate.py OUT --kind single|null|pair|outside|machine|machine_null --seeds A:B [--objects ...] [--effects ...] [--noise ...]
+Kinds: `single`, `pair`, `null` and `outside` here; `machine` in machine.py, `servo` in servo.py, `bullet` and `drake`, which are other
+simulators, in second.py; each of the four has a `_null`, too.
+
+usage: generate.py OUT --kind KIND --seeds A:B [--objects ...] [--effects ...] [--noise ...]
 """
 
 import argparse
+import functools
 import json
 import math
 import zlib
@@ -19,6 +23,7 @@ from rosbags.typesys import Stores, get_typestore
 
 STEP_S = 0.0005
 RATE_HZ = 200
+SUBSTEPS = round(1 / RATE_HZ / STEP_S)
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 
 # name: (type, axis, origin of the mass, size of the box, range, damping, top effort, PD gains, pos in the world)
@@ -108,11 +113,42 @@ def smoothstep(x):
     return x * x * (3 - 2 * x)
 
 
-class Plant:
+class Signals:
+    """What lies between a simulator's joints and a recording: delay and gain of the drive, play before the encoder, its errors. A
+    simulator adds `place`, `position`, `velocity` and `hold`."""
+
+    def __init__(self, parts, hidden):
+        self.parts, self.hidden = parts, hidden
+        self.queue, self.gauge = {}, {}
+
+    def driven(self, name, u):
+        """Effort that the drive gives in a step in which `u` is commanded."""
+        h = self.hidden.get(name, {})
+        if "delay" in h:
+            queue = self.queue.setdefault(name, [u] * round(h["delay"]["d"] / STEP_S))
+            queue.append(u)
+            u = queue.pop(0)
+        return u * h.get("torque_gain", {}).get("g", 1.0)
+
+    def measure(self):
+        """True positions as the encoders see them."""
+        seen = {}
+        for i, name in enumerate(self.parts):
+            h, q = self.hidden.get(name, {}), self.position(i)
+            if "backlash" in h:
+                g = h["backlash"]["g"]
+                q = min(max(self.gauge.get(name, q), q - g), q + g)
+                self.gauge[name] = q
+            seen[name] = q * h.get("encoder_scale", {}).get("s", 1.0) + h.get("encoder_bias", {}).get("o", 0.0)
+        return seen
+
+
+class Plant(Signals):
     """MuJoCo with the effects that it does not have, and the floors {part: Floor} of a machine."""
 
     def __init__(self, parts, hidden, run, floors=None):
-        self.parts, self.hidden, self.run, self.floors = parts, hidden, run, floors or {}
+        super().__init__(parts, hidden)
+        self.run, self.floors = run, floors or {}
         self.model = mujoco.MjModel.from_xml_string(mjcf(parts, hidden, bool(floors)))
         for name, floor in self.floors.items():
             # What sits behind the spring loads the joint through it alone.
@@ -120,10 +156,16 @@ class Plant:
         self.data = mujoco.MjData(self.model)
         if self.floors:
             mujoco.mj_setConst(self.model, self.data)
-        self.gauge = None
-        self.queue = {}
-        self.bristle = dict.fromkeys(parts, 0.0)
         self.heat = dict.fromkeys(parts, 0.0)
+
+    def place(self, positions):
+        self.data.qpos[:] = positions
+
+    def position(self, i):
+        return self.data.qpos[i]
+
+    def velocity(self, i):
+        return self.data.qvel[i]
 
     def own_effort(self, name, i, q, v, u, t):
         """Efforts of hidden effects, and the friction bound to set (None leaves it)."""
@@ -185,12 +227,7 @@ class Plant:
         d, m, before = self.data, self.model, {}
         for i, name in enumerate(self.parts):
             h = self.hidden.get(name, {})
-            u = efforts[name]
-            if "delay" in h:
-                queue = self.queue.setdefault(name, [u] * round(h["delay"]["d"] / STEP_S))
-                queue.append(u)
-                u = queue.pop(0)
-            u *= h.get("torque_gain", {}).get("g", 1.0)
+            u = self.driven(name, efforts[name])
             floor = self.floors.get(name)
             if floor:
                 before[name] = (d.qvel[i], u)
@@ -207,19 +244,10 @@ class Plant:
         for name, (v, u) in before.items():
             self.floors[name].advance(v, d.qacc[self.parts.index(name)], u, STEP_S)
 
-    def measure(self):
-        """True positions as the encoders see them."""
-        seen = {}
-        self.gauge = self.gauge or {}
-        for i, name in enumerate(self.parts):
-            h, q = self.hidden.get(name, {}), self.data.qpos[i]
-            if "backlash" in h:
-                g = h["backlash"]["g"]
-                q = min(max(self.gauge.get(name, q), q - g), q + g)
-                self.gauge[name] = q
-            q = q * h.get("encoder_scale", {}).get("s", 1.0) + h.get("encoder_bias", {}).get("o", 0.0)
-            seen[name] = q
-        return seen
+    def hold(self, efforts):
+        """To the next sample."""
+        for _ in range(SUBSTEPS):
+            self.step(efforts)
 
 
 class Operator:
@@ -272,25 +300,23 @@ def load_effort(part, q):
     return GRAVITY * part["mass"] * part["com"][0] * math.cos(q)
 
 
-def record(parts, hidden, rng, duration_s, noise, rich=True, run=0, floors=None):
+def record(parts, hidden, rng, duration_s, noise, rich=True, run=0, floors=None, simulator=Plant):
     """One run: stamps, measured positions, recorded efforts; of a machine with the errors of its signals."""
-    plant = Plant(parts, hidden, run, floors)
+    plant = simulator(parts, hidden, run, floors)
     operators = {n: Operator(PARTS[n], rng, duration_s, rich) for n in parts}
-    for i, n in enumerate(parts):
-        plant.data.qpos[i] = operators[n].start
-    sub = round(1 / RATE_HZ / STEP_S)
+    plant.place([operators[n].start for n in parts])
     times, seen, efforts = [], [], []
     for k in range(round(duration_s * RATE_HZ)):
         t = k / RATE_HZ
         effort = {}
         for i, n in enumerate(parts):
-            carried = load_effort(PARTS[n], plant.data.qpos[i])
-            effort[n] = operators[n].effort(t, plant.data.qpos[i], plant.data.qvel[i]) + carried
+            carried = load_effort(PARTS[n], plant.position(i))
+            effort[n] = operators[n].effort(t, plant.position(i), plant.velocity(i)) + carried
         times.append(t)
-        seen.append([plant.measure()[n] for n in parts])
+        measured = plant.measure()
+        seen.append([measured[n] for n in parts])
         efforts.append([floors[n].report(effort[n]) if floors else effort[n] for n in parts])
-        for _ in range(sub):
-            plant.step(effort)
+        plant.hold(effort)
     seen, efforts = np.array(seen), np.array(efforts)
     sigma, share = NOISE[noise] if noise else (0.0, 0.0)
     position = seen + sigma * rng.standard_normal(seen.shape)
@@ -363,6 +389,16 @@ SINGLE = [
     "local_friction", "spring_return", "hardening_spring", "constant_bias", "axis_tilt", "inertia", "torque_gain", "backlash",
     "end_stop", "detent", "cogging", "coupling", "delay", "encoder_bias", "encoder_scale", "disturbance",
 ]  # fmt: skip
+SERVO = ["coulomb_friction", "stribeck_friction", "constant_bias", "spring_return", "load_dependent_friction"]
+BULLET = [
+    "viscous_friction", "coulomb_friction", "quadratic_drag", "spring_return", "constant_bias", "axis_tilt", "inertia", "torque_gain",
+    "end_stop", "delay", "encoder_bias", "encoder_scale",
+]  # fmt: skip
+DRAKE = ["viscous_friction", "coulomb_friction", "spring_return", "inertia", "end_stop"]
+CATALOGUES = {"single": SINGLE, "machine": SINGLE, "outside": OUTSIDE, "servo": SERVO, "bullet": BULLET, "drake": DRAKE}
+KINDS = ["single", "null", "pair", "outside", *(name + end for name in ("machine", "servo", "bullet", "drake") for end in ("", "_null"))]
+# Objects of the kinds, and of their nulls, that do not take all: Drake's friction is one of hinges.
+OBJECTS_OF = {"servo": ["door", "drawer", "lid"], "drake": ["door", "lid"]}
 PAIRS = [
     ("coulomb_friction", "detent"), ("spring_return", "end_stop"), ("inertia", "coulomb_friction"), ("viscous_friction", "delay"),
     ("stribeck_friction", "axis_tilt"), ("cogging", "constant_bias"), ("coulomb_friction", "spring_return"), ("delay", "coulomb_friction"),
@@ -371,16 +407,11 @@ PAIRS = [
 
 
 def applies(effect, obj):
-    if effect == "coupling":
-        return obj == "cabinet"
-    if effect == "encoder_bias":
-        return obj == "lid"
-    if effect == "axis_tilt":
-        return obj in ("door", "lid")
-    return True
+    only = {"coupling": ("cabinet",), "encoder_bias": ("lid",), "axis_tilt": ("door", "lid")}
+    return obj in only.get(effect, OBJECTS)
 
 
-def write_case(out, name, obj, effects, noise, seed, runs, duration_s):
+def write_case(out, name, obj, effects, noise, seed, runs, duration_s, simulator=Plant):
     """Without a floor; machine.py writes those with one."""
     rng = np.random.default_rng(zlib.crc32(f"{name}/{seed}".encode()))
     parts = OBJECTS[obj]
@@ -392,7 +423,7 @@ def write_case(out, name, obj, effects, noise, seed, runs, duration_s):
     folder.mkdir(parents=True)
     (folder / "twin.urdf").write_text(urdf(parts))
     for r in range(runs):
-        write_bag(folder / f"run_{r}", parts, *record(parts, hidden, rng, duration_s, noise, run=r))
+        write_bag(folder / f"run_{r}", parts, *record(parts, hidden, rng, duration_s, noise, run=r, simulator=simulator))
     truth = dict(object=obj, hidden=hidden, noise=noise, position_sigma=NOISE[noise][0], seed=seed)
     (out / "truth").mkdir(exist_ok=True)
     (out / "truth" / f"{name}.json").write_text(json.dumps(truth, indent=1))
@@ -403,13 +434,13 @@ def applies_to(effect, part):
 
 
 def cases(kind, objects, effects, noises, seeds):
+    objects = [o for o in objects if o in OBJECTS_OF.get(kind.removesuffix("_null"), objects)]
     for seed in seeds:
         for obj in objects:
             for noise in noises:
-                if kind in ("null", "machine_null"):
+                if kind.endswith("null"):
                     yield obj, (), noise, seed
-                chosen = {"single": SINGLE, "machine": SINGLE, "outside": OUTSIDE}.get(kind, [])
-                for e in chosen:
+                for e in CATALOGUES.get(kind, []):
                     if (not effects or e in effects) and applies(e, obj):
                         yield obj, (e,), noise, seed
                 if kind == "pair":
@@ -418,10 +449,29 @@ def cases(kind, objects, effects, noises, seeds):
                             yield obj, pair, noise, seed
 
 
+def writer(kind):
+    """What writes a case of a kind, with the arguments of `write_case`."""
+    # The other files import this one.
+    match kind.removesuffix("_null"):
+        case "machine":
+            import machine
+
+            return machine.write_case
+        case "servo":
+            import servo
+
+            return servo.write_case
+        case "bullet" | "drake" as name:
+            import second
+
+            return functools.partial(write_case, simulator=second.SIMULATORS[name])
+    return write_case
+
+
 def main():
     a = argparse.ArgumentParser(description=__doc__)
     a.add_argument("out", type=Path)
-    a.add_argument("--kind", required=True, choices=["single", "null", "pair", "outside", "machine", "machine_null"])
+    a.add_argument("--kind", required=True, choices=KINDS)
     a.add_argument("--seeds", default="0:1")
     a.add_argument("--objects", nargs="*", default=list(OBJECTS))
     a.add_argument("--effects", nargs="*", default=[])
@@ -430,11 +480,7 @@ def main():
     a.add_argument("--duration", type=float, default=10.0)
     a.add_argument("--draw", type=int, default=0, help="write this many cases, drawn evenly from the list")
     o = a.parse_args()
-    write = write_case
-    if o.kind.startswith("machine"):
-        import machine  # which imports this file
-
-        write = machine.write_case
+    write = writer(o.kind)
     first, last = (int(x) for x in o.seeds.split(":"))
     todo = list(cases(o.kind, o.objects, o.effects, o.noise, range(first, last)))
     if o.draw and o.draw < len(todo):
