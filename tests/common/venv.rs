@@ -31,8 +31,12 @@ pub fn ros_python() -> Result<PathBuf, Missing> {
 
 /// Whether a program of the system runs: it is asked for its version or help by `argument`.
 pub fn program(name: &str, argument: &str, package: &str) -> Result<(), Missing> {
-    let run = Command::new(name).arg(argument).output();
-    run.map(drop).map_err(|_| Missing(format!("{name} is missing: apt-get install {package}")))
+    let runs = Command::new(name).arg(argument).output().is_ok();
+    there(runs, name, package)
+}
+
+fn there(is_there: bool, name: &str, package: &str) -> Result<(), Missing> {
+    if is_there { Ok(()) } else { Err(Missing(format!("{name} is missing: apt-get install {package}"))) }
 }
 
 /// Whether MuJoCo can draw by a shared library; `MUJOCO_GL` may name another way.
@@ -41,8 +45,8 @@ pub fn drawing(python: &Path, library: &str, package: &str) -> Result<(), Missin
         return Ok(());
     }
     let load = "import ctypes, sys\nctypes.CDLL(sys.argv[1])";
-    let run = succeed(Command::new(python).args(["-c", load, library]));
-    run.map_err(|_| Missing(format!("{library} is missing: apt-get install {package}")))
+    let loads = succeed(Command::new(python).args(["-c", load, library])).is_ok();
+    there(loads, library, package)
 }
 
 fn interpreter(
@@ -89,8 +93,9 @@ fn find_or_make(folder: &str, requirements: &str) -> Result<PathBuf, String> {
         return Ok(python);
     }
     // Debian's python3 has venv, but without python3-venv no ensurepip.
-    succeed(Command::new("python3").args(["-c", "import ensurepip, venv"]))
-        .map_err(|_| NO_PYTHON.to_owned())?;
+    if succeed(Command::new("python3").args(["-c", "import ensurepip, venv"])).is_err() {
+        return Err(NO_PYTHON.to_owned());
+    }
     succeed(Command::new("python3").args(["-m", "venv"]).arg(&venv))?;
     let install = |more: &[&str], file: &Path| {
         let quiet = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
