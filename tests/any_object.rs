@@ -10,7 +10,6 @@ use artitwin::internal::{
     config::{Config, Layers},
     geometry::Pose,
     io,
-    model::JointKind,
     run::{Monitor, Stages, Twin, reconstruct_twin},
 };
 use nalgebra::Vector3;
@@ -32,11 +31,9 @@ fn twin(capture: &Capture) -> Twin {
 }
 
 #[test]
-fn the_number_of_parts_is_found() {
-    for (name, kind) in [("drawer", JointKind::Prismatic), ("laptop", JointKind::Revolute)] {
+fn the_number_of_parts_stands_out() {
+    for name in ["drawer", "laptop"] {
         let twin = twin(&recording(name));
-        assert_eq!(twin.model.links.len(), 2, "{name}: {:?}", twin.part_count);
-        assert_eq!((twin.model.joints[0].kind, twin.model.joints[0].parent), (kind, 0));
         assert_eq!((twin.part_count.given, twin.part_count.found), (None, 2));
         let weakest = |parts: usize| {
             twin.part_count.curve.iter().find(|p| p.parts == parts).and_then(|p| p.weakest).unwrap_or(0.0)
@@ -67,7 +64,11 @@ fn states_that_drifted_apart_are_aligned() {
             "{name}: the axis is {degrees:.3} deg, the motion {:.5} off that of the undrifted recording",
             motion(&found) - motion(&expected)
         );
-        assert!(degrees < 0.5 && (motion(&found) - motion(&expected)).abs() < 0.004, "{name}: {degrees} deg");
+        // Measured: 0.03 deg, and 0.01 mm and 0.004 deg.
+        assert!(
+            degrees < 0.11 && (motion(&found) - motion(&expected)).abs() < 0.0003,
+            "{name}: {degrees} deg"
+        );
     }
 }
 
