@@ -95,11 +95,13 @@ fn parts_that_move_in_different_states_are_both_found() {
         );
         let slides = object.parts[part].joint.unwrap().kind == PartJointKind::Prismatic;
         assert_eq!(joint.kind, if slides { JointKind::Prismatic } else { JointKind::Revolute });
-        assert!(degrees < 1.0, "{degrees}");
-        // It moves in one state and rests in the other.
+        // Measured: 0.05 and 0.17 deg.
+        assert!(degrees < 0.32, "{degrees}");
+        // It moves in one state, measured 0.0007 and 0.0018 rad off, and rests in the other, 0.0011 and
+        // 0.0012 rad off.
         let found = |state: usize| twin.model.states[state][j].abs();
         assert!(
-            (found(part) - motion.abs()).abs() < 0.02 && found(3 - part) < 0.01,
+            (found(part) - motion.abs()).abs() < 0.0031 && found(3 - part) < 0.0022,
             "{:?}",
             twin.model.states
         );

@@ -35,7 +35,7 @@ pub fn placed(twin: &Path, recording: &Path, frame: Frame) -> PathBuf {
     let mut files = TwinFiles::read(twin);
     // A new root, on which the old one is fixed.
     let root = format!(
-        "<link name=\"world_of_truth\"/><joint name=\"place\" type=\"fixed\"><parent link=\"world_of_truth\"/>\
+        "<link name=\"true_world\"/><joint name=\"place\" type=\"fixed\"><parent link=\"true_world\"/>\
          <child link=\"base\"/><origin xyz=\"{} {} {}\" rpy=\"{roll} {pitch} {yaw}\"/></joint>\n</robot>",
         x.x, x.y, x.z
     );
