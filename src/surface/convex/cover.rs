@@ -236,10 +236,10 @@ impl Cover<'_> {
         Some([self.cell(behind, back, step), self.cell(before, front, step)])
     }
 
-    /// Cells joined, the pair first that adds least, while there are too many or the pair adds next to
-    /// nothing. A cell may be left out instead, where that costs least.
+    /// Cells joined, the pair first that adds least, while there are too many or the pair adds no more than a
+    /// solid is worth. A cell may be left out instead, where that costs least.
     fn joined(&self, cells: Vec<Cell>) -> Vec<Cell> {
-        let free = 0.5 * WORTH * self.seen.area_m2;
+        let free = WORTH * self.seen.area_m2;
         let mut cells: Vec<Option<Cell>> = cells.into_iter().map(Some).collect();
         let mut count = cells.len();
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();

@@ -86,7 +86,8 @@ fn clipped(polygon: &[Vector3<f64>], normal: &Vector3<f64>, offset_m: f64) -> Ve
 /// A place of the surface, or of the side of a wall that ends there.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sample {
-    /// Where, in the plane of its patch, meters.
+    /// Where, meters: on the surface itself, not in the plane of its patch, so that noise which the plane
+    /// hides counts.
     pub place: Vector3<f64>,
     /// Out of the object.
     pub normal: Vector3<f64>,
@@ -122,9 +123,10 @@ pub(super) struct Seen {
 }
 
 /// Cuts a mesh into flat pieces. A patch is flat to `flat_m` (root mean square), and its pieces lie in its
-/// mean plane. Walls are as thick as the way to their other side where that was seen, at most [`MAX_WALLS`]
-/// times `wall_m`, else `wall_m`, and end `clear_m` before `others`; a piece reaches `thin_m` to `wall_m`
-/// into its own. Where the surface ends its wall has a side, but not where `goes_on`.
+/// mean plane, its samples on the mesh. Walls are as thick as the way to their other side where that was
+/// seen, at most [`MAX_WALLS`] times `wall_m`, else `wall_m`, and end `clear_m` before `others`; a piece
+/// reaches `thin_m` to `wall_m` into its own. Where the surface ends its wall has a side, but not where
+/// `goes_on`.
 pub(super) fn seen(
     mesh: &TriangleMesh,
     others: &TriangleMesh,
@@ -163,9 +165,8 @@ pub(super) fn seen(
     let each = area_m2 / SAMPLES;
     for (k, patch) in found.iter().enumerate() {
         for &t in &patch.triangles {
-            let corners = flat_corners(mesh, t as usize, patch);
-            let [a, b, c] = corners;
-            let area = 0.5 * (b - a).cross(&(c - a)).norm();
+            let front = flat_corners(mesh, t as usize, patch);
+            let area = 0.5 * (front[1] - front[0]).cross(&(front[2] - front[0])).norm();
             if area <= 0.0 {
                 continue;
             }
@@ -173,8 +174,9 @@ pub(super) fn seen(
             let share_m = if depth_m.is_finite() { 0.5 * depth_m.max(thin_m) } else { wall_m };
             let back = -patch.normal * depth_m.clamp(thin_m, wall_m.max(thin_m));
             let is_assumed = !depth_m.is_finite();
-            seen.pieces.push(Piece { front: corners.to_vec(), back, share_m, is_assumed });
+            seen.pieces.push(Piece { front: front.to_vec(), back, share_m, is_assumed });
             // A regular grid of barycentric places.
+            let [a, b, c] = mesh.corners(t as usize).map(|p| p.coords.cast::<f64>());
             let n = (area / each).sqrt().ceil().max(1.0) as usize;
             let places = (0..n).flat_map(|i| (0..n).map(move |j| (i, j)));
             for (i, j) in places {

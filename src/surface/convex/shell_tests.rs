@@ -76,13 +76,29 @@ fn a_box_is_one_solid_at_its_faces() {
     assert!((solids[0].volume_m3() - 0.006).abs() < 1e-5);
 }
 
+/// A box with three waves of an amplitude on its faces, as fusion leaves them.
+fn wavy_box(amplitude_m: f64) -> TriangleMesh {
+    let half = Vector3::new(0.15, 0.1, 0.08);
+    let distance = |p: &Point3<f64>| {
+        let wave = (60.0 * p.x).sin() + (70.0 * p.y).sin() + (80.0 * p.z).sin();
+        (p.coords.abs() - half).max() + amplitude_m * wave
+    };
+    marching_cubes(&grid_of(0.2, 100, distance), 0.0)
+}
+
+#[test]
+fn what_a_patch_hides_of_its_noise_counts() {
+    // Waves that patches hide. Fitted to the planes of these, solids stood more than 2 mm before 3.4 % of it.
+    let mesh = wavy_box(0.0012);
+    let solids = solids_of(&mesh);
+    let fit = crate::surface::SolidFit::of(&mesh, &solids).unwrap();
+    assert!(fit.standing_off < 0.02, "{fit}");
+    assert!(solids.len() <= 25, "{}", solids.len());
+}
+
 #[test]
 fn a_noisy_box_has_its_faces_in_the_middle_of_the_noise() {
-    // Waves of 2 mm, as fusion leaves them.
-    let wave = |p: &Point3<f64>| 0.001 * ((60.0 * p.x).sin() + (70.0 * p.y).sin() + (80.0 * p.z).sin());
-    let half = Vector3::new(0.15, 0.1, 0.08);
-    let mesh =
-        marching_cubes(&grid_of(0.2, 100, |p: &Point3<f64>| (p.coords.abs() - half).max() + wave(p)), 0.0);
+    let mesh = wavy_box(0.001);
     let solids = solids_of(&mesh);
     let fit = crate::surface::SolidFit::of(&mesh, &solids).unwrap();
     assert!(fit.is_sound(), "{fit}");
