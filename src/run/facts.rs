@@ -106,8 +106,8 @@ fn config_digest(config: &Config) -> String {
     format!("{:016x}", hash_of(&text))
 }
 
-/// What did the numeric work: the engine that trained the `fields`, of which the CPU engine finished `replaced`, or the
-/// CPU where no field was trained.
+/// What did the numeric work: the engine that trained the `fields`, of which the CPU engine finished
+/// `replaced`, or the CPU where no field was trained.
 fn device(config: &Config, replaced: usize, fields: usize) -> String {
     let threads = rayon::current_num_threads();
     let cpu = format!("cpu engine ({})", InstructionSet::detect().name());
