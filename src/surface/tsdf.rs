@@ -302,6 +302,10 @@ fn add(sum: &mut [f32; 4], color: [f32; 3], weight: f32) {
 }
 
 #[cfg(test)]
+#[path = "tsdf_equation_tests.rs"]
+mod equation_tests;
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::{

@@ -220,3 +220,7 @@ fn interpolated_depth(
     // Readings further apart than the truncation are of two surfaces.
     (high - low < truncation_m).then(|| 1.0 / inverse)
 }
+
+#[cfg(test)]
+#[path = "tsdf_view_tests.rs"]
+mod tests;

@@ -173,5 +173,9 @@ fn residual_rms_m(fit: &JointFit) -> f64 {
 }
 
 #[cfg(test)]
+#[path = "estimate_unit_tests.rs"]
+mod unit_tests;
+
+#[cfg(test)]
 #[path = "estimate_tests.rs"]
 mod tests;

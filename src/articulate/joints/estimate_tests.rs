@@ -260,3 +260,91 @@ fn an_advance_that_the_sensor_can_feign_is_no_screw() {
         draws.iter().map(|d| (aside * f64::from(d.dot(&axis.cast()))).cast()).collect();
     assert!(matches!(kind(2e-3, &across), JointKind::Screw { .. }));
 }
+
+#[test]
+fn the_axis_points_to_where_the_farthest_motion_is_positive() {
+    let joint = joint_of(&[hinge(0.2), hinge(-0.5)], 40);
+    assert!(joint.axis.angle(&-Vector3::new(0.1, 0.2, 1.0)) < 4e-3);
+    assert!((joint.positions[0] + 0.2).abs() < 2e-3 && (joint.positions[1] - 0.5).abs() < 2e-3);
+    // What was observed of the farthest motion, and of both surfaces and all matches.
+    let farthest = joint.evidence.state1_from_state0 * hinge(-0.5).inverse();
+    assert!(farthest.translation.vector.norm() < 1e-3 && farthest.rotation.angle() < 2e-3, "{farthest}");
+    let observations = 2 * (2 * 6 * 144 + 40);
+    assert!(joint.evidence.tried <= observations && joint.evidence.tried > observations * 9 / 10);
+    assert!(joint.evidence.inliers <= joint.evidence.tried);
+    assert!(joint.evidence.inliers > joint.evidence.tried * 9 / 10, "{:?}", joint.evidence);
+    assert!(joint.evidence.residual_rms_m > 0.0 && joint.evidence.residual_rms_m < 1e-3);
+    assert_eq!(joint.evidence.pitch_std_m_per_rad, 0.0);
+    // The line of the axis stands near the part's middle.
+    let middle = Point3::new(0.1, 0.05, 0.0);
+    assert!((middle - joint.point).dot(&joint.axis).abs() < 1e-9);
+    // Each motion is that of the joint at its position.
+    for (motion, position) in joint.motions.iter().zip(&joint.positions) {
+        let by_joint =
+            Screw { direction: joint.axis, point: joint.point, angle_rad: *position, advance_m: 0.0 };
+        let off = motion * by_joint.motion().inverse();
+        assert!(off.translation.vector.norm() < 1e-9 && off.rotation.angle() < 1e-9);
+    }
+}
+
+#[test]
+fn a_motion_left_out_has_the_position_next_to_it() {
+    let astray = Pose::new(Vector3::new(0.02, 0.03, 0.04), Vector3::new(0.2, -0.1, 0.05));
+    let joint = joint_of(&[hinge(0.4), astray, hinge(-0.3)], 0);
+    let middle = Point3::new(0.1, 0.05, 0.0);
+    let by_joint = |angle_rad: f64| {
+        Screw { direction: joint.axis, point: joint.point, angle_rad, advance_m: 0.0 }.motion()
+    };
+    // The turn about the axis that comes next to the rotation.
+    let nearest = astray.rotation.scaled_axis().dot(&joint.axis);
+    assert!((joint.positions[1] - nearest).abs() < 2e-3, "{} {nearest}", joint.positions[1]);
+    let off = joint.motions[1] * by_joint(joint.positions[1]).inverse();
+    assert!(off.translation.vector.norm() < 1e-9 && off.rotation.angle() < 1e-9);
+    assert_eq!(joint.evidence.position_std[1], f64::INFINITY);
+    assert!(joint.evidence.position_std[0].is_finite() && joint.evidence.position_std[2].is_finite());
+    assert_eq!((joint.covariances.len(), joint.drawn.len()), (3, 3));
+    assert!(joint.covariances[1] == nalgebra::Matrix6::zeros() && joint.drawn[1].is_empty());
+    // What it needs beyond the joint, in the coordinates of state 0.
+    let off = by_joint(joint.positions[1]).inverse() * astray;
+    let expected = [1e3 * (off * middle - middle).norm(), off.rotation.angle().to_degrees()];
+    let cautions = &joint.evidence.cautions;
+    let said = cautions.iter().find(|c| c.code == NoteCode::StateContradicts).unwrap();
+    let words: Vec<f64> = said.text.split_whitespace().filter_map(|w| w.parse().ok()).collect();
+    assert!(words.len() == 3 && words[0] == 2.0, "{}", said.text);
+    assert!((words[1] - expected[0]).abs() < 1.0 && (words[2] - expected[1]).abs() < 0.3, "{}", said.text);
+}
+
+#[test]
+fn motions_that_all_contradict_each_other_are_all_kept() {
+    let [first, second] = [
+        Pose::new(Vector3::new(0.02, 0.03, 0.04), Vector3::new(0.2, -0.1, 0.05)),
+        Pose::new(Vector3::new(-0.04, 0.01, 0.02), Vector3::new(-0.1, 0.3, 0.1)),
+    ];
+    let joint = joint_of(&[hinge(0.4), first, second, hinge(0.5).inverse() * first * second], 0);
+    let cautions = &joint.evidence.cautions;
+    assert!(cautions.iter().all(|c| c.code != NoteCode::StateContradicts), "{cautions:?}");
+    assert!(joint.evidence.position_std.iter().all(|s| s.is_finite()));
+}
+
+#[test]
+fn a_screw_states_how_well_its_thread_is_known() {
+    let threaded = Screw { advance_m: 0.03, ..Screw::of(&hinge(0.6)).unwrap() }.motion();
+    let joint = joint_of(&[threaded], 40);
+    let JointKind::Screw { pitch_m_per_rad } = joint.kind else { panic!("{:?}", joint.kind) };
+    assert!((pitch_m_per_rad - 0.05).abs() < 1e-3);
+    let deviation = joint.evidence.pitch_std_m_per_rad;
+    assert!(deviation > 0.0 && deviation < 1e-2, "{deviation}");
+}
+
+#[test]
+fn one_motion_at_most_is_left_out() {
+    let astray = Pose::new(Vector3::new(0.02, 0.03, 0.04), Vector3::new(0.2, -0.1, 0.05));
+    // A millimeter across its axis: no joint explains it beside the others, and yet it is near them.
+    let near = Pose::translation(0.001, 0.0, 0.0) * hinge(-0.3);
+    let joint = joint_of(&[hinge(0.4), astray, near, hinge(0.2)], 0);
+    let cautions = joint.evidence.cautions.iter();
+    let said: Vec<_> = cautions.filter(|c| c.code == NoteCode::StateContradicts).collect();
+    assert!(said.len() == 1 && said[0].text.starts_with("state 2"), "{said:?}");
+    assert_eq!(joint.positions.len(), 4);
+    assert!((joint.positions[3] - 0.2).abs() < 0.01 && (joint.positions[2] + 0.3).abs() < 0.02);
+}

@@ -163,3 +163,7 @@ fn blocks(fit: &JointFit, joined: bool) -> DMatrix<f64> {
     gradients.values().for_each(|g| sum += g * g.transpose());
     sum
 }
+
+#[cfg(test)]
+#[path = "joint_covariance_tests.rs"]
+mod tests;

@@ -190,3 +190,7 @@ impl<'a> FreeFits<'a> {
         self.residuals.fit(starts.swap_remove(best).1, 0)
     }
 }
+
+#[cfg(test)]
+#[path = "joint_fit_tests.rs"]
+pub(super) mod tests;

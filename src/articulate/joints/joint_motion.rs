@@ -161,3 +161,7 @@ pub(crate) fn frame_across(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vec
 pub(crate) fn foot(point: &Point3<f64>, direction: &Unit<Vector3<f64>>, near: &Point3<f64>) -> Point3<f64> {
     point + direction.into_inner() * direction.dot(&(near - point))
 }
+
+#[cfg(test)]
+#[path = "joint_motion_tests.rs"]
+mod tests;

@@ -101,3 +101,7 @@ fn far(joint: &PlacedJoint, place: &PartPlace) -> f64 {
     let off_m = (foot(&joint.point, &joint.direction, &place.middle) - place.middle).norm();
     4.0 * (off_m / (2.0 * place.radius_m)).powi(2).ln_1p()
 }
+
+#[cfg(test)]
+#[path = "joint_type_tests.rs"]
+mod tests;

@@ -70,7 +70,7 @@ pub(crate) fn point(scores: &[f64]) -> EvidencePoint {
 
 #[cfg(test)]
 mod tests {
-    use super::{EvidencePoint, adds, splits};
+    use super::*;
 
     #[test]
     fn a_motion_of_little_evidence_must_add_to_the_sum() {
@@ -98,5 +98,28 @@ mod tests {
         let splits = |k: usize| splits(&curve[k], &curve, 35.0);
         assert!(splits(2) && splits(4));
         assert!(!splits(3) && !splits(1) && !splits(0));
+    }
+    #[test]
+    fn a_set_stands_where_each_has_the_evidence_that_a_part_needs() {
+        let point = |parts, evidence, weakest| EvidencePoint { parts, evidence, weakest, unexplained: 0.0 };
+        let curve = [point(1, 0.0, None), point(2, 100.0, Some(100.0))];
+        let stands = |evidence, weakest: f64| stands(&point(3, evidence, Some(weakest)), &curve, 14.0);
+        assert!(super::stands(&curve[0], &curve, 14.0) && super::stands(&curve[1], &curve, 14.0));
+        // The least, or six tenths of it where half of that comes to the sum.
+        assert!(stands(104.0, 14.0) && !stands(104.0, 13.9));
+        assert!(stands(104.5, 8.5) && stands(104.25, 8.5) && !stands(104.2, 8.5) && !stands(104.2, 8.3));
+        // Where the sum falls, twice the least is a part, unless a fifth of it is gone.
+        assert!(stands(99.0, 28.0) && !stands(99.0, 27.9) && stands(100.0, 14.0));
+        assert!(stands(80.0, 50.0) && !stands(79.9, 50.0));
+        // Alone, a motion of less than the least adds to nothing.
+        assert!(!super::stands(&point(2, 10.0, Some(10.0)), &curve[..1], 14.0));
+    }
+
+    #[test]
+    fn the_evidence_of_motions_is_that_of_those_that_move() {
+        let found = point(&[50.0, 3.0, 2.0, 4.0]);
+        assert_eq!(found, EvidencePoint { parts: 4, evidence: 9.0, weakest: Some(2.0), unexplained: 0.0 });
+        let rest = point(&[50.0]);
+        assert_eq!(rest, EvidencePoint { parts: 1, evidence: 0.0, weakest: None, unexplained: 0.0 });
     }
 }

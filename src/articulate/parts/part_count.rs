@@ -139,5 +139,9 @@ pub(crate) fn little_evidence(parts: usize, weakest: f64, least: f64) -> Note {
 }
 
 #[cfg(test)]
+#[path = "choice_tests.rs"]
+mod choice_tests;
+
+#[cfg(test)]
 #[path = "part_count_tests.rs"]
 mod tests;

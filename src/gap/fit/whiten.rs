@@ -277,6 +277,10 @@ pub fn respond(effort: &[f64], direct: Option<&[f64]>, locals: &[Local], gains: 
 }
 
 #[cfg(test)]
+#[path = "filter_tests.rs"]
+mod filter_tests;
+
+#[cfg(test)]
 mod tests {
     use rand_core::SeedableRng;
 

@@ -106,3 +106,7 @@ pub fn start_ridge(problem: &Problem) -> Matrix2<f64> {
     // Deviations of ten times the range and the top speed: any moving window outweighs them.
     Matrix2::new(1e-2 / (q * q), 0.0, 0.0, 1e-2 / (v * v))
 }
+
+#[cfg(test)]
+#[path = "whitening_tests.rs"]
+mod tests;

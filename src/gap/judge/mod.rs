@@ -41,7 +41,7 @@ pub mod search;
 mod servo_tests;
 pub mod simplify;
 #[cfg(test)]
-mod simulated;
+pub(super) mod simulated;
 pub mod spread;
 pub mod sure;
 pub mod unsigned;

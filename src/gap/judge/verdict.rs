@@ -431,3 +431,7 @@ fn credible(problem: &Problem, chosen: Candidate) -> Candidate {
     }
     refitted(problem, &chosen, &model)
 }
+
+#[cfg(test)]
+#[path = "verdict_tests.rs"]
+mod tests;
