@@ -163,7 +163,8 @@ fn accuracy_mm(found: &Evaluation, name: &str) -> f64 {
     of_state(0).max(of_state(1))
 }
 
-/// Whether there is no twin, or its surface is three millimeters off.
+/// Whether there is no twin, or its surface is three millimeters off. Measured after one step: 3.4 mm by
+/// `paper`, 4.6 mm by `fields` without residual.
 fn is_far(tried: &Result<Evaluation, String>) -> bool {
     tried.as_ref().map_or(true, |found| accuracy_mm(found, "whole") > 3.0)
 }
