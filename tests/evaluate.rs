@@ -272,7 +272,7 @@ fn trials_are_run_once_and_failures_stand_in_the_table() {
             "--seeds",
             "1",
         ]);
-        // Too few steps for a surface.
+        // A failure on purpose: five steps make no surface. tests/neural.rs runs paris to a result.
         command.args(["--set", "radiance.steps=5", "--set", "radiance.rays=32"]);
         // Coarse: the test asks for order, not for accuracy.
         command.args(["--set", "surface.nodes=96", "--set", "surface.distance_nodes=81"]);
