@@ -26,7 +26,7 @@ AREAS = {
     "verdict": "src/gap/judge/",
 }
 # So long are the tests of one process in a mutant's first batch; each further batch takes twice as long.
-FIRST_BATCH_S = 1.0
+FIRST_BATCH_S = 0.3
 # Allowed to every process beyond ten times its tests' durations.
 GRACE_S = 2.0
 
@@ -40,7 +40,7 @@ def binary(scratch: Path, build: str) -> str:
 
 
 def run(program: str, scratch: Path, tests: list[str], limit_s: float, **variables: str) -> tuple[str, float]:
-    """Runs some tests, one after the other: `passed`, `failed` or `timeout`, and the processor time that it took.
+    """Runs some tests, one after the other: `passed`, `failed` or `timeout`, and the processor time taken.
 
     The limit is one of processor time, so that other load on the machine does not matter.
     """
@@ -72,10 +72,10 @@ def measured(program: str, scratch: Path, test: str, longest_s: float) -> dict |
         return {"name": test, "duration_s": taken_s, "reached": [int(n) for n in reached]}
 
 
-def batches(tests: list[dict]) -> list[list[dict]]:
-    """Tests, shortest first, in batches that double in length."""
+def batches(tests: list[dict], module: str) -> list[list[dict]]:
+    """Tests, those beside the code and then shortest first, in batches that double in length."""
     found, limit_s = [[]], FIRST_BATCH_S
-    for test in sorted(tests, key=lambda t: t["duration_s"]):
+    for test in sorted(tests, key=lambda t: (not t["name"].startswith(module), t["duration_s"])):
         if found[-1] and sum(t["duration_s"] for t in found[-1]) + test["duration_s"] > limit_s:
             found.append([])
             limit_s *= 2.0
@@ -83,10 +83,12 @@ def batches(tests: list[dict]) -> list[list[dict]]:
     return [batch for batch in found if batch]
 
 
-def judged(program: str, scratch: Path, number: int, tests: list[dict]) -> str:
+def judged(program: str, scratch: Path, mutant: dict, tests: list[dict]) -> str:
     """What becomes of a mutant."""
+    number = mutant["number"]
+    module = mutant["file"].removeprefix("src/").removesuffix(".rs").replace("/", "::") + "::"
     reaching = [t for t in tests if number in t["reached"]]
-    for batch in batches(reaching):
+    for batch in batches(reaching, module):
         limit_s = GRACE_S + 10.0 * sum(t["duration_s"] for t in batch)
         result, _ = run(program, scratch, [t["name"] for t in batch], limit_s, MUTANT=str(number))
         if result != "passed":
@@ -113,8 +115,9 @@ def main() -> None:
     mutants = json.loads((scratch / "schemata.json").read_text())
     results_file = scratch / "results.json"
     results = json.loads(results_file.read_text()) if results_file.exists() else {}
-    built = [m["number"] for m in mutants if m["state"] == "built"]
-    wanted = [n for n in built if str(n) not in results or results[str(n)] in (options.again or [])]
+    built = [m for m in mutants if m["state"] == "built"]
+    wanted = [m for m in built if str(m["number"]) not in results]
+    wanted += [m for m in built if results.get(str(m["number"])) in (options.again or [])]
     # Two at a time: limits on time hold while both processors are there.
     with ThreadPoolExecutor(2) as pool:
         tests_file = scratch / "tests.json"
@@ -127,9 +130,9 @@ def main() -> None:
         total_s = sum(t["duration_s"] for t in tests)
         print(f"{len(names)} tests, {len(tests)} reach a mutant, {total_s:.0f} s", flush=True)
 
-        states = pool.map(lambda n: judged(program, scratch, n, tests), wanted)
-        for number, state in zip(wanted, states):
-            results[str(number)] = state
+        states = pool.map(lambda m: judged(program, scratch, m, tests), wanted)
+        for mutant, state in zip(wanted, states):
+            results[str(mutant["number"])] = state
             results_file.write_text(json.dumps(results))
     print(table(mutants, results))
     for mutant in mutants:

@@ -1,8 +1,8 @@
 """All mutants that cargo-mutants lists, written at once into a scratch copy of the crate.
 
-Each mutant stands behind `crate::mutant::is_active(N)`, so that one build serves them all: the environment
-variable MUTANT=N, read once, turns mutant N on (Untch, Offutt and Harrold 1993: mutant schemata). A mutant that
-the compiler refuses is left out and the check is repeated, until the copy compiles.
+Each mutant stands behind `crate::mutant::is_active(N)`, so that one build serves them all: the
+environment variable MUTANT=N, read once, turns mutant N on (Untch, Offutt and Harrold 1993: mutant
+schemata). A mutant that the compiler refuses is left out and the check is repeated, until the copy compiles.
 
     cargo mutants --list --json -f src/surface/tsdf.rs ... > mutants.json
     python schemata.py mutants.json TREE SCRATCH
@@ -22,17 +22,17 @@ from pathlib import Path
 import tree_sitter_rust
 from tree_sitter import Language, Node, Parser
 
-# What the compiler refuses only after minutes, or never: values of nalgebra's types and of grids that cargo-mutants
-# makes of nothing or of one number; and products where `DMatrix::zeros(..)` has no type of numbers yet, which it
-# takes for matrices of matrices of matrices.
+# What the compiler refuses only after minutes, or never: values of nalgebra's types and of grids that
+# cargo-mutants makes of nothing or of one number; and products where `DMatrix::zeros(..)` has no type of
+# numbers yet, which it takes for matrices of matrices of matrices.
 REFUSED = re.compile(
     r"\b(DMatrix|DVector|SMatrix|Matrix\d|Vector\d|Point3|Grid3)::(new|from|from_iter)\("
     r"|(with \*=?|replace \* with .) in (normal_equations|blocks|JointCovariance.*::new)"
 )
 COMPARISONS = {"==", "!=", "<", ">", "<=", ">="}
 SWITCH = """\
-//! Which mutant is active: number MUTANT of the environment, or none. With MUTANT_REACHED=FILE each mutant that
-//! is reached is written to that file, once.
+//! Which mutant is active: number MUTANT of the environment, or none. With MUTANT_REACHED=FILE each mutant
+//! that is reached is written to that file, once.
 #![allow(missing_docs, clippy::all)]
 
 use std::{
@@ -296,7 +296,7 @@ def blamed(scratch: Path, span: dict, message: str) -> list[tuple[int, str]]:
             opened.pop()
     if not opened:
         return []
-    # Where only the whole schema is blamed, the last of its mutants goes, and the others are tried without it.
+    # Where the whole schema is blamed, the last of its mutants goes; the others are tried without it.
     *others, last = opened[-1][1].split("+")
     is_mutant = opened[-1][0] == b"<" or others or "incompatible types" in message
     return [(int(last), "unviable" if is_mutant else "unwritten")]
