@@ -1,7 +1,6 @@
 //! Runs a matching model; see `onnx.rs` for its contract.
 
 use std::{
-    fs::File,
     io::Read as _,
     panic::{AssertUnwindSafe, catch_unwind},
     path::{Path, PathBuf},
@@ -192,7 +191,7 @@ enum RuntimeError {
 /// The runtime's result; its panics are errors.
 fn caught<T>(work: impl FnOnce() -> TractResult<T>) -> Result<T, RuntimeError> {
     // The model is a file of the user: what it makes the runtime do must not end a run of an hour.
-    let result = catch_unwind(AssertUnwindSafe(work)).map_err(|_| RuntimeError::Panic)?;
+    let result = catch_unwind(AssertUnwindSafe(work)).map_err(|_panic| RuntimeError::Panic)?;
     result.map_err(RuntimeError::Refusal)
 }
 
