@@ -209,7 +209,7 @@ mod models {
     #[test]
     fn the_drawer_is_reconstructed_from_the_matches_of_a_model() {
         let (code, told, out) =
-            reconstruct("onnx-drawer", &["--matcher", "tests/golden/matcher_corners.onnx"]);
+            reconstruct("onnx-drawer", &["-v", "--matcher", "tests/golden/matcher_corners.onnx"]);
         assert!(code == 0 || code == 3, "{told}");
         assert!(told.contains("pixel matches on the object in"), "{told}");
         let report =

@@ -175,8 +175,8 @@ fn linearized(model: &JointModel, states: &[(f64, f64, f64)]) -> Vec<Local> {
 }
 
 fn assert_near(local: &Local, a: [f64; 4], g: [f64; 2], tolerance: f64) {
-    let off = local.a.iter().chain(&local.g).zip(a.iter().chain(&g)).map(|(x, y)| (x - y).abs());
-    assert!(off.fold(0.0, f64::max) < tolerance, "{local:?} {a:?} {g:?}");
+    let mut off = local.a.iter().chain(&local.g).zip(a.iter().chain(&g)).map(|(x, y)| (x - y).abs());
+    assert!(off.all(|off| off < tolerance), "{local:?} {a:?} {g:?}");
 }
 
 /// Transition and effect of an effort over 0.01 s of `inertia q'' = effort - stiffness q - damping q'`, by
