@@ -75,7 +75,7 @@ def steps(viewer, joint):
     page.resize(*SIZES["phone"], touch=True)
     viewer.last = viewer.canvas("phone")
     viewer.step("finger", lambda: viewer.touch([[(150 + 8 * k, 200) for k in range(8)]]))
-    viewer.step("pinch", lambda: viewer.touch([[(180 - 6 * k, 200) for k in range(8)], [(210 + 6 * k, 200) for k in range(8)]]))
+    viewer.step("pinch", lambda: viewer.touch([[(150 - 2 * k, 200) for k in range(8)], [(210 + 2 * k, 200) for k in range(8)]]))
     viewer.step("two_fingers", lambda: viewer.touch([[(150 + 6 * k, 200) for k in range(8)], [(200 + 6 * k, 200) for k in range(8)]]))
     viewer.step("dark", lambda: page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}]))
     page.call("Emulation.setEmulatedMedia", features=[])
