@@ -110,14 +110,19 @@ class Rewriter:
         parts.append(self.source[end : node.end_byte].decode())
         return "".join(parts)
 
-    def binary_expression(self, node: Node) -> str | None:
+    def operation(self, node: Node) -> tuple[str, list[dict], str, str]:
+        """An operator, its mutants, and the text of both sides, which is empty where there are no mutants."""
         operator = node.child_by_field_name("operator")
         mutants = self.here("operator", operator.start_byte)
         if not mutants:
+            return operator.type, mutants, "", ""
+        left, right = (self.text(node.child_by_field_name(side)) for side in ("left", "right"))
+        return operator.type, mutants, left, right
+
+    def binary_expression(self, node: Node) -> str | None:
+        op, mutants, left, right = self.operation(node)
+        if not mutants:
             return None
-        left = self.text(node.child_by_field_name("left"))
-        right = self.text(node.child_by_field_name("right"))
-        op = operator.type
         if op in ("&&", "||"):
             # Lazy: the right side is evaluated where the left one, or its mutant, asks for it.
             [mutant] = mutants
@@ -133,13 +138,10 @@ class Rewriter:
         )
 
     def compound_assignment_expr(self, node: Node) -> str | None:
-        operator = node.child_by_field_name("operator")
-        mutants = self.here("operator", operator.start_byte)
+        op, mutants, left, right = self.operation(node)
         if not mutants:
             return None
-        left = self.text(node.child_by_field_name("left"))
-        right = self.text(node.child_by_field_name("right"))
-        arms = choice(mutants, lambda o: f"{left} {o} m_r", operator.type)
+        arms = choice(mutants, lambda o: f"{left} {o} m_r", op)
         return wrapped(mutants, f"match {right} {{ m_r => {arms} }}")
 
     def unary_expression(self, node: Node) -> str | None:

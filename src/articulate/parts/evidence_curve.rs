@@ -99,6 +99,7 @@ mod tests {
         assert!(splits(2) && splits(4));
         assert!(!splits(3) && !splits(1) && !splits(0));
     }
+
     #[test]
     fn a_set_stands_where_each_has_the_evidence_that_a_part_needs() {
         let point = |parts, evidence, weakest| EvidencePoint { parts, evidence, weakest, unexplained: 0.0 };
