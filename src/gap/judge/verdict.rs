@@ -243,21 +243,14 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     // The twin under the noise of the chosen model: what there is to explain.
     let at_noise =
         fit(problem, &twin, Some(&base.fit.starts), chosen.fit.noise, Free::Starts, Pace::thorough(1));
-    let saved = at_noise.costs.iter().sum::<f64>() - chosen.fit.costs.iter().sum::<f64>();
-    // A joint that sticks is explained by what can no longer move it, not by smaller residuals.
-    let to_explain = saved.max(2.0 * (chosen.fit.log_likelihood - base.fit.log_likelihood));
+    let to_explain = gain_to_explain(&at_noise, &base.fit, &chosen.fit);
     let after = locate(problem, &Screen::new(problem, &chosen.fit), rng);
     let before = if chosen.fit.model.terms.is_empty() {
         after.clone()
     } else {
         locate(problem, &Screen::new(problem, &base.fit), rng)
     };
-    // A table stands by the rule for effects: its bins are priced as parameters are (14.15), and it must gain
-    // what one more of so many tables must.
-    let n = problem.independent();
-    let excess = |d: &Dependence| d.gain - n.ln() * d.bins.len() as f64;
-    let least = least_gain(Variable::ALL.len());
-    let open = after.iter().filter(|d| d.q <= LEVEL && excess(d) > least).map(excess).fold(0.0, f64::max);
+    let unexplained = unexplained_gain(&after, problem.independent());
     let nothing = Diagnosis::without_findings(Verdict::None, twin);
     let mut diagnosis = Diagnosis { before, lacks, noise: chosen.fit.noise, ..nothing };
     if chosen.fit.model.terms.is_empty() {
@@ -265,12 +258,12 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
         let spread = Spread { covariance: covariance.clone(), witnesses: witnesses.clone() };
         diagnosis.actuator = actuator_estimates(model, &spread, problem.turns);
         // Something depends on a variable, and no effect of the catalog explains it.
-        if open > 0.0 {
+        if unexplained > 0.0 {
             (diagnosis.verdict, diagnosis.left) = (Verdict::Unknown, 1.0);
         }
         return diagnosis;
     }
-    diagnosis.left = (open / to_explain.max(1e-9)).min(1.0);
+    diagnosis.left = share_left(unexplained, to_explain);
     diagnosis.weighed = rivals(problem, &found, chosen);
     let (rivals, total) = in_doubt(diagnosis.weighed.clone());
     diagnosis.weighed.push((chosen.effects(), 1.0));
@@ -279,19 +272,49 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     diagnosis.findings = findings(problem, &model, &spread, (&rivals, total));
     diagnosis.actuator = actuator_estimates(&model, &spread, problem.turns);
     (diagnosis.model, diagnosis.spread) = (model, Some(spread));
+    // What was given stands or falls with the held-out runs alone.
     if effects.is_empty() {
         diagnosis.ask(problem.catalogue);
-    }
-    // What was given stands or falls with the held-out runs alone.
-    if effects.is_empty()
-        && (diagnosis.named().next().is_none()
-            || diagnosis.left > MAX_LEFT
-            || (is_noisy(problem, base, chosen) && !is_shaped(problem, chosen))
-            || !chosen.fit.model.terms.iter().all(|t| is_credible(problem, t)))
-    {
-        diagnosis.withdraw();
+        if explains_too_little(problem, &diagnosis, base, chosen) {
+            diagnosis.withdraw();
+        }
     }
     diagnosis
+}
+
+/// Twice the log likelihood that a model gains over the twin: by smaller residuals under the model's noise, or,
+/// where a joint sticks and its residuals stay, each under its own noise.
+fn gain_to_explain(twin_at_noise: &Fit, twin: &Fit, chosen: &Fit) -> f64 {
+    let saved = twin_at_noise.costs.iter().sum::<f64>() - chosen.costs.iter().sum::<f64>();
+    saved.max(2.0 * (chosen.log_likelihood - twin.log_likelihood))
+}
+
+/// The largest gain that a table of the residual over a variable promises, 0 where none stands. A table stands
+/// by the rule for effects: its bins are priced as parameters are (docs/method.md 14.15), and it must gain what
+/// one more of so many tables must.
+fn unexplained_gain(tables: &[Dependence], independent: f64) -> f64 {
+    let least = least_gain(Variable::ALL.len());
+    let priced = |table: &Dependence| table.gain - independent.ln() * table.bins.len() as f64;
+    tables.iter().filter(|t| t.q <= LEVEL).map(priced).filter(|gain| *gain > least).fold(0.0, f64::max)
+}
+
+/// Share of what was to be explained that is left, at most 1.
+fn share_left(unexplained: f64, to_explain: f64) -> f64 {
+    (unexplained / to_explain.max(1e-9)).min(1.0)
+}
+
+/// Whether effects that a search found leave too much for their names to stand.
+fn explains_too_little(
+    problem: &Problem,
+    diagnosis: &Diagnosis,
+    base: &Candidate,
+    chosen: &Candidate,
+) -> bool {
+    let leaves_noise = is_noisy(problem, base, chosen) && !is_shaped(problem, chosen);
+    diagnosis.named().next().is_none()
+        || diagnosis.left > MAX_LEFT
+        || leaves_noise
+        || !chosen.fit.model.terms.iter().all(|t| is_credible(problem, t))
 }
 
 /// What was found of a model's actuator, with intervals.
