@@ -1,10 +1,12 @@
 //! The rules of the house, checked by reading the source: layers, rooms, circles, purity, sizes, words, line
-//! lengths, and where constants come from.
+//! lengths, where constants come from, and which equations are cited where.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
 
 #[path = "tidy/constants.rs"]
 mod constants;
+#[path = "tidy/equations.rs"]
+mod equations;
 #[path = "tidy/house.rs"]
 mod house;
 #[path = "tidy/reader.rs"]
@@ -171,6 +173,24 @@ fn constants_say_where_they_come_from() {
         ORIGINS.join(" "),
         missing.join("\n")
     );
+}
+
+#[test]
+fn every_equation_is_cited() {
+    let found = equations::uncited();
+    assert!(found.is_empty(), "equations of docs/method.md that src/ cites nowhere: {}", found.join(", "));
+}
+
+#[test]
+fn citations_name_what_is_there() {
+    let found = equations::lost();
+    assert!(found.is_empty(), "not in docs/method.md:\n{}", found.join("\n"));
+}
+
+#[test]
+fn published_equations_lead_to_their_functions() {
+    let found = equations::wrong_rows();
+    assert!(found.is_empty(), "the table of docs/method.md 12.12:\n{}", found.join("\n"));
 }
 
 #[test]

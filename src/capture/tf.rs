@@ -219,6 +219,7 @@ impl TfBuffer {
             (Some((t0, a)), Some((t1, b))) if t1 - t0 <= max_gap => {
                 let share = (stamp - t0) as f64 / (t1 - t0) as f64;
                 // Half a turn between samples has no unique path.
+                // docs/method.md (2.2).
                 a.try_lerp_slerp(b, share, 1e-9).ok_or_else(|| StepFault::HalfTurn(frame()))
             }
             (Some((t0, _)), Some((t1, _))) => Err(StepFault::Gap {

@@ -73,7 +73,7 @@ impl JointRow {
         let states = truth.motions().take(run.states.len() - 1).enumerate();
         let motions: Vec<f64> = states.map(|(k, t)| motion(t, &run.motion(found, k + 1))).collect();
         let angle = |(d, _): &(nalgebra::Unit<nalgebra::Vector3<f64>>, _)| {
-            // (13.1) by atan2: the arccosine loses small angles to rounding.
+            // docs/method.md (13.1) by atan2: the arccosine loses small angles to rounding.
             d.cross(&truth.axis).norm().atan2(d.dot(&truth.axis).abs())
         };
         let gap = |(d, p): (nalgebra::Unit<nalgebra::Vector3<f64>>, Point3<f64>)| {

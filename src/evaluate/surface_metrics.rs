@@ -37,7 +37,7 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> 
 }
 
 /// The published Chamfer distance of two point sets, 1e-3 m^2: mean squared distance from `a` to the nearest
-/// of `b`, plus the same from `b` to `a`, times 1000 (docs/method.md 13.2). `None` where a set is empty.
+/// of `b`, plus the same from `b` to `a`, times 1000: docs/method.md (13.2). `None` where a set is empty.
 #[must_use]
 pub fn chamfer(a: &[Point3<f64>], b: &[Point3<f64>]) -> Option<f64> {
     Some(1000.0 * (mean_squared_m2(a, b)? + mean_squared_m2(b, a)?))

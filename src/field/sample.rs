@@ -148,7 +148,7 @@ impl Sampler<'_> {
                 let value = value as f32 - base;
                 slot.targets[i] = SdfTarget::Surface { value, weight: weight * falloff as f32 };
             }
-            // The derivative of a logistic function: a bell about the surface.
+            // docs/method.md (12.8): the derivative of a logistic function, a bell about the surface.
             let e = (-c.color_sharpness * value).exp();
             slot.color_weights[i] = if colored { (e / ((1.0 + e) * (1.0 + e))) as f32 } else { 0.0 };
             bell += slot.color_weights[i];

@@ -251,7 +251,7 @@ impl<'a> Scene<'a> {
     }
 
     /// The part under a place where it is narrower than the hand opens: closing direction, the piece of the
-    /// line along it, the middle of that.
+    /// line along it, the middle of that. See docs/method.md (10.6).
     fn narrow(&self, seed: &Seed) -> Option<(Vector3<f64>, Span, Point3<f64>)> {
         let fits = |s: &Span| (LEAST_M..=GAP_M - 2.0 * ROOM_M).contains(&s.length_m());
         let first = self.part.through(&seed.at, &-seed.normal, ROOM_M).filter(fits)?;
@@ -319,7 +319,7 @@ impl<'a> Scene<'a> {
         let ahead_m = |w: Vector3<f64>| self.opens.iter().map(move |s| self.ahead_m(front, &(w * *s)));
         let ahead_m = way.into_iter().flat_map(ahead_m).fold(f64::INFINITY, f64::min);
         let straight = self.axes.iter().map(|a| a.dot(&approach).abs()).fold(0.0, f64::max);
-        // docs/method.md (10.6).
+        // docs/method.md (10.7).
         lever
             + WEIGHTS.handle * (-ahead_m / HANDLE_M).exp()
             + WEIGHTS.touch * touch

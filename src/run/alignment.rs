@@ -150,7 +150,7 @@ fn refined(
     drift.undo(&mut near);
     // Rule 4 of docs/method.md 5: the surroundings did not move like this and must not pull.
     let only_object = by == AlignedBy::LargestPart;
-    // (2.13) between the states, where held-out surfels gain by it (2.15).
+    // docs/method.md (2.13) between the states, where held-out surfels gain by it (2.16).
     if let Some(fine) = align_worlds([frames[0], &near], noise, &PoseNoise::EXPECTED, only_object) {
         drift.world_from_world0 *= fine.corrected_from_reported.inverse();
         drift.covariance = fine.covariance;

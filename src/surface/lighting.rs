@@ -49,7 +49,7 @@ pub struct Lighting {
 impl Lighting {
     /// That of `photos` photos; each element of `spots` holds those that show one spot. Light is known from
     /// surfaces that turned between photos alone: of two faces that never did, one may be brighter by its
-    /// color. See docs/method.md 3.8.
+    /// color. See docs/method.md (3.8).
     #[must_use]
     pub fn of(spots: &[Vec<Shown>], photos: usize) -> Self {
         // Gains of the photos, then terms of the light; a column a channel.

@@ -188,7 +188,7 @@ impl MotionEvidence<'_> {
                 continue;
             }
             // Towards state 1 the point moves with the perturbation; towards state 0 the perturbation acts
-            // before the inverse: d(T^-1 y) = -R^T (v + w x y).
+            // before the inverse: d(T^-1 y) = -R^T (v + w x y). docs/method.md (8.4).
             let (lever, slope) = if state == 0 { (y.coords, g) } else { (x.coords, -(motion.rotation * g)) };
             let w = lever.cross(&slope);
             let row = Vector6::new(slope.x, slope.y, slope.z, w.x, w.y, w.z) / sigma_m;

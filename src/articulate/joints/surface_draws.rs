@@ -23,7 +23,7 @@ pub struct SurfaceDraws {
 
 impl SurfaceDraws {
     /// Of the samples of state number `state`. Readings further from a sample than `reach_m` and their noise
-    /// are of another surface.
+    /// are of another surface. See docs/method.md (8.17).
     #[must_use]
     pub fn new(
         draws: &[ErrorDraw],

@@ -102,7 +102,7 @@ fn reading(frame: &RgbdFrame, [u, v]: [f32; 2], noise: &NoiseConfig) -> Option<R
     if !(plane[0] > 0.0 && cosine >= noise.grazing_cosine) {
         return None;
     }
-    // A slanted surface turns an error of the pixel into a larger one of the point.
+    // docs/method.md (4.2): a slanted surface turns an error of the pixel into a larger one of the point.
     let across_m = PIXEL_SIGMA * depth_m / k.fx / cosine;
     let point = frame.world_from_camera * Point3::from(ray * depth_m);
     let sigma_m = frame.sigma_m(cy as usize * k.width + cx as usize, noise);
@@ -204,7 +204,7 @@ fn clusters(
     (0..counts[state]).map(|i| sets.root(i)).collect()
 }
 
-/// Weighted mean point of every cluster, by the index of its root.
+/// Weighted mean point of every cluster, by the index of its root. See docs/method.md (4.3).
 fn averaged(
     matches: &[(&PixelMatch, [Reading; 2])],
     ends: &[[usize; 2]],

@@ -67,7 +67,7 @@ fn worth(pair: &MatchedPair<'_>, motions: &[Pose], k: usize) -> f64 {
 
 /// How well the motion of part `k` could be that of a hinge on another part, from 0 to 1: its axis runs
 /// by the surfaces of both, and it does not turn too far. A slide along another part has no axis; both
-/// touch.
+/// touch. See docs/method.md (6.13).
 fn hinge(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[u8], k: usize) -> f64 {
     let of = |part: usize| -> Vec<Point3<f64>> {
         let points = pair.surfaces.samples[0].points.iter().zip(labels);

@@ -98,7 +98,7 @@ fn ratios(
     others.into_iter().map(|k| (k, (total(k) - lost).max(0.0))).collect()
 }
 
-/// See [`EvidencePoint::unexplained`].
+/// See [`EvidencePoint::unexplained`] and docs/method.md (7.4).
 pub(crate) fn unexplained(pair: &MatchedPair<'_>, motions: &[Pose]) -> f64 {
     let costs = [0, 1].map(|s| pair.surfaces.shape_costs(s, motions, None));
     let best = costs

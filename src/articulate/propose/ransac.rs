@@ -325,6 +325,7 @@ fn triple(pool: &[LiftedMatch], radius_m: f64, gate: &Gate, rng: &mut impl Rng) 
 }
 
 /// Refitted to its support, each match weighted by its precision and its distance (Geman-McClure).
+/// See docs/method.md (6.2).
 fn refit(pool: &[LiftedMatch], motion: &Pose, gate: &Gate) -> Option<Pose> {
     let pairs = pool.iter().filter(|m| gate.supports(m, motion)).map(|m| {
         let z = (motion * m.point0 - m.point1).norm() / m.sigma_m;

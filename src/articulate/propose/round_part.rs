@@ -13,7 +13,7 @@ const TURNS: usize = 72;
 /// The best of them, which are polished.
 const PEAKS: usize = 4;
 /// A turn explains more than none by this share.
-/// tuned: random objects (tests/python/random_objects.md)
+/// tuned: random objects (eval/random_objects.md)
 const MORE: f64 = 0.02;
 
 /// The motion of a round part after the turn about its middle that explains most, where that is more.

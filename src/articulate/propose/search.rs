@@ -45,6 +45,7 @@ impl<'a, 'b> Search<'a, 'b> {
 
 impl Search<'_, '_> {
     /// What a motion explains, weighed by what speaks for a hinge, and unweighed, in samples.
+    /// See docs/method.md (6.10).
     pub fn worth(&self, motion: &Pose) -> (f64, f64) {
         let gains = gains(self.pair, motion, &self.left, &self.faces);
         let total: f64 = gains.iter().flatten().sum();

@@ -89,7 +89,7 @@ impl<'a> SampleIndex<'a> {
     }
 
     /// The sample with the smallest `|dp|^2 + (reach |dn| / 2)^2`, if below the reach squared: opposite sides
-    /// of a thin sheet never meet.
+    /// of a thin sheet never meet. See docs/method.md (6.3).
     pub fn nearest(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<usize> {
         let bend = 0.25 * self.reach_m * self.reach_m;
         let (mut best, mut best_squared) = (None, self.reach_m * self.reach_m);

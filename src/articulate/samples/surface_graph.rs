@@ -35,11 +35,11 @@ const EVIDENCE: f32 = TEMPERATURE * std::f32::consts::LN_2;
 /// A label of this cost is out of the question where another one leaves the sample hidden at worst, whatever
 /// is around: its motion takes the sample to a place that was seen empty all around.
 ///
-/// derived: the cost of such places (docs/method.md 6.5)
+/// derived: the cost of such places (docs/method.md 6.2)
 const EMPTY: f32 = 1.61 - 1e-4;
 /// Cost of the best label up to which that holds.
 ///
-/// derived: the cost of hidden places (docs/method.md 6.5)
+/// derived: the cost of hidden places (docs/method.md 6.2)
 const HIDDEN_AT_WORST: f32 = 0.9 + 1e-4;
 /// An island is not of a label that more than this share of its samples rules out.
 ///

@@ -219,6 +219,7 @@ impl Problem<'_> {
         Some((fit, gradient))
     }
 
+    /// What a view adds to the sum of docs/method.md (2.29).
     fn residual(&self, board_from_map: &Pose, view: &BoardInView<'_>) -> Option<Residual> {
         let map_from_color = self.color_in_map(view);
         let off =

@@ -163,7 +163,7 @@ impl BoardView<'_> {
     }
 
     /// How far a measured place lies outside the edge that the board should show there, pixels, and the
-    /// derivatives by the unknowns.
+    /// derivatives by the unknowns. See docs/method.md (2.28).
     fn residual(&self, camera_from_board: &Pose, ink_px: f64, point: &EdgePoint) -> Option<(f64, Step)> {
         let corners = self.layout.corners(point.tag)?;
         let ends = [corners[point.edge], corners[(point.edge + 1) % 4]];

@@ -193,6 +193,7 @@ fn middle(group: &[Cell], size_m: f64) -> [f64; 3] {
 }
 
 /// Cells of a group, counted less the further they are from the focus, against the group nearest to it.
+/// See docs/method.md (2.19).
 fn score(group: &[Cell], size_m: f64, focus: Option<Point3<f64>>) -> f64 {
     let Some(focus) = focus else { return group.len() as f64 };
     let nearest = distance_m(group, size_m, &focus);

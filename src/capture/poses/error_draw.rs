@@ -64,7 +64,7 @@ pub(super) struct Drawn {
 }
 
 /// Draws of poses, of each state their covariance where the sensor is known and what they follow the sensor
-/// by, and of the sensor; `None` where a covariance is not positive.
+/// by, and of the sensor; `None` where a covariance is not positive. See docs/method.md (2.24).
 pub(super) fn drawn(states: &[[DMatrix<f64>; 2]], sensor: &DMatrix<f64>) -> Option<Vec<Drawn>> {
     let rng = &mut stage_rng(0, "errors of poses and depth", 0);
     let root = |covariance: &DMatrix<f64>| match covariance.nrows() {

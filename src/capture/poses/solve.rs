@@ -329,7 +329,7 @@ fn sensor_information(errors: &SensorErrors, size: f64) -> Option<(DMatrix<f64>,
 }
 
 /// The most likely sizes of the errors by the last equations, about the place that they were made at: with
-/// drift of the poses where that is likelier than jitter alone (Bayesian information criterion). See
+/// drift of the poses where that is likelier than jitter alone by docs/method.md (1.6). See
 /// docs/method.md (2.15).
 fn most_likely(
     problems: &[&Problem<'_>],

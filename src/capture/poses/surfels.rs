@@ -180,6 +180,7 @@ impl Surfels {
 
     /// A landmark against the one of `other` that shows the same: how far it lies from that one's ray, along
     /// two directions across it. Distances beyond three standard deviations do not count.
+    /// See docs/method.md (2.14).
     pub fn across(
         &self,
         [this, that]: [u32; 2],
@@ -207,6 +208,7 @@ impl Surfels {
                 other_normal: across,
                 other_point,
                 pixels: [this.pixel, that.pixel],
+                // docs/method.md (2.22); `by_shift` has the sign.
                 by_color_shift: [0, 1]
                     .map(|k| across.dot(&(other_from_this.rotation * this.by_shift[k] - that.by_shift[k]))),
             })
@@ -478,6 +480,7 @@ fn surfel(
 }
 
 /// Unit normal of a plane of inverse depth with slopes `plane.y` and `plane.z` at the pixel of `ray`.
+/// See docs/method.md (2.12).
 fn normal(k: &Intrinsics, ray: &Vector3<f64>, plane: &Vector3<f64>) -> Option<Vector3<f64>> {
     let [b, c] = [plane.y * k.fx, plane.z * k.fy];
     Vector3::new(b, c, plane.x - b * ray.x - c * ray.y).try_normalize(0.0)

@@ -182,7 +182,7 @@ impl Follow {
         Some(Self { by_frame, by_sensor, carried })
     }
 
-    /// Lets the second of two states follow the errors of a draw.
+    /// Lets the second of two states follow the errors of a draw. See docs/method.md (2.25).
     pub fn apply(&self, [first, second]: [usize; 2], draw: &mut ErrorDraw) {
         let of_frames = draw.poses[first].iter().chain(&draw.poses[second]);
         let mut world: Vector6<f64> = of_frames.zip(&self.by_frame).map(|(error, by)| by * error).sum();

@@ -29,7 +29,7 @@ pub(super) const UNKNOWN: f32 = 4.0;
 const ON_SURFACE: (f32, f32) = (4.0, 0.01);
 
 /// Another view as a view of reference sees it: a cell at `p` with inverse depth `w` is seen at
-/// `turn p + shift w`, homogeneous.
+/// `turn p + shift w`, homogeneous: docs/method.md (2.30).
 pub(super) struct Eye<'a> {
     pub cells: &'a Cells,
     turn: Matrix3<f32>,

@@ -3,7 +3,7 @@
 //! In every view each cell (2 x 2 pixels) of a hole gets a plane, at first that of the nearest reading.
 //! Planes pass from neighbor to neighbor and are perturbed, and the one under which other views look most
 //! alike stays (PatchMatch: Bleyer, Rhemann and Rother 2011; many views: Galliani, Lasinger and Schindler
-//! 2015). A depth counts where other views find the same. See docs/method.md (2.16).
+//! 2015). A depth counts where other views find the same. See docs/method.md 2.16.
 
 mod agreement;
 mod cells;

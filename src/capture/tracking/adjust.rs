@@ -153,6 +153,7 @@ fn information_of(sums: &PairSums, frame: usize) -> Matrix6<f64> {
 }
 
 /// Standard deviation of what a camera sees at a depth, in the direction that is known least, meters.
+/// See docs/method.md (2.27).
 pub(super) fn least_known_m(information: &Matrix6<f64>, depth_m: f64) -> f64 {
     // Turns as what they move at that depth.
     let scale = Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { 1.0 / depth_m });

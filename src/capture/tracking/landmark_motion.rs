@@ -63,6 +63,7 @@ impl LandmarkPair {
     }
 
     /// Squared distance in standard deviations across the second ray, and along it, after a motion.
+    /// See docs/method.md (2.26).
     fn off(&self, motion: &Pose) -> [f64; 2] {
         let off = motion * self.from - self.to;
         let along = off.dot(&self.to_ray);

@@ -26,7 +26,7 @@ const FEW_FEATURES: usize = 24;
 /// derived: sRGB of a third of a percent of the light of a white sheet
 const DARK: f64 = 12.0;
 /// Of the pixels of a frame so many must have depth.
-/// measured: shared/bags and bags/handheld: the least of a view is 0.3
+/// measured: shared/bags and shared/bags/handheld: the least of a view is 0.3
 const LEAST_READ: f64 = 0.05;
 
 impl Observation {

@@ -155,6 +155,7 @@ fn render(context: &StepContext<'_>, rays: &Range<usize>, scratch: &mut Scratch)
         for (i, (w, t)) in weights.iter().zip(distances).enumerate() {
             let shown = &mut scratch.shown[i / samples];
             shown.opacities[k] += w;
+            // The distance of docs/method.md (12.22).
             shown.distance += w * t;
         }
         part.columns.clear();

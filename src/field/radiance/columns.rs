@@ -7,7 +7,7 @@ use super::ray_batch::{Ray, RayBatch};
 use crate::field::simd::PointColumns;
 use crate::geometry::Pose;
 
-/// Takes a point of a state to the canonical frame.
+/// Takes a point of a state to the canonical frame: docs/method.md (12.20).
 pub(super) fn canonical(half: &Pose, state: usize, point: &Point3<f64>) -> Point3<f64> {
     if state == 0 { half * point } else { half.inverse_transform_point(point) }
 }

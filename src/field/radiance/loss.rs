@@ -73,7 +73,7 @@ pub(super) struct RayShare {
     pub reading: f64,
 }
 
-/// Loss of one ray with its derivatives.
+/// Loss of one ray with its derivatives. See docs/method.md (12.22).
 pub(super) fn ray_loss(
     ray: &Ray,
     shown: &Rendered,
@@ -105,6 +105,7 @@ pub(super) fn ray_loss(
         by.distance = 2.0 * weight * excess;
     }
 
+    // docs/method.md (12.23).
     if config.part_entropy_weight > 0.0 && opacity > SHARED_OPACITY {
         let weight = config.part_entropy_weight * share.ray;
         let log = |o: f64| (o / opacity).max(SMALLEST_SHARE).ln();

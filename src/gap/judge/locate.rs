@@ -117,7 +117,7 @@ const FLIPS: usize = 999;
 pub fn locate(problem: &Problem, screen: &Screen, rng: &mut impl Rng) -> Vec<Dependence> {
     let mut found: Vec<Dependence> =
         Variable::ALL.iter().filter_map(|v| dependence(problem, screen, *v, rng)).collect();
-    // Benjamini-Hochberg.
+    // Benjamini-Hochberg: docs/method.md (14.17).
     let mut order: Vec<usize> = (0..found.len()).collect();
     order.sort_by(|&a, &b| found[a].p.total_cmp(&found[b].p));
     let mut least = 1.0f64;

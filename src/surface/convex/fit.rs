@@ -24,7 +24,7 @@ const NEXT_SHARE: f64 = 0.1;
 
 /// The error of a distance between a solid and the surface, for the area it holds for: about the base-two
 /// logarithm of one and its square in tolerances. So a place that fits counts more than many that nearly do,
-/// and one that is far off still feels what brings it nearer.
+/// and one that is far off still feels what brings it nearer. It is `rho` of docs/method.md (10.2).
 #[inline(always)]
 pub(super) fn error(distance_m: f64, tolerance_m: f64) -> f64 {
     let x = 1.0 + (distance_m / tolerance_m).powi(2);

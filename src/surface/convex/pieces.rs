@@ -146,7 +146,7 @@ pub(super) fn seen(
             let Some(patch) = found.get(patch_of[t] as usize) else { return f64::INFINITY };
             let middle = mesh.middle(t).coords;
             let inwards = -patch.normal;
-            // A wall ends where another part was seen to begin.
+            // docs/method.md (10.1): a wall ends where another part was seen to begin.
             let other = others.way_m(&middle, &inwards, false) - clear_m;
             own.way_m(&middle, &inwards, true).min(if other < wall_m {
                 other.max(0.0)

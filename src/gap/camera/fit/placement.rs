@@ -59,7 +59,7 @@ impl CoarseRun {
         }
     }
 
-    /// Mean cost of the pixels that the object or the twin covers, 0 to 1.
+    /// Mean cost of the pixels that the object or the twin covers, 0 to 1: docs/method.md (15.2).
     #[must_use]
     pub fn cost(&self, twin: &SeenTwin, hypothesis: &Hypothesis, run: usize) -> f64 {
         let poses = hypothesis.poses(twin, run).0;

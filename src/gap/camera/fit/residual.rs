@@ -148,7 +148,7 @@ impl FrameView<'_> {
         if residual_m.abs() > self.gate_m {
             return Some(conflict(kind));
         }
-        // (15.4)
+        // docs/method.md (15.4).
         let sigma_m = {
             let across = slant * frame.sigma_m(i, &self.data.noise);
             let aside =

@@ -125,7 +125,7 @@ fn gate_m(problem: &FrameProblem, hypothesis: &Hypothesis) -> f64 {
     sigmas.sort_unstable_by(f64::total_cmp);
     let high = sigmas.get(sigmas.len() * 9 / 10).copied().unwrap_or_default();
     let unnamed_m = VarianceComponents::middle(&problem.scales).total_m();
-    // (15.10)
+    // docs/method.md (15.10).
     SIGMAS * high.hypot(unnamed_m).hypot(problem.twin.own.surface_m)
 }
 

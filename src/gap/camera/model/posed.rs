@@ -184,7 +184,7 @@ impl<'a> PosedTwin<'a> {
         let x = frame.inverse_transform_point(&seen.point);
         let before = motion.inverse_transform_point(&x);
         let by = |p: &Point3<f64>| if turns { e.cross(&(p - self.axis_point(joint))) } else { e };
-        // (15.8) to first order.
+        // docs/method.md (15.8) to first order.
         frame.rotation * (by(&x) - motion.rotation * by(&before))
     }
 
