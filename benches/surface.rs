@@ -3,7 +3,6 @@
 use artitwin::internal::{
     capture::{NoiseConfig, RgbdFrame},
     geometry::{Grid3, Intrinsics, Pose},
-    gpu::Offload,
     surface::{
         DistanceOptions, MeshDistance, Paint, PixelRole, RenderItem, TsdfView, TsdfVolume, marching_cubes,
         render, sample_surface, signed_distance, simplify,
@@ -42,8 +41,7 @@ fn marching_cubes_nodes(bencher: divan::Bencher, nodes: usize) {
 #[divan::bench(args = [101, 201], sample_count = 5)]
 fn signed_distance_nodes(bencher: divan::Bencher, nodes: usize) {
     let (mesh, grid) = (marching_cubes(&field(256), 0.0), field(nodes));
-    bencher
-        .bench_local(|| signed_distance(&mesh, &grid, None, &DistanceOptions::default(), &Offload::none()));
+    bencher.bench_local(|| signed_distance(&mesh, &grid, None, &DistanceOptions::default()));
 }
 
 /// A view of a sphere of radius 0.2 m, one meter away.

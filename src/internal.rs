@@ -56,9 +56,6 @@ pub mod gap {
 pub mod geometry {
     pub use crate::geometry::{Grid3, Intrinsics, Pose, SceneBox};
 }
-pub mod gpu {
-    pub use crate::gpu::{Offload, adapters};
-}
 pub mod io {
     pub use crate::io::image_codec;
     pub use crate::io::{

@@ -64,7 +64,6 @@ mod field;
 mod files;
 mod gap;
 mod geometry;
-mod gpu;
 #[doc(hidden)]
 pub mod internal;
 mod io;

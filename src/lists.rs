@@ -61,11 +61,6 @@ impl<T: Copy + Default + Ord> Lists<T> {
         self.first[first as usize] as usize..self.first[last as usize + 1] as usize
     }
 
-    /// Where each list begins among the entries of all, and their end; and those entries.
-    pub fn parts(&self) -> (&[u32], &[T]) {
-        (&self.first, &self.all)
-    }
-
     /// The entries of all lists, one list after the other.
     pub fn entries(&self) -> &[T] {
         &self.all

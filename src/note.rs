@@ -58,7 +58,6 @@ const DOUBTS: &[NoteCode] = &[
 /// What a user has to know though nobody asked: what became of files, and how the run went on.
 const OF_RUN: &[NoteCode] = &[
     NoteCode::EngineReplaced,
-    NoteCode::GpuFailed,
     NoteCode::RecordingGrows,
     NoteCode::RecordingStill,
     NoteCode::StageKept,
@@ -206,8 +205,6 @@ codes! {
         through.";
     // Runs.
     EngineReplaced = "engine_replaced", "The CPU engine took over from the one that was asked for.";
-    GpuUsed = "gpu_used", "A GPU does work of the stages.";
-    GpuFailed = "gpu_failed", "The processor took over work that the GPU does not do.";
     StageKept = "stage_kept", "A stage was taken from an earlier run.";
     StageNotKept = "stage_not_kept", "A stage could not be kept for a later run.";
     StageComputedAgain = "stage_computed_again", "What was kept of a stage cannot be used.";

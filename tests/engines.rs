@@ -244,7 +244,6 @@ mod gpu {
         );
         let n = params.parameters();
         let state = EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 };
-        println!("adapters: {:?}", artitwin::internal::gpu::adapters());
         BurnEngine::wgpu(state).map(drop).map_err(|error| {
             println!("{error}");
             "a GPU adapter is missing: apt-get install mesa-vulkan-drivers".into()

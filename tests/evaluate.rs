@@ -268,7 +268,7 @@ fn trials_are_run_once_and_failures_stand_in_the_table() {
         let mut command = program();
         command.arg("trials").arg(&object).args([
             "--methods",
-            "registration,classical,paris",
+            "eval/presets/registration.yaml,eval/presets/classical.yaml,paris",
             "--seeds",
             "1",
         ]);
@@ -314,7 +314,7 @@ fn trials_are_run_once_and_failures_stand_in_the_table() {
     command
         .arg("trials")
         .arg(&object)
-        .args(["--methods", "registration", "--seeds", "1", "--out"])
+        .args(["--methods", "eval/presets/registration.yaml", "--seeds", "1", "--out"])
         .arg(&other);
     let done = command.args(["--set", "capture.depth_max_m=0.2"]).output().expect("trials");
     let table = String::from_utf8_lossy(&done.stdout).into_owned();

@@ -24,7 +24,7 @@ use house::{House, reached};
 use reader::{Source, blank, functions, paths, sources, without_tests};
 
 /// Modules of the crate; each may use itself and what stands before it.
-const LAYERS: [&str; 26] = [
+const LAYERS: [&str; 25] = [
     "limits",
     "vectors",
     "lists",
@@ -32,7 +32,6 @@ const LAYERS: [&str; 26] = [
     "random",
     "statistics",
     "geometry",
-    "gpu",
     "capture",
     "surface",
     "synth",

@@ -36,7 +36,6 @@ pub use neural::state_model::{StateModel, SurfaceRay};
 pub use neural::trainer_error::TrainerError;
 pub use observations::{LiftedMatch, SurfaceSamples};
 pub use pair::surface_pair::FreeSpace;
-pub(crate) use pair::surface_pair::SurfacePair;
 pub use part_surface::assemble::{LabelledState, NO_LABEL, part_tsdf};
 pub use part_surface::contradicted::{OtherState, contradicted};
 pub use part_surface::label_grid::label_grid;

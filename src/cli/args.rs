@@ -24,7 +24,7 @@ use crate::{
 #[command(next_help_heading = "Configuration, later wins")]
 pub struct SettingArgs {
     /// Settings of a built-in preset: default, fields, preview; to compare with: paper, paris, paris-depth,
-    /// paris-depth-multi, registration, classical
+    /// paris-depth-multi
     #[arg(long, visible_alias = "method", value_name = "NAME")]
     pub preset: Option<String>,
     /// YAML file that holds the settings that differ

@@ -2,7 +2,7 @@
 //!
 //! Groups with rules of their own check themselves; the rest are ranges, listed here.
 
-use super::{Config, Engine, GpuUse, Method, error::ConfigError};
+use super::{Config, Engine, Method, error::ConfigError};
 use crate::{articulate::TrainerError, capture::CaptureError, field::FieldError};
 
 /// Smallest value of what must be positive.
@@ -40,11 +40,6 @@ impl Config {
             let reason =
                 "this binary was built without GPU support: build it with `--features gpu`, or give cpu";
             return Err(unusable("run.engine", reason));
-        }
-        if cfg!(not(feature = "wgpu")) && self.run.gpu == GpuUse::Always {
-            let reason =
-                "this binary was built without GPU support: build it with `--features wgpu`, or give auto";
-            return Err(unusable("run.gpu", reason));
         }
         if self.run.method == Method::Radiance && self.run.engine != Engine::Cpu {
             return Err(unusable("run.engine", "radiance fields are trained on the CPU alone; give cpu"));
@@ -242,13 +237,6 @@ mod tests {
             let (key, _) = assignment.split_once('=').unwrap();
             assert!(message.starts_with(&format!("{key}: ")) && message.ends_with("(--set)"), "{message}");
         }
-    }
-
-    #[cfg(not(feature = "wgpu"))]
-    #[test]
-    fn a_gpu_that_must_be_used_is_refused_by_a_build_without_it() {
-        let message = refused("run.gpu=always");
-        assert!(message.starts_with("run.gpu: ") && message.contains("--features wgpu"), "{message}");
     }
 
     #[test]

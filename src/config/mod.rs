@@ -26,7 +26,7 @@ pub use origins::Origins;
 #[cfg(test)]
 pub use preset::PRESETS;
 pub use preset::preset_cost;
-pub use run::{Engine, GpuUse, Init, Method, RunConfig};
+pub use run::{Engine, Init, Method, RunConfig};
 
 use crate::{
     articulate::{ArticulationConfig, JointConfig, JointInference, RegisterConfig},

@@ -37,7 +37,7 @@ mod sample;
 mod simd;
 mod trainer;
 
-pub use burn_device::EngineError;
+pub use burn_device::{Adapter, EngineError, adapters};
 pub use burn_engine::BurnEngine;
 pub use config::{BackgroundLoss, FieldError, SurfaceDistance, TrainConfig};
 pub use cpu::{CpuEngine, StepPhase};

@@ -14,7 +14,6 @@ use crate::{
     capture::{Capture, NoiseConfig, PoseNoise, RgbdFrame, align_worlds, match_states},
     config::Config,
     geometry::{Pose, SceneBox},
-    gpu::Offload,
     io::OnnxMatcher,
     note::{Note, NoteCode},
     random::stage_rng,
@@ -94,13 +93,12 @@ fn align_state(
     let count = capture.states.len();
     let frames = [&capture.states[0][..], &capture.states[state][..]];
     let steps = matcher.map(|_| pairs(frames, &config.matching));
-    let offload = stages.offload.clone();
-    let found = |m: &Monitor| pixel_matches(frames, &capture.matches, matcher, &config.matching, &offload, m);
+    let found = |m: &Monitor| pixel_matches(frames, &capture.matches, matcher, &config.matching, m);
     let matches = stages.kept(&stage_of("match", state, count), steps, found)?;
     // Pixels are kept, not points: points follow from pixels and frames.
     let mut matches = lift(frames, &matches, &capture.noise);
     let drift = stages.kept(&stage_of("align", state, count), None, |_| {
-        drift(state, frames, (&matches, &offload), scene, &capture.noise, config)
+        drift(state, frames, &matches, scene, &capture.noise, config)
     })?;
     if let Some(drift) = &drift {
         drift.undo_matches(&mut matches);
@@ -116,7 +114,7 @@ fn align_state(
 fn drift(
     state: usize,
     frames: [&[RgbdFrame]; 2],
-    (matches, offload): (&[LiftedMatch], &Offload),
+    matches: &[LiftedMatch],
     scene: &SceneBox,
     noise: &NoiseConfig,
     config: &Config,
@@ -125,7 +123,7 @@ fn drift(
     let around = || {
         let turned = frames.map(|f| f.iter().map(surroundings).collect::<Vec<_>>());
         let states = [&turned[0][..], &turned[1][..]];
-        lift(states, &match_states(states, &config.matching, offload), noise)
+        lift(states, &match_states(states, &config.matching), noise)
     };
     let mut rng = stage_rng(config.run.seed, "align", state as u64 - 1);
     let standing = |motion: &Pose| standing_share(frames, motion, noise);

@@ -78,8 +78,7 @@ pub(super) fn register_state(
     let mut rng = stage_rng(scene.config.run.seed, "register", state as u64 - 1);
     let free: [Option<FreeSpace>; 2] = [Some(&empty[0]), Some(&empty[1])];
     let (matches, config) = (&states[state].matches, &scene.config.register);
-    let mut search =
-        Registrar::new(matches, surfaces, free, parts, config, &scene.offload, &mut rng).map_err(failed)?;
+    let mut search = Registrar::new(matches, surfaces, free, parts, config, &mut rng).map_err(failed)?;
     let file = format!("{}-search", stage.replace('/', "-"));
     if let Some(saved) = checkpoint.and_then(|c| c.load(&file, monitor)) {
         search.restore(saved);
@@ -115,7 +114,6 @@ pub(super) fn unite_states(
         &pairs,
         scene.config.run.parts,
         &scene.config.register,
-        &scene.offload,
     )
     .map_err(|e| RunError::stage("register", e))
 }

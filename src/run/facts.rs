@@ -73,15 +73,13 @@ pub(super) fn facts(
         preset: preset(&request.config.run.preset),
         config_digest: config_digest(&request.config),
         fingerprint: fingerprint.text(),
-        device: device(&request.config, twin.replaced_engines.len(), capture.states.len())
-            + &stages.offload.describe().map_or_else(String::new, |gpu| format!("; {gpu}")),
+        device: device(&request.config, twin.replaced_engines.len(), capture.states.len()),
         notes: capture
             .notes
             .iter()
             .chain(&twin.notes)
             .cloned()
             .chain(twin.replaced_engines.iter().map(|why| Note::new(NoteCode::EngineReplaced, why)))
-            .chain(stages.offload.failures().iter().map(|e| Note::new(NoteCode::GpuFailed, e.to_string())))
             .collect(),
         warnings: capture
             .warnings

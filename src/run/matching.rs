@@ -5,7 +5,6 @@ use rayon::prelude::*;
 use super::{Event, Monitor, RunError};
 use crate::{
     capture::{MatchConfig, PixelMatch, RgbdFrame, frame_pairs, match_states, on_object},
-    gpu::Offload,
     io::OnnxMatcher,
     note::{Note, NoteCode},
 };
@@ -22,12 +21,11 @@ pub(super) fn pixel_matches(
     recorded: &[PixelMatch],
     matcher: Option<&OnnxMatcher>,
     config: &MatchConfig,
-    offload: &Offload,
     monitor: &Monitor,
 ) -> Result<Vec<PixelMatch>, RunError> {
     match matcher {
         Some(matcher) => by_model(frames, matcher, config, monitor),
-        None if recorded.is_empty() => Ok(match_states(frames, config, offload)),
+        None if recorded.is_empty() => Ok(match_states(frames, config)),
         None => Ok(recorded.to_vec()),
     }
 }

@@ -5,7 +5,6 @@ use super::{
     admission::{checked_name, fingerprint, matcher},
     earlier::{Beginning, begin, ended, finished},
     facts::facts,
-    gpu_trial::offload,
     outcome::CHECK_STAGE,
     pictures::pictures,
     plan::foreseen,
@@ -16,7 +15,6 @@ use super::{
 use crate::{
     export::{Report, StateDifference, check_folder, looks, package},
     io,
-    note::{Note, NoteCode},
 };
 
 /// Reconstructs the object of a request: writes `out/<name>/` and gives back what was found.
@@ -67,7 +65,6 @@ fn reconstruct_files(
     let folder = stage_folder(name, request, fingerprint)?;
     let mut stages = Stages::keeping(monitor, request.keep.then_some(checkpoint), folder.as_ref());
     monitor.report(foreseen(request));
-    stages.offload = offload(config.run.gpu, monitor);
     // Recordings to posed, masked, denoised frames.
     let mut capture = stages.kept("capture", None, |_| {
         let mut capture = io::open_ahead(&request.sources, &config.capture, config.run.seed, &request.ahead)
@@ -83,9 +80,6 @@ fn reconstruct_files(
     capture.warnings.iter().for_each(|w| monitor.warn(w));
     // Frames to a model.
     let twin = reconstruct_twin(name, &mut capture, matcher, config, &mut stages)?;
-    for error in stages.offload.failures() {
-        monitor.warn(&Note::new(NoteCode::GpuFailed, error.to_string()));
-    }
     let (looks, images) = stages.run("pictures", None, |_| {
         let looks = looks(&twin.model, &capture, &config.look);
         let images = pictures(&capture, &twin.model, &looks);

@@ -61,7 +61,7 @@ pub fn reconstruct_twin(
 ) -> Result<Twin, RunError> {
     // All states in the world frame of state 0 (docs/method.md 2.8, 4, 5).
     let (aligned, bounds) = align(capture, matcher, config, stages)?;
-    let scene = Scene::of(capture, bounds, config, &stages.offload);
+    let scene = Scene::of(capture, bounds, config);
     if config.run.method == Method::Radiance {
         return radiance_twin(name, capture, aligned, &scene, stages);
     }

@@ -5,7 +5,6 @@ use crate::{
     capture::{Capture, NoiseConfig, scene_box},
     config::Config,
     geometry::SceneBox,
-    gpu::Offload,
 };
 
 /// What all stages behind the alignment share.
@@ -16,15 +15,13 @@ pub(super) struct Scene<'a> {
     /// The box around the object in all states.
     pub bounds: SceneBox,
     pub band: Band,
-    /// Which work a GPU does.
-    pub offload: Offload,
 }
 
 impl<'a> Scene<'a> {
     /// Of states that stand in one world frame, in which `bounds` is around the object.
-    pub fn of(capture: &Capture, bounds: SceneBox, config: &'a Config, offload: &Offload) -> Self {
+    pub fn of(capture: &Capture, bounds: SceneBox, config: &'a Config) -> Self {
         let band = Band::of(&capture.frames(), &bounds, &capture.noise, &config.surface);
-        Self { config, noise: capture.noise, bounds, band, offload: offload.clone() }
+        Self { config, noise: capture.noise, bounds, band }
     }
 }
 

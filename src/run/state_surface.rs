@@ -44,7 +44,7 @@ pub(super) fn fuse(frames: &[RgbdFrame], scene: &Scene) -> TsdfVolume {
     let grid = Grid3::over(&scene.bounds, scene.config.surface.nodes, ());
     let mut volume = TsdfVolume::new(grid.origin, grid.spacing_m, grid.dims, scene.band.truncation_m);
     let views: Vec<TsdfView> = frames.par_iter().map(|f| TsdfView::of_object(f, &scene.noise)).collect();
-    volume.fuse(&views, &scene.offload);
+    volume.fuse(&views);
     volume
 }
 
@@ -84,7 +84,7 @@ pub(super) fn state_surface(
     // Fields are compared everywhere.
     let near_m = if config.trains_fields() { f64::INFINITY } else { NEAR * bounds.extent_m() };
     let options = DistanceOptions { near_m, ..DistanceOptions::default() };
-    let sdf = signed_distance(&mesh, &nodes, Some(&free), &options, &scene.offload).map_err(failed)?;
+    let sdf = signed_distance(&mesh, &nodes, Some(&free), &options).map_err(failed)?;
     let samples = mesh_samples(&mesh, surface.points);
     Ok(StateSurface { tsdf, weight, mesh, sdf, visible, free, samples })
 }

@@ -98,17 +98,6 @@ impl Pseudonormals {
         }
     }
 
-    /// Vertices of each triangle, and the triangle across each of its sides; `u32::MAX` where there is none
-    /// or more than one.
-    pub fn links(&self) -> impl Iterator<Item = (&[u32; 3], &[u32; 3])> {
-        self.triangles.iter().zip(&self.across)
-    }
-
-    /// Triangles around each vertex.
-    pub fn rings(&self) -> &Lists<u32> {
-        &self.rings
-    }
-
     /// Unit normal of a triangle; zero without area.
     pub fn face(&self, triangle: usize) -> &Vector3<f32> {
         &self.faces[triangle]

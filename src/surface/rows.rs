@@ -8,22 +8,19 @@ use nalgebra::{Point3, Vector3};
 use crate::geometry::{Intrinsics, Pose};
 
 /// Nodes closer to the camera plane than this are not seen, meters.
-pub(super) const NEAR_M: f64 = 0.01;
+const NEAR_M: f64 = 0.01;
 /// Nodes of a row that are projected at once.
 pub(super) const LANES: usize = 16;
 
 /// A node-aligned grid in front of one camera.
 pub(super) struct RowCamera {
-    /// Of the camera.
-    pub intrinsics: Intrinsics,
+    intrinsics: Intrinsics,
     /// Node (0, 0, 0) in the optical frame, meters.
-    pub origin: Vector3<f64>,
+    origin: Vector3<f64>,
     /// Steps along x, y, z in the optical frame, meters.
-    pub steps: [Vector3<f64>; 3],
-    /// Focal lengths, pixels.
-    pub focal: [f32; 2],
-    /// Principal point, half a pixel further: a position then truncates to the pixel whose center is nearest.
-    pub center: [f32; 2],
+    steps: [Vector3<f64>; 3],
+    focal: [f32; 2],
+    center: [f32; 2],
 }
 
 /// The nodes of one row that fall into the image.
@@ -57,6 +54,7 @@ impl RowCamera {
             origin: (camera_from_grid * origin).coords,
             steps: [step(Vector3::x()), step(Vector3::y()), step(Vector3::z())],
             focal: [intrinsics.fx as f32, intrinsics.fy as f32],
+            // Half a pixel more, so that truncation gives the pixel whose center is nearest.
             center: [intrinsics.cx as f32 + 0.5, intrinsics.cy as f32 + 0.5],
         }
     }

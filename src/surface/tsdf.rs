@@ -12,10 +12,7 @@ use super::{
     rows::RowCamera,
     tsdf_view::{FREE_WEIGHT, Said, TsdfView, behind_weight, said},
 };
-use crate::{
-    geometry::Grid3,
-    gpu::{Offload, Work},
-};
+use crate::geometry::Grid3;
 
 /// Layers that one task fills, and rows of it that all views are added to before the next rows.
 /// derived: sums of so many rows of 224 nodes and the pixels that they fall on are less than a cache of 1 MB;
@@ -25,12 +22,12 @@ const LINES: usize = 16;
 
 /// Weighted means of projective distance and color at the nodes of a grid. 24 bytes a node.
 pub struct TsdfVolume {
-    pub(super) truncation_m: f32,
+    truncation_m: f32,
     /// Weighted sum of distances in truncations.
-    pub(super) sums: Grid3<f32>,
-    pub(super) weights: Vec<f32>,
+    sums: Grid3<f32>,
+    weights: Vec<f32>,
     /// Weighted sum of red, green, blue and the sum of weights.
-    pub(super) colors: Vec<[f32; 4]>,
+    colors: Vec<[f32; 4]>,
 }
 
 impl TsdfVolume {
@@ -47,13 +44,10 @@ impl TsdfVolume {
     }
 
     /// Fuses views into an empty volume by all that see a node, and once more near the surface by those that
-    /// see its side (3.4): those of the other side of a thin panel would push it outwards. On a GPU, where
-    /// one takes the work.
-    pub fn fuse(&mut self, views: &[TsdfView], offload: &Offload) {
-        if offload.attempt(Work::Fusion, |gpu| self.fuse_on(gpu, views)).is_none() {
-            self.integrate(views);
-            self.face(views);
-        }
+    /// see its side (3.4): those of the other side of a thin panel would push it outwards.
+    pub fn fuse(&mut self, views: &[TsdfView]) {
+        self.integrate(views);
+        self.face(views);
     }
 
     /// Fuses views. Readings weigh as `pixel weight / sigma(depth)^2`, 1 at one meter. The result does not
@@ -129,7 +123,7 @@ impl TsdfVolume {
     }
 
     /// Of each view its camera before the nodes, and its eye.
-    pub(super) fn cameras(&self, views: &[TsdfView]) -> Vec<(RowCamera, Vector3<f32>)> {
+    fn cameras(&self, views: &[TsdfView]) -> Vec<(RowCamera, Vector3<f32>)> {
         let of = |view: &TsdfView| {
             let volume_from_camera = view.volume_from_world * view.frame.world_from_camera;
             let (origin, spacing_m) = (&self.sums.origin, self.sums.spacing_m);

@@ -264,7 +264,7 @@ fn fusing_is_both_passes() {
     let views = views();
     let views = views.each_ref().map(View::tsdf_view);
     let [mut whole, mut steps] = [empty(), empty()];
-    whole.fuse(&views, &Offload::none());
+    whole.fuse(&views);
     steps.integrate(&views);
     steps.face(&views);
     assert!(whole.weights == steps.weights && whole.weights.iter().any(|w| *w > 0.0));

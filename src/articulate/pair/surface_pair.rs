@@ -1,7 +1,7 @@
 //! Both states' surface samples, prepared for search: where each goes under a motion, and which motion it
 //! follows.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -13,7 +13,6 @@ use crate::articulate::{
         reprojection::{ALL_FREE, FREE, HIDDEN, Look, Reprojection, TAKEN},
     },
     samples::{
-        index_kernel::{IndexOnGpu, nearest_of_all},
         sample_index::SampleIndex,
         spacing::spacing_m,
         surface_graph::{NORMAL_SIGMA, Of, SurfaceGraph},
@@ -21,7 +20,6 @@ use crate::articulate::{
 };
 use crate::{
     geometry::{Pose, all_about},
-    gpu::{Gpu, GpuError, Offload, Work},
     statistics::median,
 };
 
@@ -81,9 +79,6 @@ pub(crate) struct SurfacePair<'a> {
     reprojections: Recent<(usize, Pose), Vec<Reprojection>>,
     /// Labels under the last few sets of motions.
     pub labelings: Recent<Vec<Pose>, Labeling>,
-    offload: Offload,
-    /// The indices on the GPU, where it is asked for them.
-    on_gpu: OnceLock<[IndexOnGpu; 2]>,
 }
 
 impl<'a> SurfacePair<'a> {
@@ -105,22 +100,10 @@ impl<'a> SurfacePair<'a> {
             spacing_m,
             reprojections: Recent::keeping(KEPT),
             labelings: Recent::keeping(LABELINGS),
-            offload: Offload::none(),
-            on_gpu: OnceLock::new(),
         };
         // Surface that stands still shows the errors of depth and color without any motion's.
         pair.scales = pair.static_scales();
         pair
-    }
-
-    /// The same pair, with a GPU that may search.
-    pub fn offloading(self, offload: &Offload) -> Self {
-        Self { offload: offload.clone(), ..self }
-    }
-
-    /// The work that a GPU may do.
-    pub fn offload(&self) -> &Offload {
-        &self.offload
     }
 
     /// Gives up what is kept.
@@ -174,19 +157,13 @@ impl<'a> SurfacePair<'a> {
         (point, self.indices[1 - state].nearest(&point, &normal))
     }
 
-    /// Where a sample goes in the other state, where `nearest` finds the nearest sample to a place and a
-    /// normal.
-    fn reprojection(
-        &self,
-        (state, sample): (usize, usize),
-        other_from_this: &Pose,
-        nearest: impl FnOnce(&Point3<f64>, &Vector3<f64>) -> Option<usize>,
-    ) -> Reprojection {
+    /// Where a sample goes in the other state.
+    fn reprojection(&self, state: usize, sample: usize, other_from_this: &Pose) -> Reprojection {
         let (these, others) = (self.samples[state], self.samples[1 - state]);
         let point = other_from_this * these.points[sample];
         let normal = other_from_this * these.normals[sample];
         let free = self.free[1 - state].map(|is_free| is_free(&point));
-        let partner = nearest(&point, &normal).and_then(|j| {
+        let partner = self.indices[1 - state].nearest(&point, &normal).and_then(|j| {
             let (off_m, aside) = self.offset(1 - state, j, &point);
             // Space seen empty beside a surface is beyond its edge.
             if free == Some(true) && aside > EDGE {
@@ -231,41 +208,13 @@ impl<'a> SurfacePair<'a> {
         self.reprojections.get((state, *motion), || {
             let other_from_this = if state == 0 { *motion } else { motion.inverse() };
             let samples = 0..self.samples[state].points.len();
-            let partners =
-                self.offload.attempt(Work::Labels, |gpu| self.nearest_on(gpu, state, &other_from_this));
-            let nearest = |p: &Point3<f64>, n: &Vector3<f64>| self.indices[1 - state].nearest(p, n);
-            let one = |i: usize| match &partners {
-                Some(partners) => self.reprojection((state, i), &other_from_this, |_, _| partners[i]),
-                None => self.reprojection((state, i), &other_from_this, nearest),
-            };
-            samples.into_par_iter().map(one).collect()
+            samples.into_par_iter().map(|i| self.reprojection(state, i, &other_from_this)).collect()
         })
-    }
-
-    /// The sample of the other state that is nearest to each of a state under a motion.
-    fn nearest_on(
-        &self,
-        gpu: &Gpu,
-        state: usize,
-        other_from_this: &Pose,
-    ) -> Result<Vec<Option<usize>>, GpuError> {
-        let on_gpu = match self.on_gpu.get() {
-            Some(on_gpu) => on_gpu,
-            None => {
-                let [a, b] = &self.indices;
-                let made = [IndexOnGpu::new(gpu, a)?, IndexOnGpu::new(gpu, b)?];
-                // Another thread may have been faster.
-                self.on_gpu.get_or_init(|| made)
-            }
-        };
-        let of = |s: usize| (&self.indices[s], &on_gpu[s]);
-        nearest_of_all(gpu, of(state), of(1 - state), other_from_this)
     }
 
     /// Cost of one sample by shape alone, and its partner in the other state.
     pub fn shape_cost(&self, state: usize, sample: usize, other_from_this: &Pose) -> (f32, Option<usize>) {
-        let nearest = |p: &Point3<f64>, n: &Vector3<f64>| self.indices[1 - state].nearest(p, n);
-        let found = self.reprojection((state, sample), other_from_this, nearest);
+        let found = self.reprojection(state, sample, other_from_this);
         (
             found.cost(Look { label: 0, other_labels: None, colored: false }),
             found.partner.map(|p| p.0 as usize),

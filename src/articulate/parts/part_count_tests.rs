@@ -14,7 +14,6 @@ use crate::{
         samples::synthetic::{Scene, camera_ring},
     },
     geometry::Pose,
-    gpu::Offload,
     random::stage_rng,
 };
 
@@ -177,7 +176,7 @@ fn a_search_goes_on_from_any_of_its_steps() {
     let config = RegisterConfig::default();
     let begin = || {
         let mut rng = stage_rng(0, "register", 0);
-        Registrar::new(&matches, [&s0, &s1], [None, None], None, &config, &Offload::none(), &mut rng).unwrap()
+        Registrar::new(&matches, [&s0, &s1], [None, None], None, &config, &mut rng).unwrap()
     };
     let mut whole = begin();
     let mut kept = Vec::new();

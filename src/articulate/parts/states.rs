@@ -35,7 +35,6 @@ use crate::{
             surface_graph::Of,
         },
     },
-    gpu::Offload,
     note::{Note, NoteCode},
 };
 
@@ -115,7 +114,6 @@ pub fn unite<'a>(
     pairs: &[StatePair<'a>],
     parts: Option<usize>,
     config: &'a RegisterConfig,
-    offload: &Offload,
 ) -> Result<United, RegisterError> {
     let all: Vec<&SurfaceSamples> = std::iter::once(surface).chain(pairs.iter().map(|p| p.surface)).collect();
     let extent_m = checked_extent_m(&all, parts)?;
@@ -123,7 +121,7 @@ pub fn unite<'a>(
     let run = |pair: &StatePair<'a>| {
         let both = [surface, pair.surface];
         let reach_m = reach_m(both, config.last_reach * extent_m);
-        let surfaces = SurfacePair::new(both, [free, pair.free], reach_m).offloading(offload);
+        let surfaces = SurfacePair::new(both, [free, pair.free], reach_m);
         MatchedPair::new(pair.matches, extent_m, config, surfaces)
     };
     let states = States { runs: pairs.iter().map(run).collect() };

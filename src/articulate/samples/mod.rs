@@ -2,7 +2,6 @@
 
 pub(crate) mod flat_patch;
 pub(crate) mod hinge;
-pub(crate) mod index_kernel;
 pub(crate) mod index_sets;
 pub(crate) mod mesh_samples;
 pub(crate) mod sample_index;

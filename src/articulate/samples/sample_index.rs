@@ -11,18 +11,13 @@ const MOST_CELLS: f64 = 2e6;
 
 /// Samples sorted into cells of the search radius.
 pub(crate) struct SampleIndex<'a> {
-    /// Those that are searched.
-    pub samples: &'a SurfaceSamples,
-    /// Lower corner of the first cell, meters.
-    pub origin: Point3<f64>,
-    /// Side of a cell, meters.
-    pub cell_m: f64,
-    /// How far is searched, meters.
-    pub reach_m: f64,
-    /// Cells along x, y, z.
-    pub dims: [usize; 3],
+    samples: &'a SurfaceSamples,
+    origin: Point3<f64>,
+    cell_m: f64,
+    reach_m: f64,
+    dims: [usize; 3],
     /// Samples of every cell.
-    pub cells: Lists<u32>,
+    cells: Lists<u32>,
     /// Places of the samples in that order: those of a row of cells lie side by side in memory.
     points: Vec<Point3<f64>>,
 }

@@ -2,12 +2,10 @@
 
 mod descriptor;
 mod feature;
-mod feature_kernel;
 mod known;
 mod luma;
 mod matcher;
 mod partner;
-mod partner_kernel;
 mod pixel_match;
 mod scale_space;
 
