@@ -68,7 +68,6 @@ mod gpu;
 #[doc(hidden)]
 pub mod internal;
 mod io;
-mod job;
 mod limits;
 mod lists;
 mod model;
@@ -78,7 +77,6 @@ mod note;
 mod random;
 mod run;
 mod statistics;
-mod store;
 mod surface;
 mod synth;
 #[cfg(test)]
