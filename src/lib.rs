@@ -67,7 +67,6 @@ mod geometry;
 #[doc(hidden)]
 pub mod internal;
 mod io;
-mod job;
 mod limits;
 mod lists;
 mod model;
@@ -77,7 +76,6 @@ mod note;
 mod random;
 mod run;
 mod statistics;
-mod store;
 mod surface;
 mod synth;
 #[cfg(test)]

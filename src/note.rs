@@ -65,7 +65,6 @@ const OF_RUN: &[NoteCode] = &[
     NoteCode::StageComputedAgain,
     NoteCode::StartsAnew,
     NoteCode::ResultStands,
-    NoteCode::Fetched,
     NoteCode::KeptForResume,
     NoteCode::CheckpointLeft,
     NoteCode::MovedAside,
@@ -209,7 +208,6 @@ codes! {
     StageNotKept = "stage_not_kept", "A stage could not be kept for a later run.";
     StageComputedAgain = "stage_computed_again", "What was kept of a stage cannot be used.";
     StartsAnew = "starts_anew", "There is nothing to continue.";
-    Fetched = "fetched", "A recording was fetched from a store; how much of it was read.";
     ResultStands = "result_stands", "The result is there already; nothing is left to do.";
     KeptForResume = "kept_for_resume", "What was finished is kept for `--resume`.";
     CheckpointLeft = "checkpoint_left", "What was kept on the way could not be deleted.";

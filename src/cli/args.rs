@@ -7,9 +7,8 @@ use clap::Args;
 use super::{
     actuator_args::{command_topic, effort_unit, servo},
     board::paper,
-    job_args::JobArgs,
     recording_args::RecordingArgs,
-    wanted::{name, topic_of_link, vector},
+    wanted::{local, name, topic_of_link, vector},
 };
 use crate::{
     capture::Paper,
@@ -40,9 +39,8 @@ pub struct SettingArgs {
 #[command(next_help_heading = "Output")]
 pub struct OutputArgs {
     /// Folder that gets the result, in a folder DIR/NAME of its own. A result that the same command wrote
-    /// there is replaced if nobody changed it since; anything else is refused. For `reconstruct` and
-    /// `diagnose` also the URI of a store, which keeps results under keys
-    #[arg(long, value_name = "DIR")]
+    /// there is replaced if nobody changed it since; anything else is refused
+    #[arg(long, value_name = "DIR", value_parser = local())]
     pub out: PathBuf,
     /// Name of that folder, and of the twin: a letter, then letters, digits and _; default: `reconstruct`
     /// takes the recording's, `diagnose`, `demo` and `synth` put the result into DIR itself
@@ -174,21 +172,21 @@ pub struct DemoArgs {
 #[derive(Args, Clone, Debug)]
 pub struct DiagnoseArgs {
     /// URDF of the twin, or a folder that holds one
-    #[arg(value_name = "TWIN")]
+    #[arg(value_name = "TWIN", value_parser = local())]
     pub twin: PathBuf,
     /// Bags with sensor_msgs/JointState: positions and efforts; or poses and wrenches, see --pose and
     /// --wrench
-    #[arg(value_name = "RUN", required_unless_present = "frames")]
+    #[arg(value_name = "RUN", required_unless_present = "frames", value_parser = local())]
     pub runs: Vec<PathBuf>,
     /// RGB-D recording of the object at a further joint position, camera poses in the frame of the twin's
     /// root; may be repeated
-    #[arg(long, value_name = "BAG")]
+    #[arg(long, value_name = "BAG", value_parser = local())]
     pub frames: Vec<PathBuf>,
     /// Least error of the twin's surface and joints, millimeters; larger ones are found from the frames
     #[arg(long, value_name = "MM", default_value_t = 0.3)]
     pub accuracy: f64,
     /// Run that only the proof reads; may be repeated; default: every third, at least the last
-    #[arg(long, value_name = "RUN")]
+    #[arg(long, value_name = "RUN", value_parser = local())]
     pub held_out: Vec<PathBuf>,
     /// Gravity in the frame of the twin's root, m/s^2: x,y,z
     #[arg(
@@ -243,9 +241,10 @@ pub struct DiagnoseArgs {
     /// Print events as JSON lines to stdout, and nothing else
     #[arg(long)]
     pub json: bool,
-    /// Inputs and outputs in stores.
-    #[command(flatten)]
-    pub job: JobArgs,
+    /// Print what the command will need, as one line of JSON: cores, memory, disk space, seconds. Nothing is run
+    /// or written
+    #[arg(long)]
+    pub estimate: bool,
     /// Where the result goes.
     #[command(flatten)]
     pub output: OutputArgs,
@@ -345,9 +344,8 @@ pub struct SynthArgs {
 #[derive(Args, Clone, Debug)]
 pub struct ReconstructArgs {
     /// Recording: a rosbag2 folder, an .mcap file, a folder of state0, state1, ..., or a dataset folder;
-    /// several of them are the states of one object, 16 at most. Also as URI: s3://, gs://, az://,
-    /// http(s)://, file://
-    #[arg(value_name = "BAG", required = true)]
+    /// several of them are the states of one object, 16 at most
+    #[arg(value_name = "BAG", required = true, value_parser = local())]
     pub bags: Vec<PathBuf>,
     /// Every BAG is an object of its own; reconstruct N of them at a time
     #[arg(
@@ -410,9 +408,10 @@ pub struct ReconstructArgs {
     /// Print events as JSON lines to stdout, and nothing else
     #[arg(long)]
     pub json: bool,
-    /// Inputs and outputs in stores.
-    #[command(flatten)]
-    pub job: JobArgs,
+    /// Print what the command will need, as one line of JSON: cores, memory, disk space, seconds. Nothing is run
+    /// or written
+    #[arg(long, conflicts_with = "jobs")]
+    pub estimate: bool,
     /// Where the result goes.
     #[command(flatten)]
     pub output: OutputArgs,

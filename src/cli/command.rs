@@ -16,7 +16,7 @@ use super::{
 };
 
 const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong usage or configuration, 3 done but degraded, \
-    75 a store or disk was in the way and may not be later, 130 stopped.";
+    75 a disk or another process was in the way and may not be later, 130 stopped.";
 
 /// RGB-D recordings of an articulated object in two or more states in, a digital twin that simulators load
 /// out.

@@ -7,7 +7,6 @@ use crate::{
     config::ConfigError,
     evaluate::EvaluateError,
     io::SynthError,
-    job::JobError,
     run::{DemonstrateError, RunError, TrialsError, chain},
 };
 
@@ -22,7 +21,7 @@ pub enum Exit {
     Usage = 2,
     /// Done, but data was lost or a result is uncertain.
     Degraded = 3,
-    /// A store, a disk or another process was in the way; the same command may succeed later. EX_TEMPFAIL of
+    /// A disk or another process was in the way; the same command may succeed later. EX_TEMPFAIL of
     /// sysexits.h.
     MayPass = 75,
     /// Stopped on request; 128 + SIGINT.
@@ -47,17 +46,6 @@ pub enum CliError {
     /// Trials ended.
     #[error(transparent)]
     Trials(#[from] TrialsError),
-    /// A job has no manifest.
-    #[error(transparent)]
-    Job(#[from] JobError),
-    /// The manifest of a job says that its inputs or settings give no result.
-    #[error("{message}")]
-    Refused {
-        /// Why.
-        message: String,
-        /// Whether it was the settings.
-        is_usage: bool,
-    },
     /// A command that another package brings.
     #[error("cannot run `{}`", path.display())]
     External {
@@ -163,20 +151,9 @@ impl CliError {
             | Self::Trials(TrialsError::Run(RunError::Cancelled(_)))
             | Self::Demonstrate(DemonstrateError::Cancelled(_))
             | Self::Batch { cancelled: true, .. } => Exit::Cancelled,
-            Self::Job(error) => of_job(error),
-            Self::Refused { is_usage: true, .. } => Exit::Usage,
+            Self::Run(error) if error.may_pass() => Exit::MayPass,
             _ => Exit::Failed,
         }
-    }
-}
-
-fn of_job(error: &JobError) -> Exit {
-    match error {
-        JobError::MayPass(RunError::Cancelled(_)) | JobError::Run(RunError::Cancelled(_)) => Exit::Cancelled,
-        JobError::Run(RunError::Config(_)) => Exit::Usage,
-        JobError::Store(error) if error.is_usage() => Exit::Usage,
-        error if error.may_pass() => Exit::MayPass,
-        _ => Exit::Failed,
     }
 }
 

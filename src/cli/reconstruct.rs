@@ -72,7 +72,6 @@ fn reconstruct(
         rerun: args.rerun.clone(),
         // Of other objects too.
         beside: args.bags.iter().chain(&args.settings.config).cloned().collect(),
-        shown: Vec::new(),
     };
     if args.rerun.is_some() && !cfg!(feature = "rerun") {
         return Err(CliError::Usage(

@@ -33,7 +33,7 @@ const MAX_COEFFICIENTS: usize = 64;
 
 /// Images of other topics are kept so long after the end of a state, and before the next, nanoseconds: they
 /// are paired by stamps, and recorded at other times.
-pub const BETWEEN_NANOS: i64 = 1_000_000_000;
+const BETWEEN_NANOS: i64 = 1_000_000_000;
 
 /// Why a message is not used.
 #[derive(Debug, thiserror::Error)]

@@ -145,27 +145,6 @@ enum Held {
     Other,
 }
 
-/// Every file of a result folder, the manifest included: relative path with `/`, bytes, SHA-256; by path.
-///
-/// # Errors
-/// If the folder or a file cannot be read, or the folder holds what is no file.
-pub fn result_files(folder: &Path) -> io::Result<Vec<(String, u64, String)>> {
-    let mut files = Vec::new();
-    for (path, held) in listed(folder)? {
-        match held {
-            Held::File { bytes } => files.push((path.clone(), bytes, sha256(&folder.join(&path))?)),
-            Held::Folder => {}
-            Held::Other => return Err(io::Error::other(format!("{path} is no file"))),
-        }
-    }
-    let manifest = folder.join(MANIFEST);
-    if manifest.is_file() {
-        files.push((MANIFEST.to_owned(), fs::metadata(&manifest)?.len(), sha256(&manifest)?));
-    }
-    files.sort();
-    Ok(files)
-}
-
 /// Everything below a folder but its manifest.
 fn listed(folder: &Path) -> io::Result<BTreeMap<String, Held>> {
     let mut found = BTreeMap::new();

@@ -308,48 +308,6 @@ pub fn read_messages<R: Read, E>(
     }
 }
 
-/// Whether the records of a file, by their lengths, lead from its magic to the end of its data, and those of
-/// its chunks that are stored as they are to the ends of these.
-///
-/// # Errors
-/// Where it cannot be read.
-pub fn is_whole_mcap(source: impl Read) -> std::io::Result<bool> {
-    let mut source = std::io::BufReader::with_capacity(1 << 20, source);
-    let mut magic = [0; 8];
-    if read_up_to(&mut source, &mut magic)? != 8 || magic != *mcap::MAGIC {
-        return Ok(false);
-    }
-    loop {
-        let record = match next_record(&mut source) {
-            Ok(Some(record)) if !record.cut => record,
-            Err(McapDamage::Read(error)) => return Err(error),
-            _ => return Ok(false),
-        };
-        match record.opcode {
-            op::DATA_END | op::FOOTER => return Ok(true),
-            // 0 is no opcode.
-            0 => return Ok(false),
-            op::CHUNK if !has_whole_records(&record.body) => return Ok(false),
-            _ => {}
-        }
-    }
-}
-
-/// Whether the records of a chunk lead to its end; of a compressed one nothing is looked at.
-fn has_whole_records(chunk: &[u8]) -> bool {
-    let Ok(header) = ChunkRecord::read(chunk) else { return false };
-    let mut rest = header.data;
-    while header.compression.is_empty() && !rest.is_empty() {
-        let Some((front, behind)) = rest.split_first_chunk::<9>() else { return false };
-        let length = front[1..].iter().rev().fold(0u64, |n, b| n << 8 | u64::from(*b));
-        match usize::try_from(length).ok().and_then(|n| behind.get(n..)) {
-            Some(next) if matches!(front[0], op::SCHEMA | op::CHANNEL | op::MESSAGE) => rest = next,
-            _ => return false,
-        }
-    }
-    true
-}
-
 /// A record outside a chunk or in a decompressed one. The inner error is damage.
 fn read_flat<E>(
     opcode: u8,

@@ -172,8 +172,6 @@ impl<'a> ChunkRecord<'a> {
 /// What the summary says of a chunk.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChunkIndexRecord {
-    /// Recording times of its first and last message, nanoseconds.
-    pub times: [u64; 2],
     /// Where its record begins in the file.
     pub start: u64,
     /// Bytes of its record, opcode and length included.
@@ -182,8 +180,6 @@ pub struct ChunkIndexRecord {
     pub channels: Vec<u16>,
     /// Bytes of the message indexes behind it.
     pub index_bytes: u64,
-    /// Whether its records are stored as they are.
-    pub is_stored: bool,
 }
 
 impl ChunkIndexRecord {
@@ -193,45 +189,15 @@ impl ChunkIndexRecord {
     /// What is damaged.
     pub fn read(body: &[u8]) -> Result<Self, RecordError> {
         let mut fields = Fields(body);
-        let times = [fields.number(8)?, fields.number(8)?];
+        // Recording times of the first and last message.
+        fields.bytes(16)?;
         let (start, bytes) = (fields.number(8)?, fields.number(8)?);
         let (mut offsets, mut channels) = (Fields(fields.counted()?), Vec::new());
         while !offsets.0.is_empty() {
             channels.push(offsets.id()?);
             offsets.bytes(8)?;
         }
-        let index_bytes = fields.number(8)?;
-        Ok(Self { times, start, bytes, channels, index_bytes, is_stored: fields.text()?.is_empty() })
-    }
-}
-
-/// Where the messages of a channel begin in a chunk.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct MessageIndexRecord {
-    /// The channel.
-    pub channel_id: u16,
-    /// From the first record of the chunk on.
-    pub offsets: Vec<u64>,
-}
-
-impl MessageIndexRecord {
-    /// Reads the body of a message index record.
-    ///
-    /// # Errors
-    /// What is damaged.
-    pub fn read(body: &[u8]) -> Result<Self, RecordError> {
-        let mut fields = Fields(body);
-        let channel_id = fields.id()?;
-        let (mut entries, mut offsets) = (Fields(fields.counted()?), Vec::new());
-        if let [_, ..] = fields.0 {
-            return Err(RecordError::Field { count: 0, has: fields.0.len() });
-        }
-        while !entries.0.is_empty() {
-            // The time of the message comes first.
-            entries.bytes(8)?;
-            offsets.push(entries.number(8)?);
-        }
-        Ok(Self { channel_id, offsets })
+        Ok(Self { start, bytes, channels, index_bytes: fields.number(8)? })
     }
 }
 

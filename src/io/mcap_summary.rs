@@ -5,12 +5,12 @@ use std::{collections::BTreeMap, io};
 use mcap::records::op;
 
 use super::{
+    file_ranges::FileRanges,
     mcap_file::RECORD_LIMIT,
     mcap_record::{
         ChannelRecord, ChunkIndexRecord, RecordError, SchemaRecord, StatisticsRecord, summary_crc,
         summary_start,
     },
-    ranges::Ranges,
 };
 
 /// Largest summary section that is read, bytes: 500,000 chunks.
@@ -52,7 +52,7 @@ impl McapSummary {
     ///
     /// # Errors
     /// Where the file cannot be read.
-    pub fn read(source: &dyn Ranges) -> io::Result<Option<Self>> {
+    pub fn read(source: &FileRanges) -> io::Result<Option<Self>> {
         let size = source.size();
         if size < TAIL + 8 {
             return Ok(None);

@@ -16,7 +16,6 @@ use crate::{
     geometry::Pose,
     limits::{FileLimit, REPORT, URDF},
     model::{JointKind, escape_xml},
-    note::Note,
 };
 
 /// Why a run folder could not be read.
@@ -157,18 +156,6 @@ pub fn read_result_fingerprint(folder: &Path) -> Option<String> {
     let report = files::read_text(&folder.join("report.json"), REPORT).ok()?;
     let made: Made = serde_json::from_str(&report).unwrap_or_default();
     Some(made.fingerprint)
-}
-
-/// The warnings that the report in a result folder holds; none where it cannot be read.
-#[must_use]
-pub fn read_warnings(folder: &Path) -> Vec<Note> {
-    #[derive(Default, Deserialize)]
-    #[serde(default)]
-    struct Warned {
-        warnings: Vec<Note>,
-    }
-    let report = files::read_text(&folder.join("report.json"), REPORT).unwrap_or_default();
-    serde_json::from_str::<Warned>(&report).unwrap_or_default().warnings
 }
 
 #[derive(Deserialize)]

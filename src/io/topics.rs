@@ -166,15 +166,6 @@ pub fn choose(
     Ok(TopicChoice { color, depth, color_info, depth_info, mask, pose, marker })
 }
 
-/// Image topics that other counts of messages would put in the place of a chosen one: of the same role, with
-/// a name that fits as well.
-pub fn rivals<'a>(topics: &'a [TopicSummary], chosen: &str) -> Vec<&'a str> {
-    let Some(best) = topics.iter().find(|t| t.name == chosen) else { return Vec::new() };
-    let Some(role) = best.image_role() else { return Vec::new() };
-    let equal = |t: &&TopicSummary| t.image_role() == Some(role) && t.rank(role) == best.rank(role);
-    topics.iter().filter(equal).map(|t| t.name.as_str()).collect()
-}
-
 struct Chooser<'a> {
     topics: &'a [TopicSummary],
     path: &'a Path,

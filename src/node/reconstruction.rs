@@ -99,7 +99,6 @@ impl Reconstructor {
             force: false,
             rerun: None,
             beside: Vec::new(),
-            shown: Vec::new(),
         })
     }
 

@@ -48,7 +48,7 @@ pub(super) fn facts(
     };
     RunFacts {
         input: InputFacts {
-            paths: request.sources.iter().map(|p| request.shown_text(&p.display().to_string())).collect(),
+            paths: request.sources.iter().map(|p| p.display().to_string()).collect(),
             frames: capture.states.iter().map(Vec::len).collect(),
         },
         initialization,

@@ -42,14 +42,6 @@ pub struct ReconstructRequest {
     pub rerun: Option<PathBuf>,
     /// Files and folders beside the sources that the result must not take the place of.
     pub beside: Vec<PathBuf>,
-    /// What the report says in place of paths: the URIs of what was fetched to them.
-    pub shown: Vec<(PathBuf, String)>,
-}
-
-/// A text with what is shown in place of paths.
-#[must_use]
-pub fn shown_text(text: &str, shown: &[(PathBuf, String)]) -> String {
-    shown.iter().fold(text.to_owned(), |text, (path, uri)| text.replace(&path.display().to_string(), uri))
 }
 
 impl ReconstructRequest {
@@ -68,13 +60,7 @@ impl ReconstructRequest {
             force: false,
             rerun: None,
             beside: Vec::new(),
-            shown: Vec::new(),
         }
-    }
-
-    /// A text of the report.
-    pub(super) fn shown_text(&self, text: &str) -> String {
-        shown_text(text, &self.shown)
     }
 
     /// Where the result goes.

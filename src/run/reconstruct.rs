@@ -48,7 +48,7 @@ fn stage_folder(
     // Of what the results say beside what the recordings hold: the twin's name, and places in notes.
     let mut facts = fingerprint.clone().with("name", name);
     for (i, source) in request.sources.iter().enumerate() {
-        facts = facts.with(format!("place{i}"), request.shown_text(&source.display().to_string()));
+        facts = facts.with(format!("place{i}"), source.display());
     }
     Ok(Some(StageFolder::open(folder, facts)?))
 }
@@ -67,13 +67,8 @@ fn reconstruct_files(
     monitor.report(foreseen(request));
     // Recordings to posed, masked, denoised frames.
     let mut capture = stages.kept("capture", None, |_| {
-        let mut capture = io::open_ahead(&request.sources, &config.capture, config.run.seed, &request.ahead)
-            .map_err(|e| RunError::stage("capture", e))?;
-        // Kept with the places that the user knows.
-        for note in capture.notes.iter_mut().chain(&mut capture.warnings) {
-            note.text = request.shown_text(&note.text);
-        }
-        Ok::<_, RunError>(capture)
+        io::open_ahead(&request.sources, &config.capture, config.run.seed, &request.ahead)
+            .map_err(|e| RunError::stage("capture", e))
     })?;
     // Not inside the stage, which a continued run does not compute again.
     capture.notes.iter().for_each(|n| monitor.note(n));
