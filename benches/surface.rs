@@ -1,14 +1,12 @@
 //! Times of the surface operations at the sizes of a run.
 
-use artitwin::internal::{
-    capture::{NoiseConfig, RgbdFrame},
-    geometry::{Grid3, Intrinsics, Pose},
-    surface::{
-        DistanceOptions, MeshDistance, Paint, PixelRole, RenderItem, TsdfView, TsdfVolume, marching_cubes,
-        render, sample_surface, signed_distance, simplify,
-    },
-};
+use capture::{NoiseConfig, RgbdFrame};
+use geometry::{Grid3, Intrinsics, Pose};
 use nalgebra::{Point3, Vector3};
+use surface::{
+    DistanceOptions, MeshDistance, Paint, PixelRole, RenderItem, TsdfView, TsdfVolume, marching_cubes,
+    render, sample_surface, signed_distance, simplify,
+};
 
 fn main() {
     divan::main();
@@ -93,7 +91,7 @@ fn closest_100k_points(bencher: divan::Bencher) {
     let samples = sample_surface(
         &marching_cubes(&field(64), 0.05),
         100_000,
-        &mut artitwin::internal::random::stage_rng(0, "bench", 0),
+        &mut numeric::random::stage_rng(0, "bench", 0),
     );
     bencher.bench_local(|| tree.as_ref().map(|t| t.distances_m(&samples.points)));
 }

@@ -14,12 +14,10 @@ use std::{
     process::ExitCode,
 };
 
-use artitwin::internal::{
-    evaluate::{EvaluateOptions, Evaluation, EvaluationReport, run},
-    geometry::Pose,
-    model::ArticulatedModel,
-};
+use evaluate::{EvaluateOptions, Evaluation, EvaluationReport, run};
+use geometry::Pose;
 use harness::{Missing, tests};
+use model::ArticulatedModel;
 use nalgebra::{UnitQuaternion, Vector3};
 use objects::{Temp, desk, true_drawer, write_run, write_truth};
 
@@ -116,7 +114,7 @@ fn a_wrong_type_and_a_missing_part_are_told() {
     model.states.iter_mut().for_each(|s| {
         s.remove(1);
     });
-    (model.joints[1].child, model.joints[1].kind) = (2, artitwin::internal::model::JointKind::Revolute);
+    (model.joints[1].child, model.joints[1].kind) = (2, model::JointKind::Revolute);
     let report = evaluate(&model, &temp.0.join("truth"), &temp);
     let rows = &report.trials[0].joints;
     assert_eq!(

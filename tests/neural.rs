@@ -13,11 +13,9 @@ mod objects;
 
 use std::{path::PathBuf, process::Command, time::Instant};
 
-use artitwin::internal::{
-    evaluate::{EvaluateOptions, Evaluation, run},
-    model::JointKind,
-};
 use blocks::{BoxScene, MovingBox};
+use evaluate::{EvaluateOptions, Evaluation, run};
+use model::JointKind;
 use objects::Temp;
 
 /// A plate that turns about an edge beside a post, by 28.6 degrees.

@@ -1,4 +1,4 @@
-//! The rules of the house, checked by reading the source: layers, rooms, circles, purity, sizes, words, line
+//! The rules of the house, checked by reading the source: rooms, purity, sizes, words, line
 //! lengths, where constants come from, and which equations are cited where.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
@@ -14,23 +14,17 @@ mod reader;
 #[path = "tidy/words.rs"]
 mod words;
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    io::Write as _,
-};
+use std::io::Write as _;
 
 use constants::ORIGINS;
-use house::{House, reached};
+use house::House;
 use reader::{Source, blank, functions, paths, sources, without_tests};
 
-/// Modules of the crate; each may use itself and what stands before it.
-const LAYERS: [&str; 23] = [
-    "limits",
-    "vectors",
-    "lists",
-    "note",
-    "random",
-    "statistics",
+/// What touches no file, environment or clock: crates, and modules of `common`.
+const PURE: [&str; 12] = [
+    "common/limits",
+    "common/note",
+    "numeric",
     "geometry",
     "capture",
     "surface",
@@ -40,18 +34,8 @@ const LAYERS: [&str; 23] = [
     "gap",
     "articulate",
     "export",
-    "files",
-    "config",
-    "io",
-    "evaluate",
-    "run",
-    "node",
-    "cli",
-    "internal",
 ];
-/// The first layer that may use files, environment or clock; those before it are pure.
-const FIRST_IMPURE: &str = "files";
-/// What a pure layer does without.
+/// What these do without.
 const IMPURE: [&str; 8] = [
     "std::fs",
     "std::env",
@@ -81,48 +65,6 @@ const ROOMS: [&[&str]; 4] = [
 ];
 const MAX_FILE_LINES: usize = 500;
 const MAX_FUNCTION_LINES: usize = 80;
-
-#[test]
-fn layers_use_only_what_stands_before_them() {
-    let rank = |layer: &str| LAYERS.iter().position(|l| *l == layer);
-    let offence = |source: &Source, path: &str| {
-        let used = path.split("::").nth(1).unwrap_or_default();
-        (rank(used) > rank(source.layer())).then(|| format!("{} uses {path}", source.name))
-    };
-    let below_main = |s: &&Source| !["lib", "main"].contains(&s.layer());
-    let sources = sources();
-    for source in sources.iter().filter(below_main) {
-        assert!(rank(source.layer()).is_some(), "{}: give the new layer a place in LAYERS", source.name);
-    }
-    let found: Vec<_> = sources
-        .iter()
-        .filter(below_main)
-        .flat_map(|s| paths(&s.code, "crate").into_iter().filter_map(|p| offence(s, &p)))
-        .collect();
-    assert!(found.is_empty(), "order: {}\n{}", LAYERS.join(" < "), found.join("\n"));
-}
-
-#[test]
-fn no_files_import_each_other_in_a_circle() {
-    let house = House { sources: sources() };
-    let arrows: BTreeMap<&str, BTreeSet<&str>> =
-        house.sources.iter().map(|s| (s.name.as_str(), house.imports_of(s))).collect();
-    let mut found = Vec::new();
-    let mut seen = BTreeSet::new();
-    for &file in arrows.keys() {
-        let circle: Vec<&str> =
-            reached(&arrows, file).into_iter().filter(|f| reached(&arrows, f).contains(file)).collect();
-        if !circle.is_empty() && circle.iter().all(|f| seen.insert(*f)) {
-            let inside = |f: &&str| {
-                let to: Vec<_> = arrows[*f].iter().copied().filter(|t| circle.contains(t)).collect();
-                format!("  {f} -> {}", to.join(", "))
-            };
-            let lines: Vec<String> = circle.iter().map(inside).collect();
-            found.push(format!("a circle of {} files:\n{}", circle.len(), lines.join("\n")));
-        }
-    }
-    assert!(found.is_empty(), "{} circles\n{}", found.len(), found.join("\n"));
-}
 
 #[test]
 fn rooms_use_only_what_stands_before_them() {
@@ -204,11 +146,16 @@ fn comments_and_messages_use_the_words_of_the_house() {
 
 #[test]
 fn pure_layers_touch_no_file_environment_or_clock() {
+    let is_pure = |name: &str| {
+        PURE.iter().any(|pure| name.strip_prefix(pure).is_some_and(|rest| rest.starts_with(['/', '.'])))
+    };
     let sources = sources();
-    let pure_layers: Vec<&str> = LAYERS.into_iter().take_while(|layer| *layer != FIRST_IMPURE).collect();
-    assert_eq!(pure_layers.last(), Some(&"export"), "the pure layers end with export");
-    let pure = sources.iter().filter(|s| pure_layers.contains(&s.layer()));
+    let pure: Vec<&Source> = sources.iter().filter(|s| is_pure(&s.name)).collect();
+    for layer in PURE {
+        assert!(pure.iter().any(|s| s.name.starts_with(layer)), "{layer} is not there");
+    }
     let found: Vec<_> = pure
+        .into_iter()
         .flat_map(|s| paths(&s.code, "std").into_iter().map(|p| (s.name.clone(), p)))
         .filter(|(_, path)| IMPURE.iter().any(|i| path == i || path.starts_with(&format!("{i}::"))))
         .map(|(name, path)| format!("{name} uses {path}"))

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{CaptureError, NoiseConfig, RefinePoses, TrackCamera, UseBoard, UseColorDepth};
-use crate::limits::BYTES_PER_PIXEL;
+use common::limits::BYTES_PER_PIXEL;
 
 /// Derived: 40 frames of 4K in each of two states take 7.4 GiB, and a machine of 16 GiB has as much left for
 /// the rest.

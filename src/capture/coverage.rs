@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{Capture, NoiseConfig, RgbdFrame, median_over_object};
-use crate::statistics::median;
+use numeric::statistics::median;
 
 /// Sectors about the object, from its front to the right, as seen from above.
 pub const SECTORS: [&str; 8] =
@@ -238,7 +238,7 @@ impl fmt::Display for Coverage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Intrinsics, Pose};
+    use geometry::{Intrinsics, Pose};
 
     /// Views of a plate of 0.2 m that stands on x = 0, from some azimuths, radians.
     fn state(azimuths: &[f64], depth_holes: usize) -> Vec<RgbdFrame> {

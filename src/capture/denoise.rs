@@ -276,7 +276,7 @@ mod tests {
     use rand_core::{Rng, SeedableRng};
 
     use super::*;
-    use crate::geometry::{Intrinsics, Pose};
+    use geometry::{Intrinsics, Pose};
 
     const NOISE: NoiseConfig =
         NoiseConfig { constant_m: 0.0, quadratic_per_m: 0.003, edge_sigmas: 6.0, grazing_cosine: 0.15 };

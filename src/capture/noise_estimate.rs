@@ -8,7 +8,7 @@ use super::{
     NoiseConfig, RgbdFrame,
     window::{R, WindowPlane},
 };
-use crate::statistics::median;
+use numeric::statistics::median;
 
 /// Windows per frame, about.
 const WINDOWS: f64 = 600.0;
@@ -56,10 +56,8 @@ mod tests {
     use rand_core::Rng;
 
     use super::*;
-    use crate::{
-        geometry::{Intrinsics, Pose},
-        random::stage_rng,
-    };
+    use geometry::{Intrinsics, Pose};
+    use numeric::random::stage_rng;
 
     /// A slanted wall with a step, with noise of so many times the default model.
     fn wall(factor: f64) -> RgbdFrame {

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use super::{NoiseConfig, RgbdFrame, pixel_weights::PixelWeights};
-use crate::geometry::SceneBox;
+use geometry::SceneBox;
 
 /// Cells along the longest side when looking for points that several frames agree on.
 const CELLS: f64 = 100.0;

@@ -7,7 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{CaptureError, error::stamp_secs};
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Longest chain of frames.
 const MAX_DEPTH: usize = 64;

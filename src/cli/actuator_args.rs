@@ -1,6 +1,6 @@
 //! What is known of actuators on the command line.
 
-use crate::gap::record::command::{EffortUnit, ToldServo};
+use gap::record::command::{EffortUnit, ToldServo};
 
 /// Wrong words.
 #[derive(Debug, thiserror::Error)]

@@ -10,13 +10,11 @@ use super::{
     recording_args::RecordingArgs,
     wanted::{local, name, topic_of_link, vector},
 };
-use crate::{
-    capture::Paper,
-    evaluate::EvaluateOptions,
-    gap::record::command::{EffortUnit, ToldServo},
-    io::DatasetLayout,
-    synth::{Effect, HandheldSensor, PoseSpread, SynthConfig},
-};
+use capture::Paper;
+use evaluate::EvaluateOptions;
+use gap::record::command::{EffortUnit, ToldServo};
+use io::DatasetLayout;
+use synth::{Effect, HandheldSensor, PoseSpread, SynthConfig};
 
 /// Layers of configuration, later wins.
 #[derive(Args, Clone, Debug, Default)]

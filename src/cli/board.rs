@@ -8,10 +8,8 @@ use super::{
     exit::{CliError, Exit},
     terminal,
 };
-use crate::{
-    capture::{BoardLayout, Paper},
-    export::board_page,
-};
+use capture::{BoardLayout, Paper};
+use export::board_page;
 
 /// Options of `board`.
 #[derive(Args, Clone, Debug)]

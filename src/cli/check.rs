@@ -5,10 +5,7 @@ use super::{
     exit::{CliError, Exit},
     terminal,
 };
-use crate::{
-    export::{Level, check_folder},
-    io,
-};
+use export::{Level, check_folder};
 
 /// Checks a folder or a file: one line a finding, then a line that counts them.
 ///

@@ -10,10 +10,8 @@ use super::{
     exit::{CliError, Exit},
     terminal,
 };
-use crate::{
-    io::Place,
-    run::{DemonstrateRequest, demonstrate},
-};
+use io::Place;
+use run::{DemonstrateRequest, demonstrate};
 
 /// Demonstrates a twin and prints the table of its joints.
 ///

@@ -11,15 +11,13 @@ use super::{
     progress::{Progress, Shown},
     terminal,
 };
-use crate::{
-    gap::{
-        camera::record::options::FrameOptions,
-        judge::verdict::Verdict,
-        record::{command::Told, drive::Hold, tracks::Streams},
-    },
-    note::{Note, NoteCode},
-    run::{self, DiagnoseOutcome, DiagnoseRequest, Event, Monitor, RunError},
+use common::note::{Note, NoteCode};
+use gap::{
+    camera::record::options::FrameOptions,
+    judge::verdict::Verdict,
+    record::{command::Told, drive::Hold, tracks::Streams},
 };
+use run::{self, DiagnoseOutcome, DiagnoseRequest, Event, Monitor, RunError};
 
 /// What is asked for.
 pub fn request(args: &DiagnoseArgs) -> DiagnoseRequest {

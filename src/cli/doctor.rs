@@ -8,10 +8,8 @@ use super::{
     machine::Machine,
     terminal,
 };
-use crate::{
-    config::Engine,
-    field::{self, Adapter, EngineError, InstructionSet},
-};
+use config::Engine;
+use field::{self, Adapter, EngineError, InstructionSet};
 
 /// Less available memory than this is worth a word, bytes.
 const MEMORY_WANTED: u64 = 4 << 30;

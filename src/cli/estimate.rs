@@ -12,11 +12,9 @@ use super::{
     exit::{CliError, Exit},
     terminal,
 };
-use crate::{
-    capture::CaptureError,
-    io::{hex, name_of, sha256},
-    run::Estimate,
-};
+use capture::CaptureError;
+use io::{hex, name_of, sha256};
+use run::Estimate;
 
 /// The line that is printed.
 #[derive(Serialize)]

@@ -5,7 +5,7 @@ use super::{
     exit::{CliError, Exit},
     terminal,
 };
-use crate::evaluate::{self, EvaluateOptions, PUBLISHED_MIN_COMPONENT};
+use evaluate::{self, EvaluateOptions, PUBLISHED_MIN_COMPONENT};
 
 /// Prints the metrics of runs.
 ///

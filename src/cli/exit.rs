@@ -2,13 +2,11 @@
 
 use std::process::ExitCode;
 
-use crate::{
-    capture::CaptureError,
-    config::ConfigError,
-    evaluate::EvaluateError,
-    io::SynthError,
-    run::{DemonstrateError, RunError, TrialsError, chain},
-};
+use capture::CaptureError;
+use config::ConfigError;
+use evaluate::EvaluateError;
+use io::SynthError;
+use run::{DemonstrateError, RunError, TrialsError, chain};
 
 /// How a command ended; the number is the exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,7 +60,7 @@ pub enum CliError {
     Evaluate(#[from] EvaluateError),
     /// The folder cannot be read.
     #[error(transparent)]
-    Folder(#[from] crate::io::ModelFolderError),
+    Folder(#[from] io::ModelFolderError),
     /// The object cannot be made or written.
     #[error(transparent)]
     Synth(#[from] SynthError),
@@ -111,7 +109,7 @@ pub enum CliError {
     /// The node could not start.
     #[cfg(feature = "node")]
     #[error(transparent)]
-    Node(#[from] crate::node::NodeError),
+    Node(#[from] node::NodeError),
     /// A file could not be written.
     #[error("cannot write `{}`; give a name that is not taken, in a folder that is there", path.display())]
     File {
@@ -160,7 +158,7 @@ impl CliError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::Cancelled;
+    use run::Cancelled;
 
     #[test]
     fn errors_have_their_codes() {

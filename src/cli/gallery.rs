@@ -8,11 +8,9 @@ use super::{
     exit::{CliError, Exit},
     terminal::{self, print_line},
 };
-use crate::{
-    export::{GALLERY_MARK, gallery_page},
-    files, io,
-    limits::REPORT,
-};
+use common::files;
+use common::limits::REPORT;
+use export::{GALLERY_MARK, gallery_page};
 
 /// Options of `gallery`.
 #[derive(Args, Clone, Debug)]

@@ -7,11 +7,8 @@ use super::{
     exit::{CliError, Exit},
     terminal,
 };
-use crate::{
-    capture::{CaptureConfig, coverage},
-    export::contact_sheet,
-    io,
-};
+use capture::{CaptureConfig, coverage};
+use export::contact_sheet;
 
 /// Prints what a recording holds; fails if `reconstruct` could not use it.
 ///

@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path, thread};
 
-use crate::io::free_bytes;
+use io::free_bytes;
 
 /// What a run needs to know of the machine; `None`: the system does not say.
 #[derive(Clone, Debug, PartialEq, Eq)]

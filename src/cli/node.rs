@@ -10,6 +10,6 @@ use super::{
 /// # Errors
 /// If the node cannot start.
 pub fn run(args: &NodeArgs) -> Result<Exit, CliError> {
-    crate::node::run(&args.arguments)?;
+    node::run(&args.arguments)?;
     Ok(Exit::Done)
 }

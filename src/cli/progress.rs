@@ -13,11 +13,9 @@ use std::{
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::{
-    export::count,
-    io::printable,
-    run::{Event, RunProgress},
-};
+use ::io::printable;
+use export::count;
+use run::{Event, RunProgress};
 
 /// How long to wait for an event before looking whether the run has ended.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -304,7 +302,8 @@ fn left(time: Duration) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{note::NoteCode, run::Planned};
+    use common::note::NoteCode;
+    use run::Planned;
 
     fn events() -> Vec<(u64, Event)> {
         let stage = || "field/state0".to_owned();

@@ -13,7 +13,7 @@ use super::{
     stop::stop_on_request,
     terminal,
 };
-use crate::run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError};
+use run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError};
 
 /// Runs the pipeline, shows its progress, prints where the results lie.
 ///

@@ -4,10 +4,8 @@ use clap::Args;
 use serde_norway::Value;
 
 use super::wanted::{Wanted, vector};
-use crate::{
-    capture::At,
-    config::{ConfigError, Layers},
-};
+use capture::At;
+use config::{ConfigError, Layers};
 
 /// How a recording is read.
 #[derive(Args, Clone, Debug)]
@@ -111,9 +109,9 @@ mod tests {
         for wrong in ["", "1,2", "1,2,nan", "0_0007,3.5,2", "0_0007,-3,2", "1,2,3,4", "a,b,c"] {
             assert!(at(wrong).is_err(), "{wrong}");
         }
-        let mut layers = Layers::new(&crate::config::Config::default()).unwrap();
+        let mut layers = Layers::new(&config::Config::default()).unwrap();
         layers.assign("--at", "capture.isolate.at", place(&pixel)).unwrap();
-        let resolved: crate::config::Resolved<crate::config::Config> = layers.resolve().unwrap();
+        let resolved: config::Resolved<config::Config> = layers.resolve().unwrap();
         assert_eq!(resolved.config.capture.isolate.at, Some(pixel));
     }
 }

@@ -3,7 +3,7 @@
 use serde_norway::Value;
 
 use super::args::{InspectArgs, ReconstructArgs, SettingArgs};
-use crate::config::{Config, ConfigError, Layers, Resolved};
+use config::{Config, ConfigError, Layers, Resolved};
 
 impl SettingArgs {
     /// Merges preset, file and `--set`.
@@ -70,10 +70,8 @@ mod tests {
     use clap::Parser;
 
     use super::*;
-    use crate::{
-        cli::command::{Cli, Command},
-        export::Base,
-    };
+    use crate::cli::command::{Cli, Command};
+    use export::Base;
 
     fn resolved(options: &[&str]) -> Result<Config, ConfigError> {
         let all = ["artitwin", "reconstruct", "bag", "--out", "runs"].iter().chain(options);
@@ -85,7 +83,7 @@ mod tests {
 
     #[test]
     fn prefix_and_base_are_settings_of_the_export() {
-        assert_eq!(resolved(&[]).unwrap().export, crate::export::ExportConfig::default());
+        assert_eq!(resolved(&[]).unwrap().export, export::ExportConfig::default());
         let export = resolved(&["--prefix", "left_", "--base", "floating"]).unwrap().export;
         assert_eq!((export.prefix.as_str(), export.base), ("left_", Base::Floating));
         let message = resolved(&["--prefix", "../x"]).unwrap_err().to_string();

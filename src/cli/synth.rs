@@ -7,10 +7,7 @@ use super::{
     exit::{CliError, Exit},
     terminal,
 };
-use crate::{
-    io,
-    synth::{Family, HandleStyle, SynthConfig},
-};
+use synth::{Family, HandleStyle, SynthConfig};
 
 /// Makes an object, films it in two states and writes recordings and truth.
 ///

@@ -3,7 +3,7 @@
 use std::io::{self, Write as _};
 
 use super::exit::CliError;
-use crate::io::printable;
+use ::io::printable;
 
 /// Writes a result. A reader that went away is not an error.
 pub fn print(text: &str) -> Result<(), CliError> {

@@ -7,7 +7,7 @@ use super::{
     exit::{CliError, Exit},
     terminal,
 };
-use crate::{capture::stamp_secs, io};
+use capture::stamp_secs;
 
 /// Prints the camera's poses, a line each: stamp, place, quaternion (x, y, z, w), in the world of the twin;
 /// what is said of them goes to stderr.

@@ -14,10 +14,8 @@ use super::{
     stop::stop_on_request,
     terminal,
 };
-use crate::{
-    config::{ABLATIONS, Config, Layers},
-    run::{self, Method, Monitor, TrialsRequest},
-};
+use config::{ABLATIONS, Config, Layers};
+use run::{self, Method, Monitor, TrialsRequest};
 
 /// Options of `trials`.
 #[derive(Args, Clone, Debug)]

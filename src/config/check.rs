@@ -3,7 +3,9 @@
 //! Groups with rules of their own check themselves; the rest are ranges, listed here.
 
 use super::{Config, Engine, Method, error::ConfigError};
-use crate::{articulate::TrainerError, capture::CaptureError, field::FieldError};
+use articulate::TrainerError;
+use capture::CaptureError;
+use field::FieldError;
 
 /// Smallest value of what must be positive.
 const POSITIVE: f64 = 1e-9;
@@ -188,7 +190,7 @@ fn look(config: &Config) -> Ranges {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::Layers;
+    use crate::Layers;
 
     /// The message for `--set key=value`.
     fn refused(assignment: &str) -> String {
@@ -202,7 +204,7 @@ mod tests {
     #[test]
     fn defaults_and_presets_are_usable() {
         Config::default().check().unwrap();
-        for (name, _) in crate::config::PRESETS {
+        for (name, _) in crate::PRESETS {
             let mut layers = Layers::new(&Config::default()).unwrap();
             layers.preset(name).unwrap();
             layers.resolve::<Config>().unwrap().config.check().unwrap();

@@ -13,7 +13,9 @@ use super::{
     surface_metrics::{chamfer, mean_distance_mm, sample_surface},
     truth::{TrueJoint, TruePart, Truth},
 };
-use crate::{geometry::Pose, random::stage_rng, surface::TriangleMesh};
+use geometry::Pose;
+use numeric::random::stage_rng;
+use surface::TriangleMesh;
 
 /// Expected Chamfer distance (1e-3 m^2) of two samplings of the same surface, per square meter and 10,000
 /// samples (`1000 * 2 A / (pi N)`; docs/method.md 13.2).

@@ -1,6 +1,6 @@
 //! Connected components of a mesh.
 
-use crate::surface::{TriangleMesh, drop_unused_vertices, weld};
+use surface::{TriangleMesh, drop_unused_vertices, weld};
 
 /// The mesh without the components that have less than `share` times the area of the largest one. The
 /// released evaluation counts triangles of marching cubes, which are alike in size; those of a simplified
@@ -40,7 +40,8 @@ fn find(parent: &mut [u32], mut x: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{model::example::box_mesh, surface::merge};
+    use model::example::box_mesh;
+    use surface::merge;
 
     #[test]
     fn small_components_go_and_large_ones_stay() {

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::surface::TriangleMesh;
+use surface::TriangleMesh;
 
 /// Triangles in a leaf at most.
 const LEAF: usize = 4;
@@ -129,10 +129,10 @@ fn closest([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> Point3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        evaluate::surface_metrics::sample_surface, model::example::box_mesh, random::stage_rng,
-        surface::merge,
-    };
+    use crate::surface_metrics::sample_surface;
+    use model::example::box_mesh;
+    use numeric::random::stage_rng;
+    use surface::merge;
 
     #[test]
     fn agrees_with_boxes_and_with_a_full_search() {

@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use serde::Serialize;
 
 use super::{run_files::RunFiles, surface_metrics::mean, truth::TrueJoint};
-use crate::geometry::{Pose, line_distance_m, rotation_angle_rad};
+use geometry::{Pose, line_distance_m, rotation_angle_rad};
 
 /// One movable part against the truth. Numbers that have no meaning for the true joint's type are left out,
 /// and all of them where the part was not found.

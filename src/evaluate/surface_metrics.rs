@@ -5,7 +5,8 @@ use rand_core::Rng;
 use rayon::prelude::*;
 
 use super::distance::MeshDistance;
-use crate::{geometry::NearestPoints, surface::TriangleMesh};
+use geometry::NearestPoints;
+use surface::TriangleMesh;
 
 /// `count` points drawn uniformly by area from a mesh; empty for a mesh without area.
 #[must_use]
@@ -69,7 +70,8 @@ pub(super) fn mean(values: &[f64]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{model::example::box_mesh, random::stage_rng};
+    use model::example::box_mesh;
+    use numeric::random::stage_rng;
 
     #[test]
     fn samples_lie_on_the_surface_by_area() {

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use nalgebra::Point2;
 
-use crate::capture::{BoardLayout, Paper};
+use capture::{BoardLayout, Paper};
 
 /// Points of a PDF in a meter.
 const POINTS: f64 = 72.0 / 0.0254;

@@ -5,10 +5,8 @@ use std::borrow::Cow;
 use rayon::prelude::*;
 
 use super::look::{Look, LookConfig, look};
-use crate::{
-    model::{ArticulatedModel, Link, identifier},
-    surface::TriangleMesh,
-};
+use model::{ArticulatedModel, Link, identifier};
+use surface::TriangleMesh;
 
 /// A mesh that draws a link.
 pub struct Visual<'a> {
@@ -98,7 +96,7 @@ fn plain(mesh: &TriangleMesh) -> Look {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::{box_mesh, cabinet};
+    use model::example::{box_mesh, cabinet};
 
     #[test]
     fn a_wall_that_no_view_saw_is_a_mesh_of_its_own_in_its_own_color() {

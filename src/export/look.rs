@@ -8,15 +8,13 @@ use rand_core::SeedableRng as _;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    capture::Capture,
-    geometry::Pose,
-    model::ArticulatedModel,
-    statistics::median,
-    surface::{
-        BakeView, Light, Lighting, Paint, RenderItem, Shown, Texture, TriangleMesh, bake, keep_components,
-        render, shown, simplify, unwrap,
-    },
+use capture::Capture;
+use geometry::Pose;
+use model::ArticulatedModel;
+use numeric::statistics::median;
+use surface::{
+    BakeView, Light, Lighting, Paint, RenderItem, Shown, Texture, TriangleMesh, bake, keep_components,
+    render, shown, simplify, unwrap,
 };
 
 /// Components of a visual mesh with a smaller share of the largest one's triangles are loose fragments.
@@ -201,7 +199,7 @@ fn texel_m(mesh: &TriangleMesh, views: &[BakeView]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::{box_mesh, cabinet};
+    use model::example::{box_mesh, cabinet};
 
     #[test]
     fn a_mesh_without_photos_keeps_its_color() {

@@ -11,10 +11,8 @@ use super::{
     number::decimal,
     urdf::{advance_limit, grasp_name, short, solid_name, solid_path, triple},
 };
-use crate::{
-    geometry::Pose,
-    model::{ArticulatedModel, Joint, Limit, Link, escape_xml as escape},
-};
+use geometry::Pose;
+use model::{ArticulatedModel, Joint, Limit, Link, escape_xml as escape};
 
 /// Settings that every body shares; PREFIX keeps the classes of several twins apart. Collision geoms carry no
 /// mass: the bodies state theirs.
@@ -233,7 +231,7 @@ pub(super) fn quaternion(rotation: &UnitQuaternion<f64>) -> [f64; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{JointKind, Seat, example::cabinet};
+    use model::{JointKind, Seat, example::cabinet};
 
     #[test]
     fn every_link_joint_pair_and_state_is_there() {

@@ -5,7 +5,8 @@ use std::fmt::Write as _;
 use nalgebra::Vector3;
 
 use super::{look::Look, number::decimal};
-use crate::{model::identifier, surface::ConvexSolid};
+use model::identifier;
+use surface::ConvexSolid;
 
 /// Digits after the point of a vertex position: 0.1 micrometer.
 const POSITION_PLACES: usize = 7;
@@ -78,9 +79,9 @@ fn push(text: &mut String, word: &str, values: &[f64], places: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::export::look::{LookConfig, look};
-    use crate::surface::TriangleMesh;
+    use crate::look::{LookConfig, look};
     use nalgebra::Point3;
+    use surface::TriangleMesh;
 
     fn triangle() -> TriangleMesh {
         TriangleMesh {

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::model::escape_xml as escape;
+use model::escape_xml as escape;
 
 const STYLE: &str = include_str!("report.css");
 

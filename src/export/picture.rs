@@ -7,11 +7,9 @@ use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder, codecs::
 use nalgebra::{Point3, Vector3};
 
 use super::number::decimal;
-use crate::model::escape_xml as escape;
-use crate::{
-    geometry::{Intrinsics, Pose},
-    model::{ArticulatedModel, Joint, JointKind},
-};
+use geometry::{Intrinsics, Pose};
+use model::escape_xml as escape;
+use model::{ArticulatedModel, Joint, JointKind};
 
 /// Quality of photos, 1 to 100.
 const JPEG_QUALITY: u8 = 85;
@@ -331,7 +329,7 @@ pub fn axis_line(model: &ArticulatedModel, joint: &Joint) -> Option<[Point3<f64>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::cabinet;
+    use model::example::cabinet;
 
     #[test]
     fn a_figure_holds_its_image_and_arrows() {

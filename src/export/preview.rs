@@ -6,12 +6,10 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::drawn::{Drawn, visuals};
-use crate::{
-    geometry::Intrinsics,
-    model::ArticulatedModel,
-    surface::TriangleMesh,
-    surface::{Paint, RenderItem, render, simplify},
-};
+use geometry::Intrinsics;
+use model::ArticulatedModel;
+use surface::TriangleMesh;
+use surface::{Paint, RenderItem, render, simplify};
 
 /// Sides of the thumbnail, pixels.
 const THUMBNAIL_PX: [usize; 2] = [480, 360];
@@ -131,10 +129,8 @@ fn view(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        export::drawn::{drawn, plain_looks},
-        model::example::cabinet,
-    };
+    use crate::drawn::{drawn, plain_looks};
+    use model::example::cabinet;
 
     #[test]
     fn pictures_show_the_object_and_the_turntable_turns() {

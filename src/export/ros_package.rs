@@ -6,7 +6,7 @@ use super::{
     config::{ExportConfig, UrdfScrew},
     xacro::commanded,
 };
-use crate::model::{ArticulatedModel, escape_xml as escape, identifier};
+use model::{ArticulatedModel, escape_xml as escape, identifier};
 
 /// `package.xml`. ament installs it by itself.
 pub const PACKAGE_XML: &str = "package.xml";
@@ -141,7 +141,7 @@ pub fn controllers(model: &ArticulatedModel, screws: UrdfScrew) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::cabinet;
+    use model::example::cabinet;
 
     #[test]
     fn the_package_says_who_maintains_it_and_under_which_license() {

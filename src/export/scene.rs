@@ -10,7 +10,7 @@ use super::{
     mjcf::positions,
     urdf::{short, triple},
 };
-use crate::model::{ArticulatedModel, Joint, JointLoad, escape_xml as escape, joint_load};
+use model::{ArticulatedModel, Joint, JointLoad, escape_xml as escape, joint_load};
 
 /// Where the camera stands, from the object's middle: before it, to the side and above; along no axis.
 const VIEW: [f64; 3] = [1.0, -0.7, 0.6];
@@ -129,7 +129,8 @@ fn bounds(model: &ArticulatedModel) -> (Point3<f64>, Point3<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{export::config::Base, model::example::cabinet};
+    use crate::config::Base;
+    use model::example::cabinet;
 
     #[test]
     fn the_floor_is_below_all_and_the_camera_looks_at_the_middle() {

@@ -10,10 +10,8 @@ use super::{
         solid_path, triple,
     },
 };
-use crate::{
-    geometry::Pose,
-    model::{ArticulatedModel, Joint, JointDynamics, Limit, Link, escape_xml as escape},
-};
+use geometry::Pose;
+use model::{ArticulatedModel, Joint, JointDynamics, Limit, Link, escape_xml as escape};
 
 /// File with SDF's own screw joints, beside `model.sdf`, of a model that has some.
 pub const SCREW_SDF: &str = "screw.sdf";
@@ -236,7 +234,7 @@ fn pose(target_from_source: &Pose) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{JointKind, example::cabinet};
+    use model::{JointKind, example::cabinet};
 
     #[test]
     fn links_stand_where_position_0_puts_them() {

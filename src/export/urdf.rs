@@ -12,10 +12,8 @@ use super::{
     drawn::visuals,
     number::{decimal, significant},
 };
-use crate::{
-    geometry::Pose,
-    model::{ArticulatedModel, Joint, JointDynamics, Limit, Link, escape_xml as escape, identifier},
-};
+use geometry::Pose;
+use model::{ArticulatedModel, Joint, JointDynamics, Limit, Link, escape_xml as escape, identifier};
 
 /// Folder of the URDF in which a screw is its nearest joint.
 pub const SINGLE_JOINT: &str = "single_joint";
@@ -56,7 +54,7 @@ pub(super) struct Form<'a> {
 }
 
 /// URDF text of a model. Mesh paths are relative to the URDF's folder. The model must be without findings
-/// ([`crate::model::validate`]).
+/// ([`model::validate`]).
 #[must_use]
 pub fn urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     robot(model, Form { screws, ..Form::default() })
@@ -323,7 +321,7 @@ pub(super) fn short(x: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{JointKind, example::cabinet};
+    use model::{JointKind, example::cabinet};
     use nalgebra::{Translation3, Unit, Vector3};
     use proptest::prelude::*;
 

@@ -7,7 +7,7 @@ use super::{
     config::UrdfScrew,
     urdf::{Form, advance_limit, grasp_name, origin, push_elements, short},
 };
-use crate::model::{ArticulatedModel, Joint, Limit, Link, escape_xml as escape, identifier};
+use model::{ArticulatedModel, Joint, Limit, Link, escape_xml as escape, identifier};
 
 /// Xacro's namespace.
 const SPACE: &str = "xmlns:xacro=\"http://www.ros.org/wiki/xacro\"";
@@ -135,7 +135,7 @@ fn push_states(text: &mut String, start: f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{JointKind, example::cabinet};
+    use model::{JointKind, example::cabinet};
 
     #[test]
     fn every_name_has_the_prefix_and_every_joint_is_controlled_once() {

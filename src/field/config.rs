@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::FieldConfig;
-use crate::capture::NoiseConfig;
-use crate::geometry::SceneBox;
+use capture::NoiseConfig;
+use geometry::SceneBox;
 
 /// Schedule, samples and loss weights of a field (docs/method.md 12).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

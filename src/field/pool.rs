@@ -4,11 +4,9 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{FieldError, Occupancy, TrainConfig};
-use crate::{
-    capture::{RgbdFrame, dilated, pixel_weights},
-    geometry::{Intrinsics, Pose},
-    statistics::median,
-};
+use capture::{RgbdFrame, dilated, pixel_weights};
+use geometry::{Intrinsics, Pose};
+use numeric::statistics::median;
 
 /// Smallest and largest z-depth at which rays are sampled, meters (docs/method.md 12.3).
 pub(super) const NEAR_M: f64 = 0.1;

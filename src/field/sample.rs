@@ -8,10 +8,8 @@ use super::engine::BACKGROUND_TSDF;
 use super::fused::sees_side;
 use super::pool::{FAR_M, NEAR_M, RayPool, SurfaceRay};
 use super::{BackgroundLoss, Occupancy, SampleBatch, SdfTarget, SurfaceDistance, TrainConfig};
-use crate::{
-    geometry::{Grid3, SceneBox},
-    random::{STREAM_STEP, mix, unit_of},
-};
+use geometry::{Grid3, SceneBox};
+use numeric::random::{STREAM_STEP, mix, unit_of};
 
 /// Rays that one task draws.
 const RAYS_PER_TASK: usize = 256;

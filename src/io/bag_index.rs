@@ -15,12 +15,10 @@ use super::{
     },
     topics::{INFO_TYPE, TopicSummary},
 };
-use crate::{
-    capture::{CaptureError, MAX_TF_FRAMES, Split, TfBuffer},
-    geometry::Pose,
-    limits::NAMED,
-    note::{Note, NoteCode},
-};
+use capture::{CaptureError, MAX_TF_FRAMES, Split, TfBuffer};
+use common::limits::NAMED;
+use common::note::{Note, NoteCode};
+use geometry::Pose;
 
 /// Most transforms, images and poses that are indexed.
 const MAX_ENTRIES: usize = 5_000_000;

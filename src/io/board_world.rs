@@ -1,14 +1,12 @@
 //! The world of a tracked recording whose views show a printed board of tags.
 
 use super::tracked_state::{TrackedState, Worlds, unaligned};
-use crate::{
-    capture::{
-        BoardInView, BoardInWorld, BoardPlace, CaptureError, ColorTurn, Paper, UNREAD_BOARD, Unaligned, UpBy,
-        Upright, board_scale, stretched,
-    },
-    geometry::Pose,
-    note::{Note, NoteCode},
+use capture::{
+    BoardInView, BoardInWorld, BoardPlace, CaptureError, ColorTurn, Paper, UNREAD_BOARD, Unaligned, UpBy,
+    Upright, board_scale, stretched,
 };
+use common::note::{Note, NoteCode};
+use geometry::Pose;
 
 /// A size that depth finds further off than this, as a share, is doubted, and depth counts.
 /// derived: what data sheets of stereo cameras allow at 2 m; a page fitted to the printer's margins is 3 to

@@ -19,7 +19,8 @@ use super::{
     mcap_file::{Channels, RawMessage, read_messages, summary_channels},
     read_joint_log,
 };
-use crate::{capture::CaptureError, gap::record::tracks::Streams};
+use capture::CaptureError;
+use gap::record::tracks::Streams;
 
 /// Files of a packed folder, by path.
 pub(super) fn files(name: &str) -> BTreeMap<String, Vec<u8>> {

@@ -1,6 +1,6 @@
 //! The depth noise of a recording against the model of the settings.
 
-use crate::capture::{CaptureConfig, NoiseConfig, RgbdFrame, noise_factor};
+use capture::{CaptureConfig, NoiseConfig, RgbdFrame, noise_factor};
 
 /// Least and greatest factor on the noise model.
 const NOISE_FACTORS: [f64; 2] = [0.25, 8.0];

@@ -16,9 +16,9 @@ impl FileRanges {
     /// Opens a file.
     ///
     /// # Errors
-    /// As [`crate::files::open`].
+    /// As [`common::files::open`].
     pub fn open(path: &Path) -> io::Result<Self> {
-        let file = crate::files::open(path)?;
+        let file = common::files::open(path)?;
         Ok(Self { size: file.metadata()?.len(), file })
     }
 

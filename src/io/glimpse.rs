@@ -19,7 +19,8 @@ use super::{
     source::Source,
     topics::{IMAGE_TYPES, INFO_TYPE, TopicSummary, choose},
 };
-use crate::{capture::CaptureConfig, gap::record::tracks::Streams};
+use capture::CaptureConfig;
+use gap::record::tracks::Streams;
 
 /// Most image topics whose first messages are looked at.
 const MAX_IMAGE_TOPICS: usize = 64;

@@ -5,10 +5,8 @@ use std::{collections::BTreeMap, fs, io::Cursor};
 use proptest::prelude::*;
 
 use super::*;
-use crate::{
-    io::ros2msg::{Header, Image, Time, encode},
-    temp::Temp,
-};
+use crate::ros2msg::{Header, Image, Time, encode};
+use common::temp::Temp;
 
 /// What the bags of these tests hold, in turn.
 const TOPICS: [(&str, &str, &str); 5] = [

@@ -39,7 +39,7 @@ impl Drop for LockedFile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::temp::Temp;
+    use common::temp::Temp;
 
     #[test]
     fn a_dropped_lock_is_free_although_a_copy_of_its_file_is_open() {

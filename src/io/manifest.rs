@@ -12,7 +12,7 @@ use std::{
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use crate::files;
+use common::files;
 
 /// Name of the file.
 pub(super) const MANIFEST: &str = "manifest.json";
@@ -200,7 +200,7 @@ pub fn hex(bytes: &[u8]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::temp::Temp;
+    use common::temp::Temp;
 
     /// A folder as a command leaves it.
     fn written(name: &str) -> Temp {

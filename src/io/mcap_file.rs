@@ -17,7 +17,7 @@ use super::{
     mcap_record::{ChannelRecord, ChunkRecord, MessageRecord, RecordError, SchemaRecord, summary_start},
 };
 
-use crate::note::{Note, NoteCode};
+use common::note::{Note, NoteCode};
 
 /// Largest record and largest decompressed chunk, bytes.
 pub const RECORD_LIMIT: u64 = 256 << 20;

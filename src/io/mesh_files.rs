@@ -6,11 +6,9 @@ use super::{
     obj::{ObjError, parse_obj},
     ply::{PlyError, parse_ply},
 };
-use crate::{
-    files,
-    limits::{FileLimit, MESH},
-    surface::TriangleMesh,
-};
+use common::files;
+use common::limits::{FileLimit, MESH};
+use surface::TriangleMesh;
 
 /// Why a mesh could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -108,10 +106,8 @@ fn check(mesh: &TriangleMesh) -> Result<(), MeshFault> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        export::{LookConfig, look, textured_obj},
-        model::example::box_mesh,
-    };
+    use export::{LookConfig, look, textured_obj};
+    use model::example::box_mesh;
 
     #[test]
     fn what_is_written_reads_back() {

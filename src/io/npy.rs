@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use crate::{files, limits::NPY};
+use common::files;
+use common::limits::NPY;
 
 /// A two-dimensional array, row-major.
 #[derive(Clone, Debug, PartialEq)]

@@ -23,13 +23,11 @@ use super::{
     image_files::{depth_png, jpeg},
     write_new,
 };
-use crate::{
-    capture::{Capture, RgbdFrame},
-    geometry::Pose,
-    model::ArticulatedModel,
-    note::Note,
-    surface::TriangleMesh,
-};
+use capture::{Capture, RgbdFrame};
+use common::note::Note;
+use geometry::Pose;
+use model::ArticulatedModel;
+use surface::TriangleMesh;
 
 /// Timeline of the views, in the order in which they were recorded.
 const VIEW: &str = "view";
@@ -210,7 +208,7 @@ fn transform(pose: &Pose) -> Transform3D {
 
 /// Joints, units of their curves, warnings.
 fn text(seen: &Seen) -> String {
-    let joint = |j: &crate::model::Joint| {
+    let joint = |j: &model::Joint| {
         let (unit, scale) = if j.kind.turns() { ("deg", 1f64.to_degrees()) } else { ("mm", 1e3) };
         let [lower, upper] = [j.limit.lower, j.limit.upper].map(|x| x * scale);
         format!("- `{}`: {}, {lower:.1} to {upper:.1} {unit}\n", j.name, j.kind.name())

@@ -3,10 +3,8 @@
 
 use std::path::Path;
 
-use crate::{
-    capture::{CaptureError, TopicConfig},
-    limits::NAMED,
-};
+use capture::{CaptureError, TopicConfig};
+use common::limits::NAMED;
 
 /// What is known about a topic.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

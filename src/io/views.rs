@@ -9,11 +9,9 @@ use super::{
     poses::PoseSource,
     topics::{TopicChoice, choose},
 };
-use crate::{
-    capture::{Accelerometer, CaptureConfig, CaptureError, Distortion, nearest, pair, stamp_secs},
-    geometry::{Intrinsics, Pose},
-    note::{Note, NoteCode},
-};
+use capture::{Accelerometer, CaptureConfig, CaptureError, Distortion, nearest, pair, stamp_secs};
+use common::note::{Note, NoteCode};
+use geometry::{Intrinsics, Pose};
 
 /// Focal lengths of aligned images may differ by this share.
 const FOCAL_TOLERANCE: f64 = 0.005;

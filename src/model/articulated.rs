@@ -6,11 +6,9 @@ use nalgebra::{Matrix3, Point3, SMatrix, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{JointFamily, TypeScores};
-use crate::{
-    geometry::Pose,
-    note::Note,
-    surface::{ConvexSolid, TriangleMesh},
-};
+use common::note::Note;
+use geometry::Pose;
+use surface::{ConvexSolid, TriangleMesh};
 
 /// What a joint lets its child do.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -353,7 +351,7 @@ impl ArticulatedModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::cabinet;
+    use crate::example::cabinet;
 
     #[test]
     fn a_screw_turns_and_advances() {

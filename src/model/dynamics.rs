@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::{ArticulatedModel, JointDynamics, JointKind};
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Standard gravity along the world's z axis, m/s^2.
 const GRAVITY_M_S2: f64 = 9.80665;
@@ -107,7 +107,7 @@ fn pull_of(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::cabinet;
+    use crate::example::cabinet;
 
     #[test]
     fn friction_holds_what_was_seen_at_rest() {

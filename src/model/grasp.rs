@@ -9,10 +9,8 @@ use super::{
     ArticulatedModel, Grasp, Joint, Limit,
     grasp_space::{Block, Seen, Shape, Span},
 };
-use crate::{
-    geometry::Pose,
-    surface::{ConvexSolid, Plane},
-};
+use geometry::Pose;
+use surface::{ConvexSolid, Plane};
 
 /// Widest opening, meters. derived: data sheet of the Franka Hand, a usual parallel hand
 const GAP_M: f64 = 0.08;

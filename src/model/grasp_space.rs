@@ -2,10 +2,8 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::{
-    geometry::Pose,
-    surface::{ConvexSolid, Plane, TriangleMesh},
-};
+use geometry::Pose;
+use surface::{ConvexSolid, Plane, TriangleMesh};
 
 /// Side of the cells in which surface counts as near, meters. derived: a solid may stand 3 mm off the surface
 const NEAR_M: f64 = 0.003;

@@ -197,13 +197,11 @@ fn size(model: &ArticulatedModel, positions: &[f64]) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::{
-        geometry::Pose,
-        model::{
-            example::{box_mesh, cabinet},
-            validate,
-        },
-        note::{Note, NoteCode},
+        example::{box_mesh, cabinet},
+        validate,
     };
+    use common::note::{Note, NoteCode};
+    use geometry::Pose;
 
     /// The cabinet with names as reconstruction gives them.
     fn numbered() -> ArticulatedModel {
@@ -258,9 +256,9 @@ mod tests {
     #[test]
     fn equal_names_are_numbered_and_all_have_the_prefix() {
         let mut model = numbered();
-        model.joints[0] = crate::model::Joint { child: 1, name: "joint_1".into(), ..model.joints[1].clone() };
+        model.joints[0] = crate::Joint { child: 1, name: "joint_1".into(), ..model.joints[1].clone() };
         model.links[1].visual = model.links[2].visual.clone();
-        let score = crate::model::ParentScore { excess: 0.0, gap_m: 0.0 };
+        let score = crate::ParentScore { excess: 0.0, gap_m: 0.0 };
         model.joints[0].evidence.parents.insert("part_2".to_owned(), score);
         let text = "the parent: part_2 would do as well as body, part_21 not";
         model.joints[0].evidence.not_observable.push(Note::new(NoteCode::ParentNotDecided, text));

@@ -7,8 +7,8 @@
 use std::collections::BTreeMap;
 
 use super::{ArticulatedModel, Joint, JointKind, Seat};
-use crate::surface::TriangleMesh;
 use nalgebra::{Point3, Vector3};
+use surface::TriangleMesh;
 
 /// Side of the cells, meters.
 /// derived: the sweep's step; nearer faces are one to it
@@ -272,11 +272,9 @@ mod tests {
     use nalgebra::UnitQuaternion;
 
     use super::*;
-    use crate::{
-        geometry::Pose,
-        model::example::{box_mesh, cabinet},
-        surface::merge,
-    };
+    use crate::example::{box_mesh, cabinet};
+    use geometry::Pose;
+    use surface::merge;
 
     const TOLERANCE_M: f64 = 0.003;
 

@@ -5,10 +5,8 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{ArticulatedModel, Joint, JointKind};
-use crate::{
-    geometry::Pose,
-    surface::{ConvexConfig, ConvexSolid, Plane, TriangleMesh},
-};
+use geometry::Pose;
+use surface::{ConvexConfig, ConvexSolid, Plane, TriangleMesh};
 
 /// Longest way between two positions of a sweep that are looked at, meters.
 const STEP_M: f64 = 0.003;
@@ -355,7 +353,7 @@ fn without_block(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::cabinet;
+    use crate::example::cabinet;
 
     fn cuboid(lower: [f64; 3], upper: [f64; 3]) -> ConvexSolid {
         ConvexSolid::cuboid(&lower.into(), &upper.into())

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use nalgebra::{Matrix3, SymmetricEigen};
 
 use super::{ArticulatedModel, Inertial, Joint, is_plain_name};
-use crate::surface::TriangleMesh;
+use surface::TriangleMesh;
 
 /// Relative slack of the inertia checks: URDF text keeps nine digits.
 const INERTIA_SLACK: f64 = 1e-6;
@@ -221,7 +221,7 @@ fn states(model: &ArticulatedModel, found: &mut Findings) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::cabinet;
+    use crate::example::cabinet;
     use nalgebra::Unit;
 
     /// Breaks a sound model and returns what is said about it.

@@ -5,7 +5,7 @@ use std::{
     time::{SystemTime, UNIX_EPOCH},
 };
 
-use crate::io::ros2msg::Time;
+use io::ros2msg::Time;
 
 /// Simulated time that goes back by more than this is a jump, nanoseconds.
 const JUMP_NANOS: i64 = 100_000_000;

@@ -1,7 +1,8 @@
 //! Why a state cannot be begun, ended or read.
 
 use super::session_lock::SessionLockError;
-use crate::{io::BagWriteError, run::chain};
+use io::BagWriteError;
+use run::chain;
 
 /// Why a state cannot be begun, ended or read.
 #[derive(Debug, thiserror::Error)]

@@ -23,7 +23,7 @@ use super::{
     track_status::{TrackStatus, TrackWatch},
     view::Pixels,
 };
-use crate::io::ros2msg::TransformStamped;
+use io::ros2msg::TransformStamped;
 
 /// Images that wait for the core.
 pub const IMAGE_QUEUE: usize = 16;

@@ -21,13 +21,11 @@ use super::{
     synchronizer::{Matched, Synchronizer},
     view::{Pixels, View},
 };
-use crate::{
-    capture::{TrackCamera, stamp_secs},
-    geometry::Pose,
-    io::{
-        BagWriteError,
-        ros2msg::{CameraInfo, Header, PoseStamped, Transform, TransformStamped},
-    },
+use capture::{TrackCamera, stamp_secs};
+use geometry::Pose;
+use io::{
+    BagWriteError,
+    ros2msg::{CameraInfo, Header, PoseStamped, Transform, TransformStamped},
 };
 
 /// Stamps that go back by more than this are a jump in time, nanoseconds.

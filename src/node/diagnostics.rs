@@ -6,12 +6,10 @@ use super::{
     collection::Snapshot, input_count::InputSnapshot, inputs::Input, live_map::LiveStatus,
     track_status::TrackStatus,
 };
-use crate::{
-    field::InstructionSet,
-    io::ros2msg::{
-        Header, Time,
-        diagnostic::{DiagnosticArray, DiagnosticStatus, KeyValue},
-    },
+use field::InstructionSet;
+use io::ros2msg::{
+    Header, Time,
+    diagnostic::{DiagnosticArray, DiagnosticStatus, KeyValue},
 };
 
 /// Levels of `diagnostic_msgs`.
@@ -189,7 +187,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::node::input_count::InputCount;
+    use crate::input_count::InputCount;
 
     #[test]
     fn rates_and_losses_are_those_since_the_last_report() {

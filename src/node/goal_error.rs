@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::collect_error::CollectError;
-use crate::io::UrdfError;
+use io::UrdfError;
 
 /// Most bags of one goal.
 pub const MAX_RUNS: usize = 1000;

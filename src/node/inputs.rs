@@ -16,7 +16,7 @@ use super::{
     sample::{Picture, Sample},
     state_bag::Topics,
 };
-use crate::io::ros2msg::{
+use io::ros2msg::{
     CameraInfo, CompressedImage, Image, PoseStamped, definitions::RosMessage, odometry::FullOdometry,
     text::Clock,
 };

@@ -12,7 +12,7 @@ use ros2_client::Message;
 use tokio::sync::mpsc;
 
 use super::goal_error::GoalError;
-use crate::run::{Event, Monitor};
+use run::{Event, Monitor};
 
 /// News that wait for the action.
 const NEWS: usize = 256;

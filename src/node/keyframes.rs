@@ -1,6 +1,6 @@
 //! Which views are worth keeping: those that differ from all kept ones. Bounds what a long recording needs.
 
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Time between views without a pose, nanoseconds.
 /// derived: a hand carries a camera by 7 cm in it, at 0.35 m/s

@@ -9,11 +9,9 @@ use std::{
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::twin::Twin;
-use crate::{
-    files,
-    io::{read_gap_report, read_run_summary, ros2msg::gap::GapReport},
-    limits::FileLimit,
-};
+use ::io::{read_gap_report, read_run_summary, ros2msg::gap::GapReport};
+use common::files;
+use common::limits::FileLimit;
 
 const TWIN_FILE: &str = "last_twin.json";
 const REPORT_FILE: &str = "last_report.json";
@@ -109,7 +107,7 @@ mod tests {
 
     #[test]
     fn what_is_noted_is_found_and_damage_is_left_out() {
-        let folder = crate::temp::Temp::new("last");
+        let folder = common::temp::Temp::new("last");
         let session = folder.0.clone();
         fs::create_dir_all(session.join("gap_1")).unwrap();
         assert!(last_twin(&session).is_none() && last_report(&session).is_none());

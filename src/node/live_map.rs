@@ -14,11 +14,9 @@ use std::{
 use tokio::sync::watch;
 
 use super::view::Pixels;
-use crate::{
-    capture::RgbdFrame,
-    geometry::{Intrinsics, Pose},
-    surface::{LiveMap, LiveSettings, MeshChunk, Moved, NextView, Unseen},
-};
+use capture::RgbdFrame;
+use geometry::{Intrinsics, Pose};
+use surface::{LiveMap, LiveSettings, MeshChunk, Moved, NextView, Unseen};
 
 /// Views that wait to be fused.
 /// derived: at a quarter of a second each, the last one of a burst is fused within a second
@@ -322,7 +320,7 @@ impl Mapper {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::image_codec::Raster;
+    use io::image_codec::Raster;
 
     fn view(frame: &RgbdFrame, key: MapKey) -> KeptView {
         let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
@@ -357,7 +355,7 @@ mod tests {
     }
 
     const SETTINGS: LiveSettings = LiveSettings { noise: NOISE, most_bytes: 64 << 20 };
-    const NOISE: crate::capture::NoiseConfig = crate::capture::NoiseConfig {
+    const NOISE: capture::NoiseConfig = capture::NoiseConfig {
         constant_m: 0.0005,
         quadratic_per_m: 0.0025,
         edge_sigmas: 6.0,
@@ -407,9 +405,9 @@ mod tests {
     #[ignore = "measures: needs a recording, named by ARTITWIN_BAG"]
     fn what_a_view_of_a_recording_takes() {
         let bag = std::path::PathBuf::from(std::env::var_os("ARTITWIN_BAG").unwrap());
-        let config = crate::capture::CaptureConfig::default();
+        let config = capture::CaptureConfig::default();
         let states = [bag.join("state0"), bag.join("state1")];
-        let capture = crate::io::open(&states, &config, 0).unwrap();
+        let capture = io::open(&states, &config, 0).unwrap();
         let work = || {
             for with_mask in [true, false] {
                 let mut mapper = Mapper::new(SETTINGS);

@@ -3,14 +3,12 @@
 use nalgebra::{Point3, Vector3};
 
 use super::live_map::LiveProducts;
-use crate::{
-    geometry::{Intrinsics, Pose},
-    io::ros2msg::{
-        Header, PoseStamped, Transform, Vector3 as Point,
-        markers::{Color, Marker, MarkerArray, action, kind},
-    },
-    surface::{MeshChunk, TriangleMesh, UnseenPatch},
+use geometry::{Intrinsics, Pose};
+use io::ros2msg::{
+    Header, PoseStamped, Transform, Vector3 as Point,
+    markers::{Color, Marker, MarkerArray, action, kind},
 };
+use surface::{MeshChunk, TriangleMesh, UnseenPatch};
 
 /// Group of the chunks of the surface.
 const SURFACE: &str = "live_mesh";

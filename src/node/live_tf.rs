@@ -3,11 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::{
-    capture::{CaptureError, TfBuffer},
-    geometry::Pose,
-    io::ros2msg::{TfMessage, TransformStamped},
-};
+use capture::{CaptureError, TfBuffer};
+use geometry::Pose;
+use io::ros2msg::{TfMessage, TransformStamped};
 
 /// How long a transform is remembered, nanoseconds.
 const MEMORY_NANOS: i64 = 10_000_000_000;
@@ -196,7 +194,7 @@ impl LiveTf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::ros2msg::{Header, Time, Transform};
+    use io::ros2msg::{Header, Time, Transform};
 
     const S: i64 = 1_000_000_000;
 

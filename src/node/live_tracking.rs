@@ -10,11 +10,9 @@ use super::{
     state_bag::Topics,
     view::{Pixels, View},
 };
-use crate::{
-    capture::{CaptureConfig, LiveTracker, LiveView, Lost},
-    geometry::Pose,
-    io::{LiveEye, ros2msg::CameraInfo},
-};
+use capture::{CaptureConfig, LiveTracker, LiveView, Lost};
+use geometry::Pose;
+use io::{LiveEye, ros2msg::CameraInfo};
 
 /// Views that wait to be tracked.
 /// derived: one in work and one behind it: older ones say less of where the camera is now

@@ -7,7 +7,7 @@
 use std::collections::VecDeque;
 
 use super::view::Pixels;
-use crate::geometry::{Intrinsics, Pose};
+use geometry::{Intrinsics, Pose};
 
 /// Columns and rows of a watched view.
 const WIDTH: usize = 96;
@@ -286,7 +286,7 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::io::image_codec::Raster;
+    use io::image_codec::Raster;
 
     const S: i64 = 1_000_000_000;
 

@@ -19,7 +19,7 @@ use super::{
     twin::Twin,
     twin_messages::{joint_markers, joint_state, link_transforms, root_transform},
 };
-use crate::io::ros2msg::{
+use io::ros2msg::{
     Header, JointState, TfMessage, TransformStamped, diagnostic::DiagnosticArray, gap::GapReport,
     markers::MarkerArray, point_cloud::PointCloud2, status::CollectionStatus, text::Text,
 };

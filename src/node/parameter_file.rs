@@ -5,10 +5,8 @@ use std::path::{Path, PathBuf};
 use serde_norway::{Mapping, Value};
 
 use super::ros_names::NodeIdentity;
-use crate::{
-    files,
-    limits::{PARAMETERS, YamlError, parse_yaml},
-};
+use common::files;
+use common::limits::{PARAMETERS, YamlError, parse_yaml};
 
 /// Why a parameter file cannot be used.
 #[derive(Debug, thiserror::Error)]

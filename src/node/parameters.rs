@@ -275,7 +275,7 @@ impl Parameters {
                 return refuse(name, format!("{value} does not lie in {low} to {high}"));
             }
         }
-        if !crate::model::is_plain_name(&self.twin_name) {
+        if !model::is_plain_name(&self.twin_name) {
             return refuse(
                 "twin_name",
                 format!(

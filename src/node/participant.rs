@@ -16,7 +16,7 @@ use super::{
     ros_args::RosArgs,
     ros_names::{NameError, NodeIdentity, check_full_name},
 };
-use crate::io::ros2msg::definitions::RosMessage;
+use io::ros2msg::definitions::RosMessage;
 
 /// Receive buffer below which images get lost, bytes.
 const GOOD_BUFFER_BYTES: u64 = 4 << 20;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::view::Pixels;
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Every so many pixels of a row and column are looked at.
 const EVERY: usize = 6;
@@ -78,7 +78,8 @@ impl PreviewCloud {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{geometry::Intrinsics, io::image_codec::Raster};
+    use geometry::Intrinsics;
+    use io::image_codec::Raster;
 
     #[test]
     fn the_cloud_lies_on_the_surface_and_stays_small() {

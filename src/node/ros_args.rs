@@ -178,7 +178,7 @@ fn parameter(text: &str) -> Result<ParameterSource, RosArgsError> {
     if name.is_empty() {
         return Err(fail("the parameter has no name".into()));
     }
-    let value = crate::limits::parse_yaml(value).map_err(|e| fail(format!("the value is no YAML: {e}")))?;
+    let value = common::limits::parse_yaml(value).map_err(|e| fail(format!("the value is no YAML: {e}")))?;
     Ok(ParameterSource::Value { node, name: name.to_owned(), value })
 }
 

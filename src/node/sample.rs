@@ -1,6 +1,6 @@
 //! What a subscription hands on: a decoded message that has been checked for sense.
 
-use crate::io::{
+use io::{
     image_codec::{self as codec, ImageError, MAX_SIDE, Raster},
     ros2msg::{
         CameraInfo, CompressedImage, DecodeError, Header, Image, MAX_NAME, PoseStamped, TfMessage,
@@ -202,7 +202,7 @@ fn check_info(info: &CameraInfo) -> Result<(), Refusal> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::ros2msg::{Time, Transform, TransformStamped};
+    use io::ros2msg::{Time, Transform, TransformStamped};
 
     fn header() -> Header {
         Header { stamp: Time { sec: 1, nanosec: 2 }, frame_id: "cam".into() }

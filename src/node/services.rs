@@ -11,12 +11,7 @@ use super::{
     error::NodeError,
     participant::{Participant, reliable},
 };
-use crate::io::ros2msg::status::{SetStateRequest, SetStateResponse, TriggerRequest, TriggerResponse};
-
-impl Message for SetStateRequest {}
-impl Message for SetStateResponse {}
-impl Message for TriggerRequest {}
-impl Message for TriggerResponse {}
+use crate::requests::{SetStateRequest, SetStateResponse, TriggerRequest, TriggerResponse};
 
 /// Requests that wait.
 const DEPTH: usize = 10;

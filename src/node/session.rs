@@ -35,7 +35,7 @@ use super::{
     session_lock::SessionLock,
     settings, work_ahead,
 };
-use crate::config::Config;
+use config::Config;
 
 /// Name of the node where none is given.
 const DEFAULT_NAME: &str = "artitwin";

@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::io::LockedFile;
+use ::io::LockedFile;
 
 const LOCK_FILE: &str = ".node.lock";
 

@@ -6,10 +6,8 @@ use super::{
     collector::CollectorSettings, keyframes::KeyframeRule, live_tracking::TrackSettings,
     motion_watch::WatchRule, parameters::Parameters, state_bag::Topics,
 };
-use crate::{
-    config::{Config, ConfigError, Layers, Resolved},
-    surface::LiveSettings,
-};
+use config::{Config, ConfigError, Layers, Resolved};
+use surface::LiveSettings;
 
 /// Views held back while states end by themselves: motion is noticed a few views after it began.
 const HELD_VIEWS: usize = 4;

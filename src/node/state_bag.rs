@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::view::View;
-use crate::io::{
+use io::{
     BagWriteError, BagWriter, OfferedQos,
     ros2msg::{
         CameraInfo, Header, PoseStamped, TfMessage, TransformStamped, definitions::RosMessage, encode,

@@ -1,9 +1,9 @@
 //! Images that belong together, found as they come. The rule is that of recordings
-//! ([`crate::capture::pair`]).
+//! ([`capture::pair`]).
 
 use std::collections::VecDeque;
 
-use crate::capture::pair;
+use capture::pair;
 
 /// Kinds of images: color, depth, mask.
 pub const ROLES: usize = 3;

@@ -3,7 +3,7 @@
 use std::{collections::VecDeque, time::Instant};
 
 use super::live_tracking::{Outcome, Tracked};
-use crate::capture::{LiveView, Lost};
+use capture::{LiveView, Lost};
 
 /// Time over which views are counted, seconds.
 const RATE_SECS: f64 = 2.0;
@@ -133,11 +133,9 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::{
-        geometry::{Intrinsics, Pose},
-        io::image_codec::Raster,
-        node::view::{Pixels, View},
-    };
+    use crate::view::{Pixels, View};
+    use geometry::{Intrinsics, Pose};
+    use io::image_codec::Raster;
 
     fn tracked(stamp_secs: f64, outcome: Outcome) -> Tracked {
         let view = View {

@@ -1,6 +1,6 @@
 //! The twin that the node has.
 
-use crate::io::RunSummary;
+use io::RunSummary;
 
 /// A finished twin, as it is published.
 #[derive(Clone, Debug, PartialEq)]

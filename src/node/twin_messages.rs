@@ -2,17 +2,15 @@
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
-use crate::{
-    geometry::Pose,
-    io::{
-        RunSummary, SummaryJoint,
-        ros2msg::{
-            Header, JointState, TfMessage, Time, Transform, TransformStamped,
-            markers::{Color, Marker, MarkerArray, action, kind},
-        },
+use geometry::Pose;
+use io::{
+    RunSummary, SummaryJoint,
+    ros2msg::{
+        Header, JointState, TfMessage, Time, Transform, TransformStamped,
+        markers::{Color, Marker, MarkerArray, action, kind},
     },
-    model::JointKind,
 };
+use model::JointKind;
 
 /// Group of the markers.
 const NAMESPACE: &str = "joint_axes";
@@ -158,7 +156,7 @@ impl Drawn<'_> {
         [arrow, range, uncertain, label]
     }
 
-    fn points(&self, in_joint: &[Vector3<f64>]) -> Vec<crate::io::ros2msg::Vector3> {
+    fn points(&self, in_joint: &[Vector3<f64>]) -> Vec<io::ros2msg::Vector3> {
         in_joint
             .iter()
             .map(|p| <[f64; 3]>::from((self.world_from_joint * Point3::from(*p)).coords).into())
@@ -304,7 +302,7 @@ mod tests {
         let arrow = &array.markers[1];
         assert_eq!((arrow.points.len(), arrow.kind, arrow.header.frame_id.as_str()), (2, kind::ARROW, "map"));
         assert!((arrow.points[1].z - 0.1).abs() < 1e-12 && (arrow.points[1].x - 1.0).abs() < 1e-12);
-        let finite = |p: &crate::io::ros2msg::Vector3| p.x.is_finite() && p.y.is_finite() && p.z.is_finite();
+        let finite = |p: &io::ros2msg::Vector3| p.x.is_finite() && p.y.is_finite() && p.z.is_finite();
         assert!(array.markers.iter().flat_map(|m| &m.points).all(finite));
         // Three standard deviations of 0.01 rad at 0.1 m.
         let tip = array.markers[3].points[0];
@@ -318,7 +316,7 @@ mod tests {
         let marker = array.markers.last().unwrap();
         assert_eq!((array.markers.len(), marker.ns.as_str(), marker.points.len()), (10, "object", 24));
         assert_eq!((marker.header.frame_id.as_str(), marker.kind), ("map", kind::LINE_LIST));
-        let length = |p: &[crate::io::ros2msg::Vector3]| {
+        let length = |p: &[io::ros2msg::Vector3]| {
             (p[0].x - p[1].x).abs() + (p[0].y - p[1].y).abs() + (p[0].z - p[1].z).abs()
         };
         let sum: f64 = marker.points.chunks(2).map(length).sum();

@@ -1,15 +1,13 @@
 //! A set of images with its camera and pose, decoded as a recording's are.
 
 use super::sample::Picture;
-use crate::{
-    capture::CaptureError,
-    geometry::{Intrinsics, Pose},
-    io::{
-        check_size,
-        image_codec::{ImageError, Raster},
-        pinhole,
-        ros2msg::CameraInfo,
-    },
+use capture::CaptureError;
+use geometry::{Intrinsics, Pose};
+use io::{
+    check_size,
+    image_codec::{ImageError, Raster},
+    pinhole,
+    ros2msg::CameraInfo,
 };
 
 /// Images that belong together, with all that a recording needs of them.

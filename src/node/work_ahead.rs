@@ -12,11 +12,9 @@ use super::{
     collection::{Shared, Snapshot},
     error::NodeError,
 };
-use crate::{
-    capture::CaptureConfig,
-    config::Config,
-    io::{Ahead, GrowingState},
-};
+use ::io::{Ahead, GrowingState};
+use capture::CaptureConfig;
+use config::Config;
 
 /// How often it is looked whether there is something to do.
 const LOOK_EVERY: Duration = Duration::from_millis(200);

@@ -9,15 +9,13 @@ use super::{
     scene::bounds,
     stage::stage_of,
 };
-use crate::{
-    articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lift, standing_share},
-    capture::{Capture, NoiseConfig, PoseNoise, RgbdFrame, align_worlds, match_states},
-    config::Config,
-    geometry::{Pose, SceneBox},
-    io::OnnxMatcher,
-    note::{Note, NoteCode},
-    random::stage_rng,
-};
+use articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lift, standing_share};
+use capture::{Capture, NoiseConfig, PoseNoise, RgbdFrame, align_worlds, match_states};
+use common::note::{Note, NoteCode};
+use config::Config;
+use geometry::{Pose, SceneBox};
+use io::OnnxMatcher;
+use numeric::random::stage_rng;
 
 /// How a state was brought into the world frame of state 0.
 #[derive(Clone, Serialize, Deserialize)]

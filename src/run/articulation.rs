@@ -4,17 +4,15 @@
 use super::{
     Checkpoint, Event, Monitor, RunError, Stages, scene::Scene, state::State, state_surface::StateSurface,
 };
-use crate::{
-    articulate::{
-        ArticulationProblem, ArticulationStart, ArticulationTrainer, FreeSpace, RegisterMethod, Registrar,
-        Registration, StateModel, StatePair, SurfaceRay, United, register_by_difference, unite,
-    },
-    capture::{NoiseConfig, RgbdFrame, object_weights},
-    config::Init,
-    geometry::{Intrinsics, Pose},
-    random::stage_rng,
-    surface::ColorField,
+use articulate::{
+    ArticulationProblem, ArticulationStart, ArticulationTrainer, FreeSpace, RegisterMethod, Registrar,
+    Registration, StateModel, StatePair, SurfaceRay, United, register_by_difference, unite,
 };
+use capture::{NoiseConfig, RgbdFrame, object_weights};
+use config::Init;
+use geometry::{Intrinsics, Pose};
+use numeric::random::stage_rng;
+use surface::ColorField;
 
 /// Parts and motions.
 pub(super) struct Articulation {

@@ -1,10 +1,8 @@
 //! Truncation and least weight of a fusion, by the noise of the readings.
 
-use crate::{
-    capture::{NoiseConfig, RgbdFrame, median_over_object},
-    geometry::SceneBox,
-    surface::SurfaceConfig,
-};
+use capture::{NoiseConfig, RgbdFrame, median_over_object};
+use geometry::SceneBox;
+use surface::SurfaceConfig;
 
 /// What one state's recording says about scale and noise.
 #[derive(Clone, Copy, Debug)]

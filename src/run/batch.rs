@@ -10,7 +10,7 @@ use super::{
     plan::{foreseen, settled},
     reconstruct,
 };
-use crate::{config::ConfigError, io};
+use config::ConfigError;
 
 /// Runs that may go on at once, at most.
 pub const MAX_JOBS: usize = 64;

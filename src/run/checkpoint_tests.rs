@@ -6,7 +6,7 @@ use super::{
     super::stage_file::{HEADER_BYTES, header},
     *,
 };
-use crate::run::Event;
+use crate::Event;
 
 struct Fixture {
     folder: PathBuf,
@@ -164,7 +164,7 @@ fn a_length_that_a_file_claims_reserves_nothing() {
         fs::write(fixture.folder.join("a.ckpt"), [&head[..], &payload].concat()).unwrap();
         assert_eq!(checkpoint.load::<Vec<[f64; 8]>>("a", &Monitor::silent()), None);
         assert_eq!(checkpoint.load::<String>("a", &Monitor::silent()), None);
-        assert!(checkpoint.load::<crate::surface::TriangleMesh>("a", &Monitor::silent()).is_none());
+        assert!(checkpoint.load::<surface::TriangleMesh>("a", &Monitor::silent()).is_none());
     }
 }
 

@@ -1,6 +1,6 @@
 //! A fast 64-bit checksum against damage, not against malice.
 
-use crate::random::mix;
+use numeric::random::mix;
 
 /// FNV-1a over words of 8 bytes, finished by SplitMix64. Splitting the input differently does not change the
 /// value.

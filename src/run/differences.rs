@@ -2,12 +2,10 @@
 
 use rayon::prelude::*;
 
-use crate::{
-    capture::{Capture, RgbdFrame},
-    export::{Look, StateDifference, Tally},
-    model::ArticulatedModel,
-    surface::{Difference, Paint, RenderItem, Rendered, TriangleMesh, differences, render},
-};
+use capture::{Capture, RgbdFrame};
+use export::{Look, StateDifference, Tally};
+use model::ArticulatedModel;
+use surface::{Difference, Paint, RenderItem, Rendered, TriangleMesh, differences, render};
 
 /// How the twin differs from what the cameras saw, of every state whose object pixels are known.
 #[must_use]

@@ -5,11 +5,9 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use super::DiagnoseRequest;
-use crate::{
-    capture::CaptureConfig,
-    config::Config,
-    io::{Glimpse, count_joint_messages, glimpse_views},
-};
+use capture::CaptureConfig;
+use config::Config;
+use io::{Glimpse, count_joint_messages, glimpse_views};
 
 /// What a run will need.
 #[derive(Clone, Debug, PartialEq, Serialize)]

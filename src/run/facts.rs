@@ -5,18 +5,15 @@ use std::collections::BTreeMap;
 use super::{
     Fingerprint, ReconstructRequest, Stages, Twin, pictures::photo_path, reconstruct_twin::cautions,
 };
-use crate::{
-    capture::Capture,
-    config::{Config, Engine, Init, preset_cost},
-    export::{
-        CameraPosesReport, CameraTrackingReport, DepthSensorReport, InputFacts, PhotoAndTwin, Rendering,
-        ReportPictures, RunFacts, StageTime, StateDifference, WorldFrameReport, compare_starts,
-        nearest_starts,
-    },
-    field::InstructionSet,
-    note::{Note, NoteCode},
-    random::hash_of,
+use capture::Capture;
+use common::note::{Note, NoteCode};
+use config::{Config, Engine, Init, preset_cost};
+use export::{
+    CameraPosesReport, CameraTrackingReport, DepthSensorReport, InputFacts, PhotoAndTwin, Rendering,
+    ReportPictures, RunFacts, StageTime, StateDifference, WorldFrameReport, compare_starts, nearest_starts,
 };
+use field::InstructionSet;
+use numeric::random::hash_of;
 
 /// What the report says about the run.
 pub(super) fn facts(

@@ -9,7 +9,7 @@ use std::{
 use serde::{Deserialize, Serialize};
 
 use super::checksum::Checksum;
-use crate::files::below;
+use common::files::below;
 
 /// A file is hashed whole up to this size, bytes; of a larger one [`SAMPLES`] pieces are, spread evenly.
 const WHOLE_BYTES: u64 = 64 << 20;
@@ -118,7 +118,7 @@ impl Fingerprint {
 /// Adds size and content of a file; gives its size.
 fn add_content(path: &Path, sum: &mut Checksum) -> io::Result<u64> {
     let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
-    let mut file = crate::files::open(path).map_err(named)?;
+    let mut file = common::files::open(path).map_err(named)?;
     let bytes = file.metadata().map_err(named)?.len();
     // The size too: of a large file only pieces are read.
     sum.update(&bytes.to_le_bytes());

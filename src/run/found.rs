@@ -7,12 +7,10 @@ use super::{
     stage::stage_of,
     state::State,
 };
-use crate::{
-    articulate::{EvidencePoint, Registration},
-    geometry::Pose,
-    model::ArticulatedModel,
-    note::{Note, NoteCode},
-};
+use articulate::{EvidencePoint, Registration};
+use common::note::{Note, NoteCode};
+use geometry::Pose;
+use model::ArticulatedModel;
 
 /// Positions of a joint within so many standard deviations of each other are the same.
 ///

@@ -3,11 +3,9 @@
 use rayon::prelude::*;
 
 use super::{Event, Monitor, RunError};
-use crate::{
-    capture::{MatchConfig, PixelMatch, RgbdFrame, frame_pairs, match_states, on_object},
-    io::OnnxMatcher,
-    note::{Note, NoteCode},
-};
+use capture::{MatchConfig, PixelMatch, RgbdFrame, frame_pairs, match_states, on_object};
+use common::note::{Note, NoteCode};
+use io::OnnxMatcher;
 
 const STAGE: &str = "match";
 

@@ -3,7 +3,7 @@
 use std::{error::Error, io};
 
 use super::{CheckpointError, RunError};
-use crate::io::RunDirError;
+use ::io::RunDirError;
 
 impl RunError {
     /// Whether the same command may succeed later: the machine refused, or another process was in the way.
@@ -45,11 +45,9 @@ fn is_of_machine(error: &(dyn Error + 'static)) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        capture::CaptureError,
-        config::ConfigError,
-        run::{Cancelled, outcome::OUTPUT_STAGE},
-    };
+    use crate::{Cancelled, outcome::OUTPUT_STAGE};
+    use capture::CaptureError;
+    use config::ConfigError;
 
     #[test]
     fn what_the_machine_refuses_may_pass_and_what_a_recording_lacks_does_not() {

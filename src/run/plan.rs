@@ -1,10 +1,7 @@
 //! Which stages a run will go through, and about how long each takes beside the others.
 
 use super::{Event, Planned, ReconstructRequest, outcome::CHECK_STAGE, stage::stage_of};
-use crate::{
-    config::{Config, Init, Method},
-    io,
-};
+use config::{Config, Init, Method};
 
 /// Weight of a second on the machine of the weights below.
 pub(super) const WEIGHT_OF_SECOND: f64 = 4.0;

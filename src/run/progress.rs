@@ -124,11 +124,9 @@ impl RunProgress {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        config::Config,
-        note::NoteCode,
-        run::{Planned, plan},
-    };
+    use crate::{Planned, plan};
+    use common::note::NoteCode;
+    use config::Config;
 
     fn seconds(s: f64) -> Duration {
         Duration::from_secs_f64(s)

@@ -12,10 +12,7 @@ use super::{
     stage_folder::StageFolder,
     write::write,
 };
-use crate::{
-    export::{Report, StateDifference, check_folder, looks, package},
-    io,
-};
+use export::{Report, StateDifference, check_folder, looks, package};
 
 /// Reconstructs the object of a request: writes `out/<name>/` and gives back what was found.
 ///

@@ -1,11 +1,9 @@
 //! What all stages of a reconstruction share: settings, measured noise, the box around the object, scales.
 
 use super::{RunError, band::Band};
-use crate::{
-    capture::{Capture, NoiseConfig, scene_box},
-    config::Config,
-    geometry::SceneBox,
-};
+use capture::{Capture, NoiseConfig, scene_box};
+use config::Config;
+use geometry::SceneBox;
 
 /// What all stages behind the alignment share.
 pub(super) struct Scene<'a> {

@@ -5,7 +5,7 @@ use std::time::Instant;
 use serde::{Serialize, de::DeserializeOwned};
 
 use super::{Checkpoint, Event, Monitor, Planned, stage_folder::StageFolder};
-use crate::note::{Note, NoteCode};
+use common::note::{Note, NoteCode};
 
 /// Name of the stage of a state behind state 0, of so many states in all.
 #[must_use]
@@ -138,7 +138,7 @@ mod tests {
     use std::sync::{Arc, mpsc};
 
     use super::*;
-    use crate::run::{Fingerprint, RunError};
+    use crate::{Fingerprint, RunError};
 
     #[test]
     fn a_stage_is_computed_once_and_a_disk_that_refuses_stops_no_run() {

@@ -22,11 +22,9 @@ use super::{
     checksum::Checksum,
     least_bytes::RECONSTRUCTION,
 };
-use crate::{
-    geometry::bytes::PIECE_BYTES,
-    io::{create_plain, free_bytes, open_plain},
-    note::{Note, NoteCode},
-};
+use ::io::{create_plain, free_bytes, open_plain};
+use common::note::{Note, NoteCode};
+use geometry::bytes::PIECE_BYTES;
 
 const MAGIC: [u8; 8] = *b"ARTITWIN";
 const VERSION: u32 = 2;

@@ -7,12 +7,10 @@ use super::{
     scene::Scene,
     state_surface::{StateSurface, fuse, state_surface},
 };
-use crate::{
-    articulate::{LiftedMatch, ObservedState, SurfaceDraws},
-    capture::RgbdFrame,
-    field::{ObjectField, Occupancy, TrainInput},
-    surface::{SurfaceSource, TsdfVolume},
-};
+use articulate::{LiftedMatch, ObservedState, SurfaceDraws};
+use capture::RgbdFrame;
+use field::{ObjectField, Occupancy, TrainInput};
+use surface::{SurfaceSource, TsdfVolume};
 
 /// One state, in the world frame of state 0.
 pub(super) struct State<'a> {

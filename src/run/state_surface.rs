@@ -4,15 +4,13 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{RunError, scene::Scene};
-use crate::{
-    articulate::{SurfaceSamples, mesh_samples},
-    capture::RgbdFrame,
-    field::ObjectField,
-    geometry::Grid3,
-    surface::{
-        DistanceOptions, FreeSpaceRule, TriangleMesh, TsdfView, TsdfVolume, free_space_grid, keep_components,
-        marching_cubes, signed_distance, visibility_grid,
-    },
+use articulate::{SurfaceSamples, mesh_samples};
+use capture::RgbdFrame;
+use field::ObjectField;
+use geometry::Grid3;
+use surface::{
+    DistanceOptions, FreeSpaceRule, TriangleMesh, TsdfView, TsdfVolume, free_space_grid, keep_components,
+    marching_cubes, signed_distance, visibility_grid,
 };
 
 /// Nodes look for the nearest surface up to this share of the object's extent: joints ask no further.

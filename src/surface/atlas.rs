@@ -140,7 +140,7 @@ fn pack(charts: &[Chart], texel_m: f64, max_px: usize) -> Option<(usize, Vec<Vec
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::{
+    use crate::{
         outline::area,
         shapes::{box_mesh, sphere_mesh},
     };

@@ -5,7 +5,8 @@ use rand_core::Rng;
 use rayon::prelude::*;
 
 use super::{Atlas, Light, Shown, TriangleMesh, sample_surface, texture::bilinear};
-use crate::{capture::RgbdFrame, geometry::Pose};
+use capture::RgbdFrame;
+use geometry::Pose;
 
 /// A point this share of its depth behind what a view shows is hidden there.
 const DEPTH_SHARE: f64 = 0.015;
@@ -227,13 +228,11 @@ fn spread(texture: &[Option<[u8; 3]>], size: usize) -> Vec<Option<[u8; 3]>> {
 mod tests {
     use super::*;
     use crate::{
-        geometry::Intrinsics,
-        surface::{
-            Paint, RenderItem, render,
-            shapes::{box_mesh, color_of, cuboid, looking_at_origin, view_of},
-            unwrap,
-        },
+        Paint, RenderItem, render,
+        shapes::{box_mesh, color_of, cuboid, looking_at_origin, view_of},
+        unwrap,
     };
+    use geometry::Intrinsics;
 
     #[test]
     fn what_was_seen_is_painted_and_what_was_not_keeps_its_color() {

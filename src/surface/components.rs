@@ -51,12 +51,10 @@ pub fn keep_components(mesh: &TriangleMesh, min_share: f64) -> TriangleMesh {
 mod tests {
     use super::*;
     use crate::{
-        geometry::Pose,
-        surface::{
-            merge,
-            shapes::{box_mesh, sphere_mesh},
-        },
+        merge,
+        shapes::{box_mesh, sphere_mesh},
     };
+    use geometry::Pose;
     use nalgebra::Vector3;
 
     #[test]

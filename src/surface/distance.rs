@@ -15,7 +15,7 @@ use super::{
     triangle::{Feature, closest_on_triangle},
     weld,
 };
-use crate::geometry::Grid3;
+use geometry::Grid3;
 
 /// Half width of the band of exact distances, spacings.
 const BAND: f32 = 1.5;

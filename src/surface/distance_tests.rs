@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::*;
-use crate::surface::{
+use crate::{
     marching_cubes, merge,
     shapes::{box_mesh, cuboid, grid_of, sphere, sphere_mesh, torus},
 };
@@ -43,7 +43,7 @@ fn a_fine_sphere_and_torus_are_within_a_tenth_of_a_spacing() {
 
 #[test]
 fn a_rough_mesh_agrees_with_brute_force() {
-    let mut rng = crate::random::stage_rng(3, "rough", 0);
+    let mut rng = numeric::random::stage_rng(3, "rough", 0);
     let mut field = grid_of(0.5, 9, sphere(0.3));
     for v in &mut field.values {
         *v += 0.1 * (rand_core::Rng::next_u32(&mut rng) as f32 / u32::MAX as f32 - 0.5);
@@ -152,7 +152,7 @@ fn an_open_box_is_inside_up_to_its_opening_and_not_below() {
     let half = Vector3::new(0.25f32, 0.25, 0.25);
     let mut open = box_mesh(half);
     open.triangles.drain(8..10);
-    assert_eq!(crate::surface::edge_defects(&open).open, 4);
+    assert_eq!(crate::edge_defects(&open).open, 4);
     let grid = distance(&open, &grid_of(0.5, 51, |_| 0.0));
     let at = |x: f64, y: f64, z: f64| grid.values[grid.nearest(&Point3::new(x, y, z)).unwrap()];
     assert!((at(0.0, 0.0, 0.1) + 0.15).abs() < 1e-4);
@@ -183,7 +183,7 @@ fn unusable_input_is_refused() {
     assert_eq!(tried(&TriangleMesh::default()), DistanceError::EmptyMesh);
     let mut mesh = sphere_mesh(0.3, 10);
     assert_eq!(
-        tried(&mesh.transformed(&crate::geometry::Pose::translation(5.0, 0.0, 0.0))),
+        tried(&mesh.transformed(&geometry::Pose::translation(5.0, 0.0, 0.0))),
         DistanceError::OutsideGrid
     );
     mesh.triangles[4][1] = 100_000;

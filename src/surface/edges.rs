@@ -1,16 +1,16 @@
 //! Sides and edges of a mesh by their vertices.
 
 use super::TriangleMesh;
-use crate::lists::Lists;
+use numeric::lists::Lists;
 
 /// Sides of the triangles by the vertex that each begins at: where it ends.
-pub(in crate::surface) fn sides_by_vertex(mesh: &TriangleMesh) -> Lists<u32> {
+pub(crate) fn sides_by_vertex(mesh: &TriangleMesh) -> Lists<u32> {
     Lists::of(mesh.vertices.len(), mesh.sides().map(|(p, q, _)| (p, q)))
 }
 
 /// Edges of a mesh at their lower ends, each as often as it has sides: the other end and the number of the
 /// side, of which triangle t has 3 t to 3 t + 2.
-pub(in crate::surface) struct Edges(Lists<(u32, u32)>);
+pub(crate) struct Edges(Lists<(u32, u32)>);
 
 impl Edges {
     pub fn of(mesh: &TriangleMesh) -> Self {

@@ -67,12 +67,10 @@ pub fn plates_inertia(
 mod tests {
     use super::*;
     use crate::{
-        geometry::Pose,
-        surface::{
-            TriangleMesh, merge,
-            shapes::{box_mesh, sphere_mesh},
-        },
+        TriangleMesh, merge,
+        shapes::{box_mesh, sphere_mesh},
     };
+    use geometry::Pose;
     use proptest::prelude::*;
     use std::f64::consts::PI;
 

@@ -56,7 +56,7 @@ mod tests {
         let mut moments = SMatrix::<f64, TERMS, TERMS>::zeros();
         let count = 200_000;
         for _ in 0..count {
-            let h = harmonics(&crate::random::direction(&mut rng));
+            let h = harmonics(&numeric::random::direction(&mut rng));
             moments += h * h.transpose() / f64::from(count);
         }
         assert!((moments - SMatrix::identity()).amax() < 0.02, "{moments:.3}");

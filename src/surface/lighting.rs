@@ -172,7 +172,7 @@ impl Equations {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::{direction, unit};
+    use numeric::random::{direction, unit};
     use rand_core::SeedableRng as _;
 
     const GAINS: [[f32; 3]; 3] = [[1.2, 1.15, 1.18], [0.9, 0.92, 0.88], [1.0, 1.05, 1.02]];

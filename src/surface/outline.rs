@@ -3,7 +3,7 @@
 use nalgebra::{Point2, Vector2};
 
 /// The convex hull of points, counter-clockwise; fewer than three corners for points on a line.
-pub(crate) fn hull_2d(points: &[Point2<f64>]) -> Vec<Point2<f64>> {
+pub fn hull_2d(points: &[Point2<f64>]) -> Vec<Point2<f64>> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     sorted.dedup();
@@ -26,7 +26,7 @@ pub(crate) fn hull_2d(points: &[Point2<f64>]) -> Vec<Point2<f64>> {
 }
 
 /// Area of a polygon, positive if counter-clockwise.
-pub(crate) fn area(polygon: &[Point2<f64>]) -> f64 {
+pub fn area(polygon: &[Point2<f64>]) -> f64 {
     (0..polygon.len()).map(|k| polygon[k].coords.perp(&polygon[(k + 1) % polygon.len()].coords)).sum::<f64>()
         * 0.5
 }
@@ -38,7 +38,7 @@ fn extent(polygon: &[Point2<f64>], direction: &Vector2<f64>) -> f64 {
 }
 
 /// Direction of the side on which the smallest rectangle around a convex polygon stands.
-pub(crate) fn rectangle_direction(polygon: &[Point2<f64>]) -> Vector2<f64> {
+pub fn rectangle_direction(polygon: &[Point2<f64>]) -> Vector2<f64> {
     let sides = (0..polygon.len())
         .filter_map(|k| (polygon[(k + 1) % polygon.len()] - polygon[k]).try_normalize(1e-12));
     // The smallest rectangle has a side along one of the polygon's (Freeman and Shapira 1975).

@@ -130,10 +130,8 @@ fn clipped(ends: [(f64, f64, f64); 2], width: f64, height: f64, margin: f64) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        geometry::{Intrinsics, Pose},
-        surface::{Paint, RenderItem, render, shapes::box_mesh},
-    };
+    use crate::{Paint, RenderItem, render, shapes::box_mesh};
+    use geometry::{Intrinsics, Pose};
 
     const K: Intrinsics = Intrinsics { width: 160, height: 120, fx: 150.0, fy: 150.0, cx: 80.0, cy: 60.0 };
     const RED: [u8; 3] = [255, 0, 0];
@@ -158,7 +156,7 @@ mod tests {
         for occlusion in [Occlusion::Ignore, Occlusion::Fade, Occlusion::Hide] {
             let image = drawn(occlusion);
             assert_eq!(image.rgb[beside], RED);
-            assert_eq!(image.rgb[beside + 2 * 160], crate::surface::raster::BACKGROUND);
+            assert_eq!(image.rgb[beside + 2 * 160], crate::raster::BACKGROUND);
             let expected = match occlusion {
                 Occlusion::Ignore => RED,
                 Occlusion::Fade => [206, 117, 117],

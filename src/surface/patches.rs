@@ -11,7 +11,7 @@ const MIN_COSINE: f64 = 0.82;
 
 /// Triangles near one plane; joined by sides.
 #[derive(Clone, Debug)]
-pub(crate) struct Patch {
+pub struct Patch {
     /// Triangles, ascending.
     pub triangles: Vec<u32>,
     /// Mean normal, out of the object.
@@ -41,7 +41,7 @@ impl Sums {
 
 /// Patches that grow from the largest triangle that is left over triangles whose corners lie within
 /// `tolerance_m` of the patch's plane; largest area first.
-pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
+pub fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
     let count = mesh.triangles.len();
     let corners: Vec<[Point3<f64>; 3]> = (0..count).map(|t| mesh.corners(t).map(|p| p.cast())).collect();
     let normals: Vec<Vector3<f64>> = corners.iter().map(|[a, b, c]| (b - a).cross(&(c - a))).collect();
@@ -85,7 +85,7 @@ pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::shapes::{box_mesh, sphere_mesh};
+    use crate::shapes::{box_mesh, sphere_mesh};
 
     #[test]
     fn a_box_has_six() {

@@ -8,7 +8,7 @@ use super::{
     edges::Edges,
     triangle::{Feature, closest_on_triangle},
 };
-use crate::lists::Lists;
+use numeric::lists::Lists;
 
 /// No triangle.
 const NONE: u32 = u32::MAX;

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 
 use super::{Texture, TriangleMesh, vertex_normals};
-use crate::geometry::{Intrinsics, Pose};
+use geometry::{Intrinsics, Pose};
 
 /// Nothing nearer than this is drawn, meters.
 const NEAR_M: f32 = 0.01;
@@ -252,9 +252,7 @@ fn fill(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::shapes::{
-        box_mesh, color_of, cuboid, looking_at_origin, sphere, sphere_mesh, view_of,
-    };
+    use crate::shapes::{box_mesh, color_of, cuboid, looking_at_origin, sphere, sphere_mesh, view_of};
     use nalgebra::Point3;
 
     const K: Intrinsics = Intrinsics { width: 160, height: 120, fx: 150.0, fy: 148.0, cx: 80.3, cy: 58.9 };

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use nalgebra::{Point3, Vector3};
 
-use crate::geometry::{Intrinsics, Pose};
+use geometry::{Intrinsics, Pose};
 
 /// Nodes closer to the camera plane than this are not seen, meters.
 const NEAR_M: f64 = 0.01;

@@ -316,7 +316,7 @@ impl Collapse {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::{
+    use crate::{
         edge_defects, is_watertight, marching_cubes,
         shapes::{color_of, cuboid, grid_of, sphere, torus, volume_m3},
     };

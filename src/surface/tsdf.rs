@@ -12,7 +12,7 @@ use super::{
     rows::RowCamera,
     tsdf_view::{FREE_WEIGHT, Said, TsdfView, behind_weight, said},
 };
-use crate::geometry::Grid3;
+use geometry::Grid3;
 
 /// Layers that one task fills, and rows of it that all views are added to before the next rows.
 /// derived: sums of so many rows of 224 nodes and the pixels that they fall on are less than a cache of 1 MB;
@@ -303,14 +303,12 @@ mod equation_tests;
 mod tests {
     use super::*;
     use crate::{
-        capture::{NoiseConfig, RgbdFrame, pixel_weights},
-        geometry::Pose,
-        surface::{
-            PixelRole, edge_defects,
-            shapes::{color_of, cuboid, orbit, sphere, view_of},
-            tsdf_view::object_roles,
-        },
+        PixelRole, edge_defects,
+        shapes::{color_of, cuboid, orbit, sphere, view_of},
+        tsdf_view::object_roles,
     };
+    use capture::{NoiseConfig, RgbdFrame, pixel_weights};
+    use geometry::Pose;
 
     fn fuse(frames: &[RgbdFrame], spacing_m: f64, truncation_m: f64, motion: Pose) -> TsdfVolume {
         let noise = NoiseConfig::default();
@@ -445,8 +443,8 @@ mod tests {
 
     #[test]
     fn the_number_of_threads_does_not_matter() {
-        let k = crate::geometry::Intrinsics { width: 60, height: 50, fx: 60.0, fy: 60.0, cx: 29.5, cy: 24.5 };
-        let pose = crate::surface::shapes::looking_at_origin(Point3::new(0.5, 0.4, 0.3));
+        let k = geometry::Intrinsics { width: 60, height: 50, fx: 60.0, fy: 60.0, cx: 29.5, cy: 24.5 };
+        let pose = crate::shapes::looking_at_origin(Point3::new(0.5, 0.4, 0.3));
         let frame = view_of(&sphere(0.2), k, pose);
         let with = |n| {
             let fused = || fuse(std::slice::from_ref(&frame), 0.02, 0.03, Pose::identity()).mesh(0.0);

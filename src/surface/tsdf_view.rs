@@ -4,10 +4,8 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::rows::RowCamera;
-use crate::{
-    capture::{NoiseConfig, RgbdFrame, object_weights},
-    geometry::{Intrinsics, Pose},
-};
+use capture::{NoiseConfig, RgbdFrame, object_weights};
+use geometry::{Intrinsics, Pose};
 
 /// Depth at which a reading has weight 1, meters.
 const REFERENCE_DEPTH_M: f64 = 1.0;
@@ -97,7 +95,7 @@ pub struct TsdfView<'a> {
 }
 
 impl<'a> TsdfView<'a> {
-    /// A view whose pixels have these weights, e.g. of [`crate::capture::pixel_weights`], and roles, e.g. of
+    /// A view whose pixels have these weights, e.g. of [`capture::pixel_weights`], and roles, e.g. of
     /// [`object_roles`]. `volume_from_world` moves it before it is fused: the identity, or the motion of a
     /// part from the frame's state to the volume's.
     ///

@@ -3,10 +3,8 @@
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, UnitQuaternion, Vector3};
 
 use super::{Material, Object, Solid, SynthConfig, workspace::whole_way};
-use crate::{
-    capture::{BoardLayout, Paper},
-    geometry::Pose,
-};
+use capture::{BoardLayout, Paper};
+use geometry::Pose;
 
 /// Thickness of the plate that the sheet is glued to, meters.
 const THICK_M: f64 = 0.003;
@@ -85,7 +83,7 @@ impl Board {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synth::generate;
+    use crate::generate;
 
     #[test]
     fn the_board_lies_on_the_floor_beside_all_that_moves() {

@@ -7,7 +7,7 @@ use super::{
     carcass::{Carcass, Cell},
     look::Look,
 };
-use crate::random::{below, chance, range};
+use numeric::random::{below, chance, range};
 
 /// Narrowest opening, meters.
 const MIN_CELL_M: f64 = 0.09;

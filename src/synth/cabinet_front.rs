@@ -8,8 +8,8 @@ use super::{
     carcass::{Carcass, Cell},
     look::Look,
 };
-use crate::geometry::Pose;
-use crate::random::{below, chance, range};
+use geometry::Pose;
+use numeric::random::{below, chance, range};
 
 /// Air between a moving part and what it must not touch, meters.
 const GAP_M: f64 = 0.002;

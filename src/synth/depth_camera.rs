@@ -5,10 +5,8 @@ use rand_core::Rng;
 use rayon::prelude::*;
 
 use super::{DepthErrors, Scene, View, edge::depth_step, smooth::smooth};
-use crate::{
-    geometry::{Intrinsics, Pose},
-    random,
-};
+use geometry::{Intrinsics, Pose};
+use numeric::random;
 
 /// A stereo depth camera; the defaults are near those of a D435 at its default setting.
 #[derive(Clone, Copy, Debug, PartialEq)]

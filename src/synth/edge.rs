@@ -1,6 +1,6 @@
 //! Steps of depth between neighboring pixels.
 
-use crate::geometry::Intrinsics;
+use geometry::Intrinsics;
 
 /// The largest step of depth from a pixel to one beside it.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,10 +4,8 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use rand_core::Rng;
 
 use super::{Handle, HandleKind, HandleStyle, Material, Part, Shape, Solid};
-use crate::{
-    geometry::Pose,
-    random::{below, chance, range},
-};
+use geometry::Pose;
+use numeric::random::{below, chance, range};
 
 /// Share of a plate's side that a handle takes along itself, at most.
 const MOST_ALONG: f64 = 0.6;

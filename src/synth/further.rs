@@ -3,7 +3,7 @@
 use rand_core::Rng;
 
 use super::{Object, SynthConfig, clearance};
-use crate::random::{self, stage_rng};
+use numeric::random::{self, stage_rng};
 
 /// Positions that are tried for every state.
 const TRIES: usize = 200;

@@ -9,10 +9,8 @@ use super::{
     Family, Object, PartJoint, PartJointKind, SynthConfig, cabinet, chain, clearance, fittings,
     lacquer::Lacquer, look::Look, observable, tabletop,
 };
-use crate::{
-    geometry::Pose,
-    random::{self, stage_rng},
-};
+use geometry::Pose;
+use numeric::random::{self, stage_rng};
 
 /// Shapes that are tried.
 const SHAPES: u64 = 100;

@@ -6,10 +6,8 @@
 use nalgebra::{Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use super::{CameraPath, SynthConfig};
-use crate::{
-    geometry::Pose,
-    random::{self, stage_rng},
-};
+use geometry::Pose;
+use numeric::random::{self, stage_rng};
 
 /// Acceleration of free fall, m/s².
 const GRAVITY: f64 = 9.806_65;

@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
 use super::lattice_noise::value_noise;
-use crate::random;
+use numeric::random;
 
 /// Places by which the share is measured.
 const PLACES: usize = 4096;
@@ -49,7 +49,7 @@ impl Lacquer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn patches_cover_their_share() {

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use rand_core::Rng;
 
 use super::Material;
-use crate::random;
+use numeric::random;
 
 /// How the surfaces of an object look.
 pub(super) struct Look {

@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use rand_core::Rng;
 
 use super::{Object, Scene, SynthConfig, recording, truth};
-use crate::surface::sample_surface;
+use surface::sample_surface;
 
 /// Views of each state that are looked at.
 const VIEWS: usize = 15;

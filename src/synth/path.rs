@@ -5,7 +5,8 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 use rand_core::Rng;
 
-use crate::{geometry::Pose, random};
+use geometry::Pose;
+use numeric::random;
 
 /// Half the sweep about the object's front, radians.
 const HALF_SWEEP_RAD: f64 = 1.75;
@@ -91,7 +92,7 @@ impl CameraPath {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn the_object_stays_in_view_and_the_path_is_smooth() {

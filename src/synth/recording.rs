@@ -9,10 +9,8 @@ use super::{
     seen_points,
     workspace::whole_way,
 };
-use crate::{
-    geometry::{Intrinsics, Pose},
-    random::{self, stage_rng},
-};
+use geometry::{Intrinsics, Pose};
+use numeric::random::{self, stage_rng};
 
 /// Focal length over image width: 58 degrees across.
 const FOCAL_SHARE: f64 = 0.902;

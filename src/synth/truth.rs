@@ -5,10 +5,8 @@ use rand_core::Rng;
 use rayon::prelude::*;
 
 use super::{Object, Scene};
-use crate::{
-    geometry::{Intrinsics, Pose},
-    surface::sample_surface,
-};
+use geometry::{Intrinsics, Pose};
+use surface::sample_surface;
 
 /// A true surface point.
 #[derive(Clone, Copy, Debug, PartialEq)]

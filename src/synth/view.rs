@@ -7,7 +7,7 @@ use super::{
     Light, Scene,
     scene::{Shade, Sight},
 };
-use crate::geometry::{Intrinsics, Pose};
+use geometry::{Intrinsics, Pose};
 
 /// Color samples along each side of a pixel on an edge.
 const EDGE_SAMPLES: usize = 3;

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::Object;
-use crate::geometry::bounding_box;
+use geometry::bounding_box;
 
 /// Room that is left around the object, meters.
 const MARGIN_M: f64 = 0.03;
@@ -45,7 +45,7 @@ pub(super) fn whole_way(object: &Object) -> [Point3<f64>; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synth::{SynthConfig, generate};
+    use crate::{SynthConfig, generate};
 
     #[test]
     fn the_box_holds_both_states_and_not_the_floor() {

@@ -2,7 +2,7 @@
 
 use std::io::{Read as _, Write as _};
 
-use artitwin::internal::io::inspect;
+use io::inspect;
 use flate2::{Compression, read::DeflateDecoder, write::DeflateEncoder};
 use image::ImageFormat;
 

@@ -2,7 +2,7 @@
 
 use std::io::Write as _;
 
-use artitwin::internal::io::{
+use io::{
     image_codec as codec,
     image_codec::{MAX_SIDE, Raster},
     ros2msg::CompressedImage,

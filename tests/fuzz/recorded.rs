@@ -3,11 +3,12 @@
 
 use std::io::Write as _;
 
-use artitwin::internal::io::ros2msg::{
+use io::ros2msg::{
     CameraInfo, CompressedImage, Header, Image, JointState, Odometry, PoseStamped, TfMessage, Time,
     Transform, TransformStamped, Vector3, WrenchStamped, encode,
 };
-use artitwin::internal::{geometry::Pose, io::rvl};
+use geometry::Pose;
+use io::rvl;
 use image::{DynamicImage, ImageFormat};
 use serde::Serialize;
 

@@ -47,7 +47,7 @@ pub fn read(folder: &Path, prefix: &str, sources: &mut Vec<(String, String)>) {
 /// Files and folders that a file declares by `#[cfg(test)] mod name;`, a `#[path]` between them or not.
 fn test_modules((name, text): &(String, String)) -> Vec<String> {
     let beside = name.rsplit_once('/').map_or(String::new(), |(folder, _)| format!("{folder}/"));
-    let below = if name.ends_with("mod.rs") || name == "lib.rs" {
+    let below = if name.ends_with("mod.rs") || name.ends_with("lib.rs") {
         beside.clone()
     } else {
         format!("{}/", name.trim_end_matches(".rs"))

@@ -1,10 +1,8 @@
 //! What speaks against trusting a joint, and what its states cannot show, in words.
 
-use crate::{
-    articulate::joints::{joint::JointEstimate, joint_type::DECISIVE},
-    model::{Deviations, JointFamily, JointKind, TypeScores},
-    note::{Note, NoteCode},
-};
+use crate::joints::{joint::JointEstimate, joint_type::DECISIVE};
+use common::note::{Note, NoteCode};
+use model::{Deviations, JointFamily, JointKind, TypeScores};
 
 /// Standard deviation of an axis direction, radians, from which a report calls it coarse.
 ///
@@ -12,7 +10,7 @@ use crate::{
 const COARSE_DIRECTION_RAD: f64 = 0.02;
 
 /// What a joint is judged by.
-pub(crate) struct Judged<'a> {
+pub struct Judged<'a> {
     pub kind: JointKind,
     /// Farthest from state 0, positive.
     pub motion: f64,
@@ -23,7 +21,7 @@ pub(crate) struct Judged<'a> {
 
 /// What speaks against trusting a joint, in words; [`vagueness`] adds what its deviations say, once they are
 /// final.
-pub(crate) fn cautions(joint: &Judged<'_>) -> Vec<Note> {
+pub fn cautions(joint: &Judged<'_>) -> Vec<Note> {
     let Judged { kind, motion, scores, agreement: [agree, tried] } = *joint;
     let mut cautions = Vec::new();
     let [p, r] = [JointFamily::Prismatic, JointFamily::Revolute].map(|t| scores.of(t));
@@ -55,7 +53,7 @@ pub(crate) fn cautions(joint: &Judged<'_>) -> Vec<Note> {
 }
 
 /// What some states of a part cannot show.
-pub(crate) fn not_observable(kind: JointKind, states: usize) -> Vec<Note> {
+pub fn not_observable(kind: JointKind, states: usize) -> Vec<Note> {
     let count = if states == 2 { "two".to_owned() } else { states.to_string() };
     let mut open = vec![Note::new(
         NoteCode::LimitsNotObserved,
@@ -79,7 +77,7 @@ pub(crate) fn not_observable(kind: JointKind, states: usize) -> Vec<Note> {
 
 /// What the deviations say of a joint of an object whose longest side is `extent_m`; none where all
 /// are small.
-pub(crate) fn vagueness(joint: &JointEstimate, extent_m: f64) -> Vec<Note> {
+pub fn vagueness(joint: &JointEstimate, extent_m: f64) -> Vec<Note> {
     let turns = joint.kind.turns();
     let motion = joint.motion().abs();
     let amount =

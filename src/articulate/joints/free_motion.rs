@@ -2,14 +2,12 @@
 
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
-use crate::{
-    articulate::joints::{
-        minimise::minimise,
-        motion_evidence::{MotionEvidence, RefineConfig},
-        quadratic::Quadratic,
-    },
-    geometry::{Pose, exp_so3},
+use crate::joints::{
+    minimise::minimise,
+    motion_evidence::{MotionEvidence, RefineConfig},
+    quadratic::Quadratic,
 };
+use geometry::{Pose, exp_so3};
 
 /// Smallest standard deviation of a surface residual as a share of the reach: below it lies systematic error
 /// of poses and surfaces that more points do not average out.
@@ -19,7 +17,7 @@ const SIGMA_FLOOR: f64 = 0.02;
 /// Degrees of freedom of a rigid motion.
 ///
 /// derived: three of translation, three of rotation
-pub(crate) const FREEDOMS: f64 = 6.0;
+pub const FREEDOMS: f64 = 6.0;
 
 /// What a joint's parent did between the states.
 #[derive(Clone, Debug)]
@@ -50,7 +48,7 @@ impl ParentMotion {
 
 /// The fit of a rigid motion.
 #[derive(Clone, Debug)]
-pub(crate) struct FreeFit {
+pub struct FreeFit {
     pub motion: Pose,
     /// Quadratic model of the cost at the end.
     pub quadratic: Quadratic,
@@ -81,7 +79,7 @@ impl FreeFit {
 }
 
 /// Standard deviation of the surface residuals at a motion, meters, no smaller than the systematic error.
-pub(crate) fn surface_sigma_m(evidence: &MotionEvidence, motion: &Pose) -> f64 {
+pub fn surface_sigma_m(evidence: &MotionEvidence, motion: &Pose) -> f64 {
     evidence.surface_sigma_m(motion, evidence.reach_m * SIGMA_FLOOR)
 }
 

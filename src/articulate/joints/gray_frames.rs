@@ -3,11 +3,11 @@
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::joints::patch_alignment::Patch;
-use crate::capture::{NoiseConfig, RgbdFrame, luma};
+use crate::joints::patch_alignment::Patch;
+use capture::{NoiseConfig, RgbdFrame, luma};
 
 /// A square on a surface: center, unit normal, two unit tangents, spacing of samples.
-pub(crate) struct Tangent {
+pub struct Tangent {
     pub center: Point3<f64>,
     pub normal: Vector3<f64>,
     pub axes: [Vector3<f64>; 2],
@@ -15,7 +15,7 @@ pub(crate) struct Tangent {
 }
 
 /// Gray frames of one state.
-pub(crate) struct GrayFrames<'a> {
+pub struct GrayFrames<'a> {
     frames: &'a [RgbdFrame],
     /// Where the world stands before each camera: matrices turn many points sooner than quaternions.
     camera_from_world: Vec<IsometryMatrix3<f64>>,

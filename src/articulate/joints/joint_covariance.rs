@@ -4,14 +4,14 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, Vector6};
 
-use crate::articulate::joints::{
+use crate::joints::{
     joint_fit::{FreeFits, JointFit},
     joint_motion::{Freedom, frame_across},
     quadratic::Source,
 };
 
 /// Covariance of the parameters of a joint.
-pub(crate) struct JointCovariance<'a> {
+pub struct JointCovariance<'a> {
     fit: &'a JointFit,
     found: &'a FreeFits<'a>,
     /// Squared error of the axis against what independent residuals give.

@@ -4,16 +4,14 @@
 
 use nalgebra::{DMatrix, DVector, Matrix6, Point3, Vector6};
 
-use crate::{
-    articulate::joints::{
-        free_motion::{FreeFit, ParentMotion},
-        joint_motion::PlacedJoint,
-        minimise::minimise,
-        motion_evidence::{MotionEvidence, RefineConfig},
-        quadratic::Quadratic,
-    },
-    geometry::Pose,
+use crate::joints::{
+    free_motion::{FreeFit, ParentMotion},
+    joint_motion::PlacedJoint,
+    minimise::minimise,
+    motion_evidence::{MotionEvidence, RefineConfig},
+    quadratic::Quadratic,
 };
+use geometry::Pose;
 
 /// What is known of one motion of a part, from state 0 to another state.
 #[derive(Clone, Copy)]
@@ -36,7 +34,7 @@ pub struct PartPlace {
 }
 
 /// A joint fitted to some motions.
-pub(crate) struct JointFit {
+pub struct JointFit {
     pub joint: PlacedJoint,
     /// Quadratic model of the cost of each motion.
     pub quadratics: Vec<Quadratic>,
@@ -54,7 +52,7 @@ impl JointFit {
 }
 
 /// Residuals of a joint: the motions, the standard deviation of the surface residuals of each.
-pub(crate) struct Residuals<'a> {
+pub struct Residuals<'a> {
     pub motions: &'a [JointMotion<'a>],
     pub sigma_m: Vec<f64>,
     pub config: &'a RefineConfig,
@@ -111,7 +109,7 @@ fn normal_equations(tangents: &[DMatrix<f64>], quadratics: &[Quadratic]) -> (DMa
 }
 
 /// All motions of a part with what a free fit makes of each.
-pub(crate) struct FreeFits<'a> {
+pub struct FreeFits<'a> {
     pub residuals: Residuals<'a>,
     pub free: Vec<FreeFit>,
     /// Squared error of the motions against what independent residuals give, a mean by their number.

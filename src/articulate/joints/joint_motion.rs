@@ -5,15 +5,13 @@
 
 use nalgebra::{DMatrix, DVector, Point3, Unit, Vector3};
 
-use crate::{
-    articulate::joints::minimise::{DIFFERENCE, left_difference},
-    geometry::{Pose, Screw, log_so3},
-    model::JointFamily,
-};
+use crate::joints::minimise::{DIFFERENCE, left_difference};
+use geometry::{Pose, Screw, log_so3};
+use model::JointFamily;
 
 /// How a joint moves its part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Freedom {
+pub enum Freedom {
     Slide,
     Turn,
     Helix,
@@ -42,7 +40,7 @@ const LEAST_SLIDE_M: f64 = 1e-9;
 
 /// A joint and its position in every state behind state 0. The axis stands as in state 0.
 #[derive(Clone, Debug)]
-pub(crate) struct PlacedJoint {
+pub struct PlacedJoint {
     pub freedom: Freedom,
     pub direction: Unit<Vector3<f64>>,
     pub point: Point3<f64>,
@@ -149,7 +147,7 @@ impl PlacedJoint {
 }
 
 /// Two unit vectors that span the plane across a direction, a fixed choice for each direction.
-pub(crate) fn frame_across(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vector3<f64>) {
+pub fn frame_across(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vector3<f64>) {
     let d = direction.into_inner();
     // The helper is at least 36 degrees off the direction, so that the product keeps its digits.
     let helper = if d.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
@@ -158,7 +156,7 @@ pub(crate) fn frame_across(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vec
 }
 
 /// The point of a line nearest to another point.
-pub(crate) fn foot(point: &Point3<f64>, direction: &Unit<Vector3<f64>>, near: &Point3<f64>) -> Point3<f64> {
+pub fn foot(point: &Point3<f64>, direction: &Unit<Vector3<f64>>, near: &Point3<f64>) -> Point3<f64> {
     point + direction.into_inner() * direction.dot(&(near - point))
 }
 

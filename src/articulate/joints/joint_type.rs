@@ -5,24 +5,22 @@
 //! `cost + parameters * ln(independent residuals)`, the cost without what errors that leave no residual
 //! explain of it; the type with the lowest score wins, a screw only decisively.
 
-use crate::{
-    articulate::joints::{
-        free_motion::FREEDOMS,
-        joint_fit::{FreeFits, JointFit, PartPlace},
-        joint_motion::{Freedom, PlacedJoint, foot},
-        misfit::Misfit,
-    },
-    model::{JointFamily, JointKind, TypeScores},
+use crate::joints::{
+    free_motion::FREEDOMS,
+    joint_fit::{FreeFits, JointFit, PartPlace},
+    joint_motion::{Freedom, PlacedJoint, foot},
+    misfit::Misfit,
 };
+use model::{JointFamily, JointKind, TypeScores};
 
 /// Difference of two scores from which one is decisively better: very strong evidence on the scale of twice
 /// the log likelihood.
 ///
 /// derived: Kass and Raftery (1995), table in section 3.2
-pub(crate) const DECISIVE: f64 = 10.0;
+pub const DECISIVE: f64 = 10.0;
 
 /// The best joint of every type, with the scores of all.
-pub(crate) struct TypeFits {
+pub struct TypeFits {
     slide: JointFit,
     turn: Option<JointFit>,
     helix: Option<JointFit>,
@@ -83,7 +81,7 @@ fn best_type(scores: &TypeScores) -> JointFamily {
 /// Score of the best joint with one freedom against that of the free motion; a screw, which is one of any
 /// motion, pays as in the choice of the type, and counts only where it is `threaded`.
 /// See docs/method.md (8.15).
-pub(crate) fn excess(scores: &TypeScores, threaded: bool) -> f64 {
+pub fn excess(scores: &TypeScores, threaded: bool) -> f64 {
     let screw = if threaded { scores.of(JointFamily::Screw) + DECISIVE } else { f64::INFINITY };
     let simple = scores.of(JointFamily::Prismatic).min(scores.of(JointFamily::Revolute));
     simple.min(screw) - scores.of(JointFamily::Free)

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, Vector6};
 
-use crate::geometry::{Pose, shift_and_turn};
+use geometry::{Pose, shift_and_turn};
 
 /// Damping at the start, as a share of the diagonal.
 ///
@@ -20,7 +20,7 @@ const LEAST_GAIN: f64 = 1e-9;
 
 /// The model of a lower cost that steps lead to, with its linearization. `equations` gives information and
 /// half the gradient in the model's parameters.
-pub(crate) fn minimise<M, Q>(
+pub fn minimise<M, Q>(
     mut model: M,
     iterations: usize,
     linearise: impl Fn(&M) -> Q,
@@ -57,9 +57,9 @@ pub(crate) fn minimise<M, Q>(
 /// Step of central differences of motions by parameters of about one: radians, meters.
 ///
 /// derived: near the cube root of the rounding of a double, which balances rounding and curvature
-pub(crate) const DIFFERENCE: f64 = 1e-6;
+pub const DIFFERENCE: f64 = 1e-6;
 
 /// Left perturbation (translation 3, rotation 3) that leads from a motion to one near it.
-pub(crate) fn left_difference(to: &Pose, from: &Pose) -> Vector6<f64> {
+pub fn left_difference(to: &Pose, from: &Pose) -> Vector6<f64> {
     shift_and_turn(&(to * from.inverse()))
 }

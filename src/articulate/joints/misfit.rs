@@ -3,14 +3,14 @@
 
 use nalgebra::{DMatrix, DVector, DVectorView, Matrix6, Vector6};
 
-use crate::articulate::joints::{
+use crate::joints::{
     joint_fit::{FreeFits, JointFit},
     minimise::left_difference,
 };
 
 /// Two metrics of a change of all free motions, 6 K x 6 K each, in squared standard deviations times the
 /// dispersion.
-pub(crate) struct Misfit {
+pub struct Misfit {
     /// By the residuals alone: their information.
     by_residuals: DMatrix<f64>,
     /// By residuals and those errors together.

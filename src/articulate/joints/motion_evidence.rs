@@ -17,17 +17,15 @@ use nalgebra::{Matrix3, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::{
+use crate::{
     joints::{
         drawn_residuals::DrawnResiduals,
         quadratic::{Block, Patch, Quadratic, Source},
     },
     observations::SurfaceSamples,
 };
-use crate::{
-    geometry::{Grid3, Pose},
-    statistics::{SIGMAS_PER_MAD, median},
-};
+use geometry::{Grid3, Pose};
+use numeric::statistics::{SIGMAS_PER_MAD, median};
 
 /// Settings of the refinement.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -295,10 +293,8 @@ impl MotionEvidence<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        articulate::joints::free_motion::FreeFit,
-        geometry::{SceneBox, exp_so3},
-    };
+    use crate::joints::free_motion::FreeFit;
+    use geometry::{SceneBox, exp_so3};
 
     /// Half the sides of a panel, meters.
     const HALF: Vector3<f64> = Vector3::new(0.2, 0.012, 0.15);

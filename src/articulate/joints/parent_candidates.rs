@@ -3,26 +3,24 @@
 use rayon::prelude::*;
 
 use crate::{
-    articulate::{
-        joints::{
-            estimate::JointChoice,
-            free_motion::ParentMotion,
-            joint::JointEstimate,
-            joint_config::JointConfig,
-            joint_type::{DECISIVE, excess},
-            part_evidence::PartEvidence,
-        },
-        observations::SurfaceSamples,
-        samples::{hinge::axis_off_m, sample_index::SampleIndex},
+    joints::{
+        estimate::JointChoice,
+        free_motion::ParentMotion,
+        joint::JointEstimate,
+        joint_config::JointConfig,
+        joint_type::{DECISIVE, excess},
+        part_evidence::PartEvidence,
     },
-    geometry::Pose,
-    model::{JointKind, ParentScore, link_name},
-    note::{Note, NoteCode},
+    observations::SurfaceSamples,
+    samples::{hinge::axis_off_m, sample_index::SampleIndex},
 };
+use common::note::{Note, NoteCode};
+use geometry::Pose;
+use model::{JointKind, ParentScore, link_name};
 
 /// How well a part would hang on another.
 #[derive(Clone, Debug)]
-pub(crate) struct Candidate {
+pub struct Candidate {
     /// 0 is the static part, k the k-th moving part.
     pub parent: usize,
     joint: JointEstimate,
@@ -36,7 +34,7 @@ pub(crate) struct Candidate {
 }
 
 /// All parents that a part could have.
-pub(crate) struct Candidates {
+pub struct Candidates {
     all: Vec<Candidate>,
     /// Parts that are closer touch, meters.
     contact_m: f64,
@@ -138,7 +136,7 @@ impl<'a> Body<'a> {
 
 /// The parents that every part could have. `root` are the motions of the static part, `still` its surface in
 /// every state; parts closer than `contact_m` touch.
-pub(crate) fn candidates(
+pub fn candidates(
     root: &[ParentMotion],
     parts: &[PartEvidence],
     still: &[SurfaceSamples],

@@ -3,9 +3,9 @@
 use nalgebra::{Matrix2, Vector2};
 
 /// Samples on each side of a patch's center.
-pub(crate) const RADIUS: i32 = 4;
+pub const RADIUS: i32 = 4;
 /// Largest shift that is looked for, in patch samples.
-pub(crate) const REACH: i32 = 4;
+pub const REACH: i32 = 4;
 /// Lucas-Kanade iterations.
 const ITERATIONS: usize = 12;
 /// Share of a patch that must be seen.
@@ -14,7 +14,7 @@ const ITERATIONS: usize = 12;
 const MIN_SEEN: f64 = 0.9;
 
 /// Gray values on a square of `2 radius + 1` samples a side; NaN where no frame saw the surface.
-pub(crate) struct Patch {
+pub struct Patch {
     pub radius: i32,
     pub values: Vec<f32>,
 }
@@ -51,7 +51,7 @@ impl Patch {
 }
 
 /// A patch found in a larger one.
-pub(crate) struct Shift {
+pub struct Shift {
     /// Patch samples along the two tangents.
     pub shift: Vector2<f64>,
     pub covariance: Matrix2<f64>,
@@ -64,7 +64,7 @@ type Row = (f64, f64, Vector2<f64>);
 
 /// Looks for a patch in a larger one (Lucas and Kanade 1981). `None` without contrast, outside the reach, or
 /// if the search does not converge. See docs/method.md (8.6).
-pub(crate) fn align(reference: &Patch, target: &Patch, min_contrast: f64) -> Option<Shift> {
+pub fn align(reference: &Patch, target: &Patch, min_contrast: f64) -> Option<Shift> {
     let mut shift = Vector2::zeros();
     let mut last: Option<Shift> = None;
     for _ in 0..ITERATIONS {

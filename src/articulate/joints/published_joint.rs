@@ -6,12 +6,10 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix6, Point3, SMatrix, Unit, Vector3};
 
-use crate::{
-    articulate::joints::{joint::JointEstimate, joint_motion::foot, kinematic_tree::TreeJointEstimate},
-    geometry::{Pose, Screw},
-    model::{JointEvidence, JointKind, TypeScores},
-    note::{Note, NoteCode},
-};
+use crate::joints::{joint::JointEstimate, joint_motion::foot, kinematic_tree::TreeJointEstimate};
+use common::note::{Note, NoteCode};
+use geometry::{Pose, Screw};
+use model::{JointEvidence, JointKind, TypeScores};
 
 /// A motion that turns by less is a slide, radians.
 ///

@@ -12,7 +12,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Matrix3x2, Unit, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::joints::joint_motion::frame_across;
+use crate::joints::joint_motion::frame_across;
 
 /// How square an object is taken to be built.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

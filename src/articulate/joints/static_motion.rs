@@ -3,8 +3,8 @@
 
 use nalgebra::Matrix6;
 
-use crate::articulate::joints::free_motion::ParentMotion;
-use crate::geometry::{Pose, shift_and_turn};
+use crate::joints::free_motion::ParentMotion;
+use geometry::{Pose, shift_and_turn};
 
 /// Two motions contradict each other beyond this squared distance in their standard deviations.
 ///
@@ -42,7 +42,7 @@ mod tests {
     use nalgebra::{Vector3, Vector6};
 
     use super::*;
-    use crate::geometry::log_so3;
+    use geometry::log_so3;
 
     fn diagonal(sigmas: [f64; 6]) -> Matrix6<f64> {
         Matrix6::from_diagonal(&Vector6::from_row_slice(&sigmas.map(|s| s * s)))

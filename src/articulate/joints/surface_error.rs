@@ -6,18 +6,16 @@
 
 use rayon::prelude::*;
 
-use crate::articulate::{
+use crate::{
     observations::SurfaceSamples,
     samples::{sample_index::SampleIndex, surface_graph::SAME_NORMAL},
 };
-use crate::{
-    capture::{GRAZING_COSINE, NoiseConfig, RgbdFrame},
-    geometry::Pose,
-};
+use capture::{GRAZING_COSINE, NoiseConfig, RgbdFrame};
+use geometry::Pose;
 
 /// Heights of the readings over the surfaces of a part, averaged over some radius, meters; `None` where no
 /// frame shows one.
-pub(crate) struct ReadingHeights {
+pub struct ReadingHeights {
     of: [Vec<Option<f64>>; 2],
 }
 
@@ -56,12 +54,12 @@ impl ReadingHeights {
 
 /// Offsets that are clearly those of a displaced surface: those smaller than `noise_m`, as heights of
 /// averaged readings have them by chance, shrink to nothing. See docs/method.md (8.7).
-pub(crate) fn clear(offsets_m: Vec<f64>, noise_m: f64) -> Vec<f64> {
+pub fn clear(offsets_m: Vec<f64>, noise_m: f64) -> Vec<f64> {
     offsets_m.into_iter().map(|o| o * o * o / (o * o + noise_m * noise_m)).collect()
 }
 
 /// Root mean square of the offsets of state 0's samples that are known, meters; 0 where none is.
-pub(crate) fn surface_error_m(offsets_m: &[f64]) -> f64 {
+pub fn surface_error_m(offsets_m: &[f64]) -> f64 {
     let (sum, count) =
         offsets_m.iter().filter(|d| **d != 0.0).fold((0.0, 0usize), |(sum, n), d| (sum + d * d, n + 1));
     (sum / count.max(1) as f64).sqrt()
@@ -133,10 +131,8 @@ mod tests {
     use nalgebra::{Point3, Vector3};
 
     use super::*;
-    use crate::{
-        geometry::Intrinsics,
-        surface::shapes::{cuboid, looking_at_origin, view_of},
-    };
+    use capture::analytic::{cuboid, looking_at_origin, view_of};
+    use geometry::Intrinsics;
 
     /// The upper side of a box, a plate of samples 0.02 m high that lie `above_m` over it.
     fn plate(above_m: f64) -> SurfaceSamples {

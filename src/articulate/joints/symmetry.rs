@@ -4,17 +4,15 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 
-use crate::articulate::{
+use crate::{
     joints::{
         free_motion::surface_sigma_m,
         motion_evidence::{MotionEvidence, RefineConfig},
     },
     observations::SurfaceSamples,
 };
-use crate::{
-    geometry::{Pose, Screw},
-    statistics::median,
-};
+use geometry::{Pose, Screw};
+use numeric::statistics::median;
 
 /// Turns that are tried, all round; no regular prism but one of seven sides looks alike after any.
 const TURNS: usize = 7;
@@ -30,7 +28,7 @@ const SEEN: f64 = 0.5;
 const CENTERINGS: usize = 10;
 
 /// Whether a part that makes a motion and, before it, any turn about a direction would fit as well.
-pub(crate) fn looks_alike_round(
+pub fn looks_alike_round(
     evidence: &MotionEvidence,
     motion: &Pose,
     direction: &Unit<Vector3<f64>>,
@@ -85,8 +83,8 @@ fn center(surface: &SurfaceSamples, direction: &Unit<Vector3<f64>>) -> Option<Po
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::joints::drawn_residuals::DrawnResiduals;
-    use crate::geometry::{Grid3, SceneBox};
+    use crate::joints::drawn_residuals::DrawnResiduals;
+    use geometry::{Grid3, SceneBox};
 
     /// A part with so many sides round a vertical axis through (.1, .05), seen in two states, lifted by 2 cm
     /// between them.

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::{
+use crate::{
     joints::{
         gray_frames::{GrayFrames, Tangent},
         joint_motion::frame_across,
@@ -18,10 +18,8 @@ use crate::articulate::{
     },
     observations::SurfaceSamples,
 };
-use crate::{
-    capture::{NoiseConfig, RgbdFrame},
-    geometry::{Grid3, Pose},
-};
+use capture::{NoiseConfig, RgbdFrame};
+use geometry::{Grid3, Pose};
 
 /// Settings of the texture alignment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

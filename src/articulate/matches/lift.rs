@@ -3,8 +3,8 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::{observations::LiftedMatch, samples::index_sets::IndexSets};
-use crate::capture::{NoiseConfig, PixelMatch, RgbdFrame};
+use crate::{observations::LiftedMatch, samples::index_sets::IndexSets};
+use capture::{NoiseConfig, PixelMatch, RgbdFrame};
 
 /// Half the side of the depth patch that gives a feature's depth, pixels.
 const PATCH_PX: i64 = 2;
@@ -240,7 +240,7 @@ fn averaged(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::samples::synthetic::{Scene, camera_ring};
+    use crate::samples::synthetic::{Scene, camera_ring};
 
     #[test]
     fn the_depth_plane_gives_the_surface_point_at_sub_pixels() {

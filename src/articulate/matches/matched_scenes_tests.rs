@@ -1,9 +1,7 @@
 //! Features of made scenes are matched where they show the same.
 
-use crate::articulate::samples::synthetic::{Scene, camera_ring};
-use crate::capture::{
-    Correspondence, MatchConfig, PixelMatch, RgbdFrame, frame_pairs, match_states, on_object,
-};
+use crate::samples::synthetic::{Scene, camera_ring};
+use capture::{Correspondence, MatchConfig, PixelMatch, RgbdFrame, frame_pairs, match_states, on_object};
 
 #[test]
 fn matches_lie_on_the_same_surface_points() {

@@ -1,8 +1,8 @@
 //! Matches of two states, lifted to 3D.
 
-pub(crate) mod lift;
+pub mod lift;
 #[cfg(any(feature = "onnx", test))]
-pub(crate) mod model_image;
+pub mod model_image;
 
 #[cfg(test)]
 mod matched_scenes_tests;

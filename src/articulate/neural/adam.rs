@@ -3,15 +3,15 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::neural::{
+use crate::neural::{
     feature_grid::FEATURES,
     segmentation::{SegmentationField, SegmentationGradient},
 };
-use crate::field::{ADAM_BETAS, ADAM_EPSILON};
+use field::{ADAM_BETAS, ADAM_EPSILON};
 
 /// Moments of a short vector and the steps taken.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Moments<T> {
+pub struct Moments<T> {
     first: Vec<T>,
     second: Vec<T>,
     taken: i32,
@@ -19,12 +19,12 @@ pub(crate) struct Moments<T> {
 
 impl Moments<f64> {
     /// No history of a vector of `length`.
-    pub(crate) fn new(length: usize) -> Self {
+    pub fn new(length: usize) -> Self {
         Self { first: vec![0.0; length], second: vec![0.0; length], taken: 0 }
     }
 
     /// The change of every parameter for a gradient.
-    pub(crate) fn steps(&mut self, gradient: &[f64], rate: f64) -> Vec<f64> {
+    pub fn steps(&mut self, gradient: &[f64], rate: f64) -> Vec<f64> {
         self.taken += 1;
         let (b1, b2) = (f64::from(ADAM_BETAS.0), f64::from(ADAM_BETAS.1));
         let (c1, c2) = (1.0 - b1.powi(self.taken), 1.0 - b2.powi(self.taken));
@@ -45,7 +45,7 @@ impl Moments<f64> {
 /// Moments of a segmentation field. Grid nodes that never had a gradient are passed over: Adam would leave
 /// them as they are.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct FieldMoments {
+pub struct FieldMoments {
     grid: Moments<f32>,
     layers: Vec<Moments<f32>>,
     touched: Vec<bool>,
@@ -82,7 +82,7 @@ impl Rule {
 
 impl FieldMoments {
     /// No history.
-    pub(crate) fn new(field: &SegmentationField) -> Self {
+    pub fn new(field: &SegmentationField) -> Self {
         let moments =
             |length: usize| Moments { first: vec![0.0; length], second: vec![0.0; length], taken: 0 };
         Self {
@@ -97,7 +97,7 @@ impl FieldMoments {
     }
 
     /// Whether these are moments of a field of this shape.
-    pub(crate) fn fits(&self, field: &SegmentationField) -> bool {
+    pub fn fits(&self, field: &SegmentationField) -> bool {
         let lengths = |m: &Moments<f32>| (m.first.len(), m.second.len());
         let layers: Vec<_> =
             field.layers.iter().flat_map(|l| [l.weights.len(), l.biases.len()]).map(|n| (n, n)).collect();
@@ -107,12 +107,7 @@ impl FieldMoments {
     }
 
     /// One step; clears the gradient.
-    pub(crate) fn step(
-        &mut self,
-        field: &mut SegmentationField,
-        gradient: &mut SegmentationGradient,
-        rate: f64,
-    ) {
+    pub fn step(&mut self, field: &mut SegmentationField, gradient: &mut SegmentationGradient, rate: f64) {
         self.grid.taken += 1;
         let rule = Rule::at(self.grid.taken, rate);
         // A node that had a gradient once still moves by its moments.
@@ -153,7 +148,7 @@ impl FieldMoments {
 }
 
 /// Exponential fall from the first to the last rate over a number of steps.
-pub(crate) fn rate_at(range: [f64; 2], step: usize, steps: usize) -> f64 {
+pub fn rate_at(range: [f64; 2], step: usize, steps: usize) -> f64 {
     range[0] * (range[1] / range[0]).powf(step as f64 / steps.max(1) as f64)
 }
 

@@ -1,9 +1,9 @@
 //! Collision between parts (docs/method.md 12.8): no place may be filled more than once.
 
-use crate::articulate::neural::{loss_term::LossTerm, occupancy::BackwardFlow};
+use crate::neural::{loss_term::LossTerm, occupancy::BackwardFlow};
 
 /// Mean of `max(0, O(x) - 1)^2`.
-pub(crate) fn collision_loss(flow: &BackwardFlow<'_>, probabilities: &[f32]) -> LossTerm {
+pub fn collision_loss(flow: &BackwardFlow<'_>, probabilities: &[f32]) -> LossTerm {
     flow.loss(probabilities, |_, occupancy| {
         let excess = (occupancy - 1.0).max(0.0);
         (excess * excess, 2.0 * excess)

@@ -3,21 +3,19 @@
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
-use crate::{
-    articulate::neural::segmentation::{SegmentationField, SegmentationGradient, softmax, softmax_backward},
-    random::{below, unit},
-};
+use crate::neural::segmentation::{SegmentationField, SegmentationGradient, softmax, softmax_backward};
+use numeric::random::{below, unit};
 
 /// Labelled points of one state, normalised.
-pub(crate) struct LabelSet {
-    pub(crate) points: Vec<Point3<f64>>,
-    pub(crate) labels: Vec<u8>,
+pub struct LabelSet {
+    pub points: Vec<Point3<f64>>,
+    pub labels: Vec<u8>,
 }
 
 impl LabelSet {
     /// Mean cross-entropy (nats) of `count` random points, each moved by up to `reach` (normalised) along
     /// every axis so that the space around the surface takes its label too. Adds to the gradient.
-    pub(crate) fn loss(
+    pub fn loss(
         &self,
         field: &SegmentationField,
         (count, reach): (usize, f64),

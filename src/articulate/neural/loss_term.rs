@@ -1,23 +1,23 @@
 //! What every loss of stage 2 gives back.
 
-use crate::articulate::neural::motion_params::MotionGradient;
+use crate::neural::motion_params::MotionGradient;
 
 /// Points of a parallel work item. Fixed, so that sums have the same order for every number of threads.
-pub(crate) const CHUNK: usize = 256;
+pub const CHUNK: usize = 256;
 
 /// Value and gradients of a loss.
-pub(crate) struct LossTerm {
+pub struct LossTerm {
     /// Not multiplied by the weight of the term.
-    pub(crate) value: f64,
+    pub value: f64,
     /// By the part probabilities of the points that the loss was given, `parts` a point.
-    pub(crate) by_probabilities: Vec<f32>,
+    pub by_probabilities: Vec<f32>,
     /// By the motions.
-    pub(crate) by_motions: MotionGradient,
+    pub by_motions: MotionGradient,
 }
 
 impl LossTerm {
     /// No loss on a number of points.
-    pub(crate) fn zero(points: usize, parts: usize) -> Self {
+    pub fn zero(points: usize, parts: usize) -> Self {
         Self {
             value: 0.0,
             by_probabilities: vec![0.0; points * parts],
@@ -26,7 +26,7 @@ impl LossTerm {
     }
 
     /// Joins the terms of consecutive chunks of points.
-    pub(crate) fn concat(chunks: Vec<Self>, parts: usize) -> Self {
+    pub fn concat(chunks: Vec<Self>, parts: usize) -> Self {
         let mut all = Self::zero(0, parts);
         // In the order of the points, whichever thread was first.
         for chunk in chunks {

@@ -3,7 +3,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::articulate::{
+use crate::{
     neural::{
         loss_term::LossTerm,
         motion_params::{Motions, Way},
@@ -13,17 +13,17 @@ use crate::articulate::{
 };
 
 /// Some matches, the state they end in and the motions.
-pub(crate) struct Matching<'a> {
-    pub(crate) matches: &'a [LiftedMatch],
+pub struct Matching<'a> {
+    pub matches: &'a [LiftedMatch],
     /// The state that the points are moved to.
-    pub(crate) target: &'a Volume<'a>,
-    pub(crate) motions: &'a Motions,
-    pub(crate) way: Way,
+    pub target: &'a Volume<'a>,
+    pub motions: &'a Motions,
+    pub way: Way,
 }
 
 impl Matching<'_> {
     /// World point of a match in the state it is moved from.
-    pub(crate) fn start(pair: &LiftedMatch, way: Way) -> Point3<f64> {
+    pub fn start(pair: &LiftedMatch, way: Way) -> Point3<f64> {
         if way == Way::Forward { pair.point0 } else { pair.point1 }
     }
 
@@ -42,7 +42,7 @@ impl Matching<'_> {
 
     /// Mean L1 distance in pixels between projection and matched pixel, in image heights. Points behind the
     /// camera, or within a truncation distance of it, are left out.
-    pub(crate) fn pixel_loss(&self, probabilities: &[f32]) -> LossTerm {
+    pub fn pixel_loss(&self, probabilities: &[f32]) -> LossTerm {
         let parts = self.motions.parts.len();
         let mut valid = 0usize;
         let mut term = self.sum(probabilities, |pair, blend| {
@@ -70,14 +70,14 @@ impl Matching<'_> {
         term.by_probabilities.iter_mut().for_each(|g| *g *= factor as f32);
         term.by_motions = std::mem::replace(
             &mut term.by_motions,
-            crate::articulate::neural::motion_params::MotionGradient::zero(parts),
+            crate::neural::motion_params::MotionGradient::zero(parts),
         )
         .scaled(factor);
         term
     }
 
     /// Mean of `(sqrt(distance^2 + sigma^2) - sigma) / truncation` between moved and lifted point.
-    pub(crate) fn point_loss(&self, probabilities: &[f32]) -> LossTerm {
+    pub fn point_loss(&self, probabilities: &[f32]) -> LossTerm {
         let count = self.matches.len().max(1) as f64;
         self.sum(probabilities, |pair, blend| {
             let target =

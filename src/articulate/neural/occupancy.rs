@@ -8,7 +8,7 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::neural::{
+use crate::neural::{
     config::{ArticulationConfig, Reading},
     loss_term::{CHUNK, LossTerm},
     motion_params::{MotionGradient, Motions, Way},
@@ -17,19 +17,19 @@ use crate::articulate::neural::{
 
 /// A candidate with occupancy: only these depend on the segmentation.
 #[derive(Clone, Copy)]
-pub(crate) struct Candidate {
+pub struct Candidate {
     /// Index of the point `x`.
-    pub(crate) point: usize,
+    pub point: usize,
     /// Part.
-    pub(crate) part: usize,
+    pub part: usize,
     /// `x_i`, normalised, in the other state.
-    pub(crate) image: Point3<f64>,
+    pub image: Point3<f64>,
     occupancy: f64,
     by_image: Vector3<f64>,
 }
 
 /// Points of one state with their candidates in the other.
-pub(crate) struct BackwardFlow<'a> {
+pub struct BackwardFlow<'a> {
     points: &'a [Point3<f64>],
     /// Weight of every point; the mean over the points of `weight * f` estimates the mean of `f`.
     weights: Option<&'a [f64]>,
@@ -37,12 +37,12 @@ pub(crate) struct BackwardFlow<'a> {
     /// From here to the other state.
     way: Way,
     /// Candidates, by point and then part.
-    pub(crate) candidates: Vec<Candidate>,
+    pub candidates: Vec<Candidate>,
 }
 
 impl<'a> BackwardFlow<'a> {
     /// Finds the candidates of points; `way` leads from their state to `other`.
-    pub(crate) fn gather(
+    pub fn gather(
         points: &'a [Point3<f64>],
         weights: Option<&'a [f64]>,
         other: &Volume<'_>,
@@ -75,7 +75,7 @@ impl<'a> BackwardFlow<'a> {
     }
 
     /// `O(x)` of every point; `probabilities` are those of the candidates' images, `parts` a candidate.
-    pub(crate) fn occupancy(&self, probabilities: &[f32]) -> Vec<f64> {
+    pub fn occupancy(&self, probabilities: &[f32]) -> Vec<f64> {
         let mut sums = vec![0.0; self.points.len()];
         for (c, p) in self.candidates.iter().zip(probabilities.chunks_exact(self.motions.parts.len())) {
             sums[c.point] += f64::from(p[c.part]) * c.occupancy;
@@ -84,11 +84,7 @@ impl<'a> BackwardFlow<'a> {
     }
 
     /// Mean over the points of a loss of `O(x)`, given with its derivative.
-    pub(crate) fn loss(
-        &self,
-        probabilities: &[f32],
-        loss: impl Fn(usize, f64) -> (f64, f64) + Sync,
-    ) -> LossTerm {
+    pub fn loss(&self, probabilities: &[f32], loss: impl Fn(usize, f64) -> (f64, f64) + Sync) -> LossTerm {
         let parts = self.motions.parts.len();
         let share = 1.0 / self.points.len().max(1) as f64;
         let predicted = self.occupancy(probabilities);
@@ -106,7 +102,7 @@ impl<'a> BackwardFlow<'a> {
     }
 
     /// Gradient by the motions through the images at which the segmentation was evaluated.
-    pub(crate) fn by_motions(&self, by_images: &[[f32; 3]]) -> MotionGradient {
+    pub fn by_motions(&self, by_images: &[[f32; 3]]) -> MotionGradient {
         let mut total = MotionGradient::zero(self.motions.parts.len());
         for (c, g) in self.candidates.iter().zip(by_images) {
             let by_image = Vector3::new(g[0], g[1], g[2]).cast();
@@ -119,7 +115,7 @@ impl<'a> BackwardFlow<'a> {
 /// Occupancy consistency, mean of `v (O(x) - target(x))^2`, with `v` 1 where the point was seen here and one
 /// of its candidates in the other state, else the unseen weight. The target is the occupancy of the state
 /// that the points lie in; the released program takes that of the other state at the same place.
-pub(crate) fn occupancy_loss(
+pub fn occupancy_loss(
     flow: &BackwardFlow<'_>,
     probabilities: &[f32],
     (here, other): (&Volume<'_>, &Volume<'_>),

@@ -4,38 +4,36 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 use rayon::prelude::*;
 
-use crate::{
-    articulate::neural::{
-        config::{ArticulationConfig, Reading},
-        state_model::{SurfaceRay, Volume},
-    },
-    random::{below, unit},
+use crate::neural::{
+    config::{ArticulationConfig, Reading},
+    state_model::{SurfaceRay, Volume},
 };
+use numeric::random::{below, unit};
 
 /// Samples of some rays, ray-major.
-pub(crate) struct RayBatch {
+pub struct RayBatch {
     /// Samples on every ray.
-    pub(crate) samples_per_ray: usize,
+    pub samples_per_ray: usize,
     /// Normalised positions.
-    pub(crate) points: Vec<Point3<f64>>,
+    pub points: Vec<Point3<f64>>,
     /// The state's own signed distance at them, truncation distances.
-    pub(crate) sdf: Vec<f64>,
+    pub sdf: Vec<f64>,
     /// Their near-surface weight, docs/method.md (12.15), times that of the ray.
-    pub(crate) weights: Vec<f64>,
+    pub weights: Vec<f64>,
     /// Whether the state saw them.
-    pub(crate) visible: Vec<bool>,
+    pub visible: Vec<bool>,
     /// Expected standard deviation of every ray's depth, truncation distances.
-    pub(crate) sigma: Vec<f64>,
+    pub sigma: Vec<f64>,
     /// Unit world direction of every ray.
-    pub(crate) directions: Vec<Vector3<f64>>,
+    pub directions: Vec<Vector3<f64>>,
     /// One sample of every ray, drawn by weight: where colors are compared.
-    pub(crate) colored: Vec<usize>,
+    pub colored: Vec<usize>,
 }
 
 impl RayBatch {
     /// Draws rays with replacement, and stratified samples within one truncation distance of their depth.
     /// `typical_sigma_m` is the depth noise of a ray of weight 1.
-    pub(crate) fn draw(
+    pub fn draw(
         volume: &Volume<'_>,
         config: &ArticulationConfig,
         typical_sigma_m: f64,

@@ -6,13 +6,11 @@ use rand_core::Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    articulate::neural::{
-        dense_kernel::{multiply, multiply_transposed},
-        feature_grid::{Cell, FEATURES},
-    },
-    random::{STREAM_STEP, mix},
+use crate::neural::{
+    dense_kernel::{multiply, multiply_transposed},
+    feature_grid::{Cell, FEATURES},
 };
+use numeric::random::{STREAM_STEP, mix};
 
 /// Width of the network's input: grid features, x, y, z, and one zero that fills a vector register.
 const INPUTS: usize = 24;
@@ -103,31 +101,31 @@ pub struct SegmentationField {
 
 /// What the backward pass needs of a forward pass.
 #[derive(Default)]
-pub(crate) struct Activations {
+pub struct Activations {
     inputs: Vec<f32>,
     hidden: [Vec<f32>; 2],
     /// `stride` logits a point, of which the first `parts` count.
-    pub(crate) logits: Vec<f32>,
+    pub logits: Vec<f32>,
     /// Width of a row of `logits`.
-    pub(crate) stride: usize,
+    pub stride: usize,
 }
 
 /// Gradients by the parameters of one field. The grid's part is accumulated; see
 /// [`SegmentationField::backward`].
-pub(crate) struct SegmentationGradient {
+pub struct SegmentationGradient {
     /// By the grid features.
-    pub(crate) grid: Vec<f32>,
+    pub grid: Vec<f32>,
     /// Nodes that ever had a gradient.
-    pub(crate) touched: Vec<bool>,
+    pub touched: Vec<bool>,
     /// By the layers.
-    pub(crate) layers: [Dense; 3],
+    pub layers: [Dense; 3],
     /// Memory of an earlier forward pass, to be used again.
-    pub(crate) spare: Activations,
+    pub spare: Activations,
 }
 
 impl SegmentationField {
     /// A fresh field: grid features zero, layers uniform in `+-1/sqrt(inputs)`.
-    pub(crate) fn init(parts: usize, nodes: usize, rng: &mut impl Rng) -> Self {
+    pub fn init(parts: usize, nodes: usize, rng: &mut impl Rng) -> Self {
         // Whole vector registers: the unused outputs stay zero.
         let outputs = parts.next_multiple_of(8);
         let layers = [
@@ -139,7 +137,7 @@ impl SegmentationField {
     }
 
     /// Whether another field has the same number of parts, nodes and units.
-    pub(crate) fn same_shape(&self, other: &Self) -> bool {
+    pub fn same_shape(&self, other: &Self) -> bool {
         let shape = |f: &Self| {
             (f.parts, f.nodes, f.grid.len(), f.layers.each_ref().map(|l| (l.weights.len(), l.biases.len())))
         };
@@ -147,7 +145,7 @@ impl SegmentationField {
     }
 
     /// A gradient of this field's shape, all zero.
-    pub(crate) fn zero_gradient(&self) -> SegmentationGradient {
+    pub fn zero_gradient(&self) -> SegmentationGradient {
         SegmentationGradient {
             grid: vec![0.0; self.grid.len()],
             touched: vec![false; self.grid.len() / FEATURES],
@@ -161,7 +159,7 @@ impl SegmentationField {
     }
 
     /// Logits at normalised points, with what the backward pass needs; `spare` lends its memory.
-    pub(crate) fn forward(&self, points: &[[f32; 3]], spare: Activations) -> Activations {
+    pub fn forward(&self, points: &[[f32; 3]], spare: Activations) -> Activations {
         let (n, stride) = (points.len(), self.layers[2].outputs);
         let Activations { mut inputs, mut hidden, mut logits, .. } = spare;
         for (buffer, width) in [(&mut inputs, INPUTS), (&mut logits, stride)]
@@ -197,7 +195,7 @@ impl SegmentationField {
 
     /// Back-propagates `by_logits` (row width `activations.stride`, zero beyond the parts): adds to
     /// `gradient` and returns the gradient by every normalised point. Uses the activations up.
-    pub(crate) fn backward(
+    pub fn backward(
         &self,
         points: &[[f32; 3]],
         activations: Activations,
@@ -247,7 +245,7 @@ impl SegmentationField {
     }
 
     /// Noiseless part probabilities at normalised points, `parts` a point.
-    pub(crate) fn probabilities(&self, points: &[[f32; 3]]) -> Vec<f32> {
+    pub fn probabilities(&self, points: &[[f32; 3]]) -> Vec<f32> {
         let mut all = Vec::with_capacity(points.len() * self.parts);
         // Blocks keep the activations of a large query small.
         let mut spare = Activations::default();
@@ -268,7 +266,7 @@ fn through_relu(by_y: &[f32], outputs: usize, transposed: &[f32], x: &[f32]) -> 
 }
 
 /// Softmax of the logits, plus noise (`parts` a point) if given; `parts` probabilities a point.
-pub(crate) fn softmax(activations: &Activations, parts: usize, noise: Option<&[f32]>) -> Vec<f32> {
+pub fn softmax(activations: &Activations, parts: usize, noise: Option<&[f32]>) -> Vec<f32> {
     let mut p = Vec::with_capacity(activations.logits.len() / activations.stride * parts);
     for (i, row) in activations.logits.chunks_exact(activations.stride).enumerate() {
         let start = p.len();
@@ -288,7 +286,7 @@ pub(crate) fn softmax(activations: &Activations, parts: usize, noise: Option<&[f
 
 /// Turns a gradient by probabilities (`parts` a point) into one by logits (`stride` a point, zero beyond the
 /// parts).
-pub(crate) fn softmax_backward(
+pub fn softmax_backward(
     probabilities: &[f32],
     by_probabilities: &[f32],
     parts: usize,
@@ -307,14 +305,14 @@ pub(crate) fn softmax_backward(
 
 /// Gumbel(0, 1) noise that is a function of what it is for, so that it does not depend on what else is asked.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct GumbelNoise {
+pub struct GumbelNoise {
     /// Changes all of it; `None` is no noise.
-    pub(crate) key: Option<u64>,
+    pub key: Option<u64>,
 }
 
 impl GumbelNoise {
     /// Noise of a logit, named by a group of points and an index in it.
-    pub(crate) fn at(self, group: u64, index: u64) -> f32 {
+    pub fn at(self, group: u64, index: u64) -> f32 {
         let Some(key) = self.key else { return 0.0 };
         // SplitMix64 at position `index` of the stream of the group.
         let x = mix(key.wrapping_add((group << 48 | index).wrapping_mul(STREAM_STEP)));
@@ -328,7 +326,7 @@ impl GumbelNoise {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     /// The definition of the field in f64: probabilities at one point, with `grid[g]` changed by a step.
     fn reference(

@@ -2,11 +2,9 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::{
-    articulate::neural::config::Reading,
-    geometry::{Grid3, Intrinsics, Pose, SceneBox},
-    surface::ColorField,
-};
+use crate::neural::config::Reading;
+use geometry::{Grid3, Intrinsics, Pose, SceneBox};
+use surface::ColorField;
 
 /// A ray that hit the object, in the world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,25 +40,25 @@ pub struct StateModel<'a> {
 
 /// A state in normalised coordinates and truncation distances.
 #[derive(Clone, Copy)]
-pub(crate) struct Volume<'a> {
-    pub(crate) model: StateModel<'a>,
-    pub(crate) scene: SceneBox,
-    pub(crate) truncation_m: f64,
+pub struct Volume<'a> {
+    pub model: StateModel<'a>,
+    pub scene: SceneBox,
+    pub truncation_m: f64,
     /// Width over which occupancy falls, meters.
-    pub(crate) ramp_m: f64,
-    pub(crate) alignment: Reading,
+    pub ramp_m: f64,
+    pub alignment: Reading,
 }
 
 impl Volume<'_> {
     /// Signed distance in truncation distances, and its gradient per normalised unit.
-    pub(crate) fn sdf(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
+    pub fn sdf(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
         let (d, g) = self.sdf_m(point);
         (d / self.truncation_m, g / self.truncation_m)
     }
 
     /// Occupancy (docs/method.md 12.7: 1 inside, 0 outside, a ramp of width `ramp_m` between), and its
     /// gradient per normalised unit.
-    pub(crate) fn occupancy(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
+    pub fn occupancy(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
         let (d, g) = self.sdf_m(point);
         // docs/method.md (12.13).
         let value = 0.5 - d / self.ramp_m;
@@ -74,7 +72,7 @@ impl Volume<'_> {
     }
 
     /// Whether the point was seen in this state.
-    pub(crate) fn visible(&self, point: &Point3<f64>) -> bool {
+    pub fn visible(&self, point: &Point3<f64>) -> bool {
         self.model.visible.nearest(&self.scene.world(point)).is_some_and(|i| self.model.visible.values[i])
     }
 
@@ -94,12 +92,12 @@ impl Volume<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::neural::test_scene::two_blocks;
+    use crate::neural::test_scene::two_blocks;
 
     #[test]
     fn occupancy_falls_over_the_ramp_and_the_released_grid_is_stretched() {
         let scene = two_blocks(Pose::translation(0.1, 0.0, 0.0), 41);
-        let mut volume = scene.volume(0, &crate::articulate::neural::config::ArticulationConfig::default());
+        let mut volume = scene.volume(0, &crate::neural::config::ArticulationConfig::default());
         volume.ramp_m = 0.02;
         // Below the middle of the base's lower face, which lies at -0.1 m.
         let at = |height_m: f64| volume.scene.normalise(&Point3::new(-0.04, 0.0, -0.1 + height_m));

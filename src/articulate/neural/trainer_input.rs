@@ -3,21 +3,19 @@
 use nalgebra::Point3;
 
 use crate::{
-    articulate::{
-        neural::{
-            state_model::{StateModel, SurfaceRay},
-            trainer_error::{MAX_PARTS, MIN_PARTS, TrainerError},
-        },
-        observations::LiftedMatch,
+    neural::{
+        state_model::{StateModel, SurfaceRay},
+        trainer_error::{MAX_PARTS, MIN_PARTS, TrainerError},
     },
-    geometry::Pose,
+    observations::LiftedMatch,
 };
+use geometry::Pose;
 
 /// Labelled surface points of a state: world points in meters, one part index each.
 pub type LabelledPoints = (Vec<Point3<f64>>, Vec<u8>);
 
 /// Refuses a number of parts or a scale that cannot be worked with.
-pub(crate) fn check_scale(parts: usize, truncation_m: f64) -> Result<(), TrainerError> {
+pub fn check_scale(parts: usize, truncation_m: f64) -> Result<(), TrainerError> {
     if !(MIN_PARTS..=MAX_PARTS).contains(&parts) {
         return Err(TrainerError::Parts { parts });
     }
@@ -30,7 +28,7 @@ pub(crate) fn check_scale(parts: usize, truncation_m: f64) -> Result<(), Trainer
 }
 
 /// Refuses a state that cannot be sampled.
-pub(crate) fn check_state(state: usize, model: &StateModel<'_>) -> Result<(), TrainerError> {
+pub fn check_state(state: usize, model: &StateModel<'_>) -> Result<(), TrainerError> {
     let mismatch = |what, problem: String| Err(TrainerError::Mismatch { what, state, problem });
     if model.rays.is_empty() {
         return Err(TrainerError::NoRays { state });
@@ -77,10 +75,7 @@ pub(crate) fn check_state(state: usize, model: &StateModel<'_>) -> Result<(), Tr
 }
 
 /// Refuses matches that name a frame that is not there, or are not finite.
-pub(crate) fn check_matches(
-    states: &[StateModel<'_>; 2],
-    matches: &[LiftedMatch],
-) -> Result<(), TrainerError> {
+pub fn check_matches(states: &[StateModel<'_>; 2], matches: &[LiftedMatch]) -> Result<(), TrainerError> {
     for (index, pair) in matches.iter().enumerate() {
         for (state, point) in [pair.point0, pair.point1].into_iter().enumerate() {
             let (frame, frames) = (pair.frames[state], states[state].cameras.len());
@@ -99,7 +94,7 @@ pub(crate) fn check_matches(
 }
 
 /// Refuses motions that do not fit.
-pub(crate) fn check_motions(init: Option<&[Pose]>, parts: usize) -> Result<(), TrainerError> {
+pub fn check_motions(init: Option<&[Pose]>, parts: usize) -> Result<(), TrainerError> {
     let Some(init) = init else { return Ok(()) };
     let finite = |m: &Pose| m.to_homogeneous().iter().all(|v| v.is_finite());
     // All motions are against part 0, so that it cannot have one.
@@ -112,7 +107,7 @@ pub(crate) fn check_motions(init: Option<&[Pose]>, parts: usize) -> Result<(), T
 }
 
 /// Refuses labels that do not fit.
-pub(crate) fn check_labels(labels: Option<[&LabelledPoints; 2]>, parts: usize) -> Result<(), TrainerError> {
+pub fn check_labels(labels: Option<[&LabelledPoints; 2]>, parts: usize) -> Result<(), TrainerError> {
     for (state, (points, labels)) in labels.into_iter().flatten().enumerate() {
         let fits = points.len() == labels.len()
             && !points.is_empty()

@@ -5,17 +5,15 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 use rayon::prelude::*;
 
-use crate::{
-    articulate::neural::{
-        motion_params::{Motions, Way},
-        state_model::Volume,
-    },
-    geometry::Grid3,
-    random::{below, unit},
+use crate::neural::{
+    motion_params::{Motions, Way},
+    state_model::Volume,
 };
+use geometry::Grid3;
+use numeric::random::{below, unit};
 
 /// The voxels (cubes around grid nodes) of a state in which occupancy is not zero everywhere.
-pub(crate) struct OccupiedVoxels {
+pub struct OccupiedVoxels {
     member: Vec<bool>,
     indices: Vec<u32>,
     /// Share of the scene cube.
@@ -24,7 +22,7 @@ pub(crate) struct OccupiedVoxels {
 
 impl OccupiedVoxels {
     /// Finds the voxels; a signed distance changes by at most the distance to the node.
-    pub(crate) fn of(volume: &Volume<'_>) -> Self {
+    pub fn of(volume: &Volume<'_>) -> Self {
         let grid = volume.model.sdf;
         // Half the ramp, and half the diagonal of a voxel.
         let reach = 0.5 * volume.ramp_m + 0.5 * 3.0f64.sqrt() * grid.spacing_m;
@@ -47,18 +45,18 @@ impl OccupiedVoxels {
 
 /// Points of the scene cube with weights: the mean of a function over the cube is the mean of `weight *
 /// f(point)`.
-pub(crate) struct UniformBatch {
+pub struct UniformBatch {
     /// Normalised positions, in the state that points are warped *out of*.
-    pub(crate) points: Vec<Point3<f64>>,
+    pub points: Vec<Point3<f64>>,
     /// Ratio of uniform to proposal density.
-    pub(crate) weights: Vec<f64>,
+    pub weights: Vec<f64>,
 }
 
 impl UniformBatch {
     /// Draws `count` points of the `here` state: a quarter uniform, the rest from its occupied voxels and
     /// from those of the `other` state moved here by a random part (`way` leads from `here` to `other`).
     /// Weights are those of the whole mixture.
-    pub(crate) fn draw(
+    pub fn draw(
         count: usize,
         here: (&Volume<'_>, &OccupiedVoxels),
         other: (&Volume<'_>, &OccupiedVoxels),

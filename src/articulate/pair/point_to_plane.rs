@@ -4,8 +4,8 @@
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 
-use crate::articulate::{observations::LiftedMatch, pair::surface_pair::SurfacePair};
-use crate::geometry::{Pose, exp_so3};
+use crate::{observations::LiftedMatch, pair::surface_pair::SurfacePair};
+use geometry::{Pose, exp_so3};
 
 /// Surface residuals beyond this many standard deviations lose their weight (Geman-McClure).
 /// derived: nine tenths of the efficiency of least squares where errors are normal
@@ -16,7 +16,7 @@ const SURFACE_SIGMAS: f64 = 2.9;
 const MATCH_SIGMAS: f64 = 2.0;
 /// Samples of a smooth surface repeat each other's errors: this many count as one.
 /// tuned: shared/bags
-pub(crate) const SAMPLES_PER_READING: f64 = 12.0;
+pub const SAMPLES_PER_READING: f64 = 12.0;
 /// Gauss-Newton steps against one set of correspondences.
 const STEPS: usize = 3;
 /// Damping relative to the mean diagonal: holds directions that nothing observes.
@@ -24,7 +24,7 @@ const STEPS: usize = 3;
 const DAMPING: f64 = 1e-5;
 
 /// A residual `normal . (point - T source)` in the frame of state 1, or its three components for a match.
-pub(crate) struct Plane {
+pub struct Plane {
     /// Point that the motion takes along, state 0.
     pub source: Point3<f64>,
     /// Where it should be, state 1.
@@ -44,12 +44,7 @@ impl Plane {
 }
 
 /// Correspondences of the samples that carry a motion's label, from both states.
-pub(crate) fn correspondences(
-    pair: &SurfacePair<'_>,
-    labels: [&[u8]; 2],
-    motion: &Pose,
-    label: u8,
-) -> Vec<Plane> {
+pub fn correspondences(pair: &SurfacePair<'_>, labels: [&[u8]; 2], motion: &Pose, label: u8) -> Vec<Plane> {
     let mut all = Vec::new();
     for state in 0..2 {
         let (these, others) = (pair.samples[state], pair.samples[1 - state]);
@@ -116,14 +111,14 @@ impl System {
 }
 
 /// The small motion by a rotation vector about a center and a shift.
-pub(crate) fn step(center: &Point3<f64>, turn: &Vector3<f64>, shift_m: &Vector3<f64>) -> Pose {
+pub fn step(center: &Point3<f64>, turn: &Vector3<f64>, shift_m: &Vector3<f64>) -> Pose {
     let rotation = exp_so3(turn);
     Pose::from_parts((center.coords - rotation * center.coords + shift_m).into(), rotation)
 }
 
 /// Refines one motion. Residual deviations are those of `pair`, `matches` are the ones that follow the
 /// motion. The motion is returned unchanged where too little supports it.
-pub(crate) fn refine(
+pub fn refine(
     pair: &SurfacePair<'_>,
     labels: [&[u8]; 2],
     matches: &[LiftedMatch],
@@ -173,7 +168,7 @@ pub(crate) fn refine(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::{
+    use crate::{
         pair::surface_pair::SurfacePair,
         samples::synthetic::{Scene, camera_ring},
     };

@@ -6,7 +6,7 @@ use std::{
 };
 
 /// Results that are kept while no more than so many others were made after them.
-pub(crate) struct Recent<K, V> {
+pub struct Recent<K, V> {
     most: usize,
     all: Mutex<VecDeque<(K, Arc<V>)>>,
 }

@@ -3,39 +3,39 @@
 
 /// Cost of a place that was not seen: weaker than any agreement, hardly evidence against.
 /// tuned: shared/bags
-pub(crate) const HIDDEN: f32 = 0.9;
+pub const HIDDEN: f32 = 0.9;
 /// Additional cost of a surface that follows another motion, and what a correspondence under another motion
 /// says against a motion that hid the sample.
 /// tuned: shared/bags
-pub(crate) const TAKEN: f32 = 0.4;
+pub const TAKEN: f32 = 0.4;
 /// Cost of a place in space seen to be empty.
 /// tuned: shared/bags
-pub(crate) const FREE: f32 = 1.6;
+pub const FREE: f32 = 1.6;
 /// Cost of a place seen to be empty all around, as far as errors of depth and motion take it.
 /// derived: above the other by what decides no label, so that it can be recognized
-pub(crate) const ALL_FREE: f32 = 1.61;
+pub const ALL_FREE: f32 = 1.61;
 /// Squared mismatch in standard deviations at which half the cost of a missing surface is reached: half of it
 /// are the 3 nats of a unit of cost.
 /// derived: 2 * 3 nats, so that small deviations cost `z^2 / 2` nats (Geman-McClure)
 const HALF_COST: f64 = 6.0;
 /// A sample is explained by a motion of a lower cost: it is nearer than [`HALF_COST`].
 /// derived: `HALF_COST / (HALF_COST + HALF_COST)`
-pub(crate) const EXPLAINED: f32 = 0.5;
+pub const EXPLAINED: f32 = 0.5;
 /// What a sample says for its motion where another takes it into space seen empty, beyond its own cost,
 /// as one in fifty true points is there.
 /// derived: `-ln ASTRAY / 3`, 3 nats being the unit of cost
-pub(crate) const MISSED: f64 = 1.3;
+pub const MISSED: f64 = 1.3;
 /// Cost of a sample that a motion takes into space seen empty, in samples that it takes onto planes, of which
 /// a sixth counts.
 /// tuned: shared/bags
-pub(crate) const CONTRADICTED: f64 = 2.0;
+pub const CONTRADICTED: f64 = 2.0;
 /// Share of true points that errors of depth and pose take into space seen empty.
 /// tuned: shared/bags
-pub(crate) const ASTRAY: f64 = 0.02;
+pub const ASTRAY: f64 = 0.02;
 
 /// What is asked of a reprojection.
 #[derive(Clone, Copy)]
-pub(crate) struct Look<'a> {
+pub struct Look<'a> {
     /// The motion's label.
     pub label: u8,
     /// Labels of the other state's samples, where known, and what a partner that carries another one costs
@@ -47,7 +47,7 @@ pub(crate) struct Look<'a> {
 
 /// Where a sample goes in the other state.
 #[derive(Clone, Copy)]
-pub(crate) struct Reprojection {
+pub struct Reprojection {
     /// The sample nearest to it there, with the squared deviations of shape and of color.
     pub partner: Option<(u32, f64, f64)>,
     /// Whether its place was seen empty, where that is known.
@@ -80,7 +80,7 @@ impl Reprojection {
 /// Log-likelihood ratio of the first of two motions of these costs, by one sample: that it reaches a surface,
 /// where the other takes it into space seen empty or reaches one worse. A sample that was hidden under either
 /// motion says nothing for it. See docs/method.md (7.2).
-pub(crate) fn log_ratio(own: f32, rival: f32) -> f64 {
+pub fn log_ratio(own: f32, rival: f32) -> f64 {
     match (own, rival) {
         // The order of the arms is that of docs/method.md (7.2): its own motion hid the sample, then what the
         // rival does with it.

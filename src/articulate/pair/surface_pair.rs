@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::{
+use crate::{
     observations::SurfaceSamples,
     pair::{
         recent::Recent,
@@ -18,10 +18,8 @@ use crate::articulate::{
         surface_graph::{NORMAL_SIGMA, Of, SurfaceGraph},
     },
 };
-use crate::{
-    geometry::{Pose, all_about},
-    statistics::median,
-};
+use geometry::{Pose, all_about};
+use numeric::statistics::median;
 
 /// Whether a world point was seen to be empty in a state.
 pub type FreeSpace<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);
@@ -38,11 +36,11 @@ const DEPTH_ERROR: f64 = 2.5;
 const ERROR: f64 = 0.5;
 /// Samples beyond an edge by more than this many times their mean distance have no partner.
 /// derived: the diagonal of a square of samples
-pub(crate) const EDGE: f64 = std::f64::consts::SQRT_2;
+pub const EDGE: f64 = std::f64::consts::SQRT_2;
 
 /// Deviations of corresponding samples of a static surface.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Scales {
+pub struct Scales {
     /// Distance to the other state's tangent plane, meters.
     pub plane_m: f64,
     /// Length of the color difference.
@@ -57,10 +55,10 @@ const KEPT: usize = 48;
 const LABELINGS: usize = 12;
 
 /// Labels of every sample of each state, and its costs, sample-major.
-pub(crate) type Labeling = ([Vec<u8>; 2], [Vec<f32>; 2]);
+pub type Labeling = ([Vec<u8>; 2], [Vec<f32>; 2]);
 
 /// Both states' samples, prepared for search.
-pub(crate) struct SurfacePair<'a> {
+pub struct SurfacePair<'a> {
     /// Samples of each state.
     pub samples: [&'a SurfaceSamples; 2],
     /// Search in each state's samples.
@@ -324,7 +322,7 @@ fn color_distance(a: [f32; 3], b: [f32; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::samples::synthetic::{Scene, camera_ring};
+    use crate::samples::synthetic::{Scene, camera_ring};
 
     fn check(scene: &Scene, with_free: bool, percent: usize) {
         let cameras = camera_ring(10);

@@ -1,18 +1,18 @@
 //! Surface that no motion explains.
 
-use crate::articulate::pair::{
+use crate::pair::{
     reprojection::{EXPLAINED, FREE},
     surface_pair::SurfacePair,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// What a motion explains must have this share of all samples: less could not outweigh the cost of a part.
 /// tuned: shared/bags
-pub(crate) const LEAST_SHARE: f64 = 0.004;
+pub const LEAST_SHARE: f64 = 0.004;
 
 /// Samples of each state that no motion explains, and those of them that moved (the first motion is the
 /// static part's).
-pub(crate) struct Unexplained {
+pub struct Unexplained {
     /// Samples that no motion takes onto a surface.
     pub open: [Vec<bool>; 2],
     /// Those of them whose place was seen empty in the other state.

@@ -8,7 +8,7 @@ use std::ops::RangeInclusive;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use crate::geometry::{Grid3, Pose};
+use geometry::{Grid3, Pose};
 
 /// The surface of one state with a part for every place near it.
 pub struct LabelledState {
@@ -181,7 +181,7 @@ fn vote(part: u8, place: &Point3<f64>, motions: &[Pose], states: &[LabelledState
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::SceneBox;
+    use geometry::SceneBox;
 
     /// Two slabs normal to z: part 0 at z < -0.2, part 1 at z < 0 in state 0 and z < 0.1 in state 1.
     fn state(top: f64, seen_below: bool) -> LabelledState {

@@ -5,16 +5,14 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::{
-    articulate::{
-        observations::SurfaceSamples,
-        parts::{
-            config::RegisterConfig,
-            error::RegisterError,
-            register::{MotionSupport, Registration, checked_extent_m},
-        },
+    observations::SurfaceSamples,
+    parts::{
+        config::RegisterConfig,
+        error::RegisterError,
+        register::{MotionSupport, Registration, checked_extent_m},
     },
-    geometry::{NearestPoints, Pose, rigid_fit},
 };
+use geometry::{NearestPoints, Pose, rigid_fit};
 
 /// Most rounds of closest points, and of clusters.
 const ROUNDS: usize = 100;

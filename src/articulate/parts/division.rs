@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
 
-use crate::articulate::{
+use crate::{
     pair::point_to_plane::{Plane, SAMPLES_PER_READING, correspondences, refine, step},
     parts::{
         elimination::{SLIGHT, Step, best},
@@ -19,7 +19,7 @@ use crate::articulate::{
     },
     samples::spacing::cell_of,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Residuals beyond this share of the reach lose their weight (Geman-McClure).
 /// tuned: shared/bags
@@ -185,7 +185,7 @@ struct Cut {
 /// Adds sets in which motions are divided, as far as two motions explain clearly more than one. They
 /// begin with the best set in which no motion loses evidence to another, and come before others of as
 /// many motions that leave more unexplained.
-pub(crate) fn divide(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
+pub fn divide(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
     let mut motions = best(pair, steps);
     while let Some(divided) = divided(pair, &motions) {
         let (scores, shares) = weighed(pair, &divided);
@@ -326,7 +326,7 @@ fn settled(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], label: u8, motion: &Po
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::{
+    use crate::{
         RegisterConfig,
         pair::surface_pair::{FreeSpace, SurfacePair},
         samples::{

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::{
+use crate::{
     pair::reprojection::EXPLAINED,
     parts::{
         labeling::label,
@@ -21,7 +21,7 @@ use crate::articulate::{
         slip::{Slip, round_axis},
     },
 };
-use crate::geometry::{Pose, Screw};
+use geometry::{Pose, Screw};
 
 /// Rounds in which a turned motion settles.
 const ROUNDS: usize = 3;
@@ -32,7 +32,7 @@ const FAR_TURN: f64 = 2.1;
 
 /// The motions, each part's turned end for end where that explains more, weighed by what speaks for a
 /// hinge. Matches distinguish them, so that only parts without them are looked at.
-pub(crate) fn hinged(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose> {
+pub fn hinged(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose> {
     for k in 1..motions.len() {
         if is_matched(pair, &motions, k) {
             continue;
@@ -175,7 +175,7 @@ impl Middle {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::{
+    use crate::{
         RegisterConfig,
         pair::surface_pair::SurfacePair,
         samples::synthetic::{Scene, camera_ring, turn},

@@ -1,7 +1,7 @@
 //! One motion in the place of several: motions that each explain a segment of a part may have driven out the
 //! one that explains all of it, as none of them has much that it explains alone. See docs/method.md 6.7.
 
-use crate::articulate::{
+use crate::{
     pair::reprojection::{EXPLAINED, FREE},
     parts::{
         evidence_curve::point,
@@ -11,7 +11,7 @@ use crate::articulate::{
         settle::settle,
     },
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// A motion can take the place of one of whose surface it explains this share.
 /// tuned: shared/bags
@@ -19,7 +19,7 @@ const REPLACED: f64 = 0.25;
 
 /// The set in which one after the other of the `proposed` motions takes the place of two or more, as long
 /// as the sum of the evidence rises.
-pub(crate) fn exchanged(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed: &[Pose]) -> Vec<Pose> {
+pub fn exchanged(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed: &[Pose]) -> Vec<Pose> {
     let mut left = proposed.to_vec();
     loop {
         let found = label(&pair.surfaces, &set);
@@ -78,7 +78,7 @@ mod tests {
     use nalgebra::{Point3, UnitQuaternion, Vector3};
 
     use super::*;
-    use crate::articulate::{RegisterConfig, samples::synthetic::Scene};
+    use crate::{RegisterConfig, samples::synthetic::Scene};
 
     #[test]
     fn one_motion_takes_the_place_of_two_that_each_explain_a_piece() {

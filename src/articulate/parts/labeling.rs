@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use crate::articulate::{
+use crate::{
     pair::surface_pair::{Labeling, SurfacePair},
     samples::surface_graph::Of,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Most rounds in which the labels of all parts settle: each state's follow from the other's.
 ///
@@ -14,13 +14,13 @@ use crate::geometry::Pose;
 const ROUNDS: usize = 3;
 
 /// Labels and costs of both states under a set of motions that is still sought.
-pub(crate) fn label(surfaces: &SurfacePair<'_>, motions: &[Pose]) -> Arc<Labeling> {
+pub fn label(surfaces: &SurfacePair<'_>, motions: &[Pose]) -> Arc<Labeling> {
     surfaces.labelings.get(motions.to_vec(), || label_of(surfaces, motions, Of::SomeParts))
 }
 
 /// The same under the motions of all parts: surface is of no part that was not there when its place was seen
 /// empty.
-pub(crate) fn label_of_all(surfaces: &SurfacePair<'_>, motions: &[Pose]) -> Labeling {
+pub fn label_of_all(surfaces: &SurfacePair<'_>, motions: &[Pose]) -> Labeling {
     label_of(surfaces, motions, Of::AllParts)
 }
 

@@ -4,17 +4,17 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 
-use crate::articulate::{
+use crate::{
     observations::LiftedMatch,
     pair::{reprojection::EXPLAINED, surface_pair::SurfacePair},
     parts::config::RegisterConfig,
     propose::ransac::Gate,
     samples::spacing::{cell_of, occupied_cells},
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// What sets of motions are judged by.
-pub(crate) struct MatchedPair<'a> {
+pub struct MatchedPair<'a> {
     pub matches: &'a [LiftedMatch],
     /// Those of them that can speak for a motion.
     pub informative: Vec<LiftedMatch>,

@@ -3,30 +3,28 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::Pose;
 use crate::{
-    articulate::{
-        pair::{reprojection::ASTRAY, unexplained::Unexplained},
-        parts::{
-            elimination::{SLIGHT, Step, standing},
-            error::RegisterError,
-            evidence_curve::EvidencePoint,
-            matched_pair::MatchedPair,
-        },
+    pair::{reprojection::ASTRAY, unexplained::Unexplained},
+    parts::{
+        elimination::{SLIGHT, Step, standing},
+        error::RegisterError,
+        evidence_curve::EvidencePoint,
+        matched_pair::MatchedPair,
     },
-    note::{Note, NoteCode},
 };
+use common::note::{Note, NoteCode};
+use geometry::Pose;
 
 /// Motions with less evidence than this many times the least are said to rest on little of it.
 /// tuned: shared/bags
-pub(crate) const LITTLE: f64 = 1.5;
+pub const LITTLE: f64 = 1.5;
 /// Share of the surface that must stand still before it is said that nothing moved.
 /// derived: the majority
 const MAJORITY: f64 = 0.5;
 
 /// The motions that are parts.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub(crate) struct PartCount {
+pub struct PartCount {
     pub motions: Vec<Pose>,
     pub curve: Vec<EvidencePoint>,
     pub notes: Vec<Note>,
@@ -35,7 +33,7 @@ pub(crate) struct PartCount {
 
 /// The most motions of which each has the evidence that a part needs and none splits a part; not more
 /// than make `parts` parts, where that is given.
-pub(crate) fn choose(
+pub fn choose(
     pair: &MatchedPair<'_>,
     steps: &[Step],
     parts: Option<usize>,
@@ -124,13 +122,13 @@ fn check(
 }
 
 /// Says that fewer parts were asked for than there is evidence for.
-pub(crate) fn more_than_asked(evident: usize, asked: usize) -> Note {
+pub fn more_than_asked(evident: usize, asked: usize) -> Note {
     let text = format!("the evidence is for {evident} parts, {asked} were asked for");
     Note::new(NoteCode::MorePartsEvident, text)
 }
 
 /// Says that the weakest of some parts has little more evidence than the least.
-pub(crate) fn little_evidence(parts: usize, weakest: f64, least: f64) -> Note {
+pub fn little_evidence(parts: usize, weakest: f64, least: f64) -> Note {
     let text = format!(
         "one of the {parts} parts rests on little evidence: {weakest:.0} cells, where {:.0} leave no doubt",
         LITTLE * least

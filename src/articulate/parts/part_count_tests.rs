@@ -4,18 +4,16 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
 use crate::{
-    articulate::{
-        LiftedMatch, RegisterConfig, RegisterError, Registrar, Registration,
-        parts::{
-            elimination::{best, steps},
-            matched_pair::MatchedPair,
-        },
-        register,
-        samples::synthetic::{Scene, camera_ring},
+    LiftedMatch, RegisterConfig, RegisterError, Registrar, Registration,
+    parts::{
+        elimination::{best, steps},
+        matched_pair::MatchedPair,
     },
-    geometry::Pose,
-    random::stage_rng,
+    register,
+    samples::synthetic::{Scene, camera_ring},
 };
+use geometry::Pose;
+use numeric::random::stage_rng;
 
 fn uniform(rng: &mut impl Rng) -> f64 {
     (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64

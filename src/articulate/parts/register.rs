@@ -3,15 +3,13 @@
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::Pose;
 use crate::{
-    articulate::{
-        observations::SurfaceSamples,
-        parts::{error::RegisterError, evidence_curve::EvidencePoint, matched_pair::MatchedPair},
-        propose::ransac::Proposal,
-    },
-    note::Note,
+    observations::SurfaceSamples,
+    parts::{error::RegisterError, evidence_curve::EvidencePoint, matched_pair::MatchedPair},
+    propose::ransac::Proposal,
 };
+use common::note::Note;
+use geometry::Pose;
 
 /// What supports a motion.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -48,10 +46,7 @@ pub struct Registration {
 }
 
 /// Longest side of the box around all surfaces.
-pub(crate) fn checked_extent_m(
-    surfaces: &[&SurfaceSamples],
-    parts: Option<usize>,
-) -> Result<f64, RegisterError> {
+pub fn checked_extent_m(surfaces: &[&SurfaceSamples], parts: Option<usize>) -> Result<f64, RegisterError> {
     let input = |what: String, remedy| Err(RegisterError::Input { what, remedy });
     if let Some(parts) = parts.filter(|p| !(2..=32).contains(p)) {
         return input(format!("{parts} parts were asked for"), "ask for 2 to 32, the static part included");
@@ -86,7 +81,7 @@ pub(crate) fn checked_extent_m(
 }
 
 /// What supports a motion of a registration.
-pub(crate) fn support(
+pub fn support(
     pair: &MatchedPair<'_>,
     motion: &Pose,
     label: u8,

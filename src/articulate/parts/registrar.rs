@@ -5,7 +5,7 @@
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::{
+use crate::{
     observations::{LiftedMatch, SurfaceSamples},
     pair::surface_pair::{FreeSpace, SurfacePair},
     parts::{
@@ -29,7 +29,7 @@ use crate::articulate::{
     },
     samples::spacing::reach_m,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Motions that matches propose where the number of parts is to be found, beside the spare ones.
 const PROPOSED: usize = 8;

@@ -1,15 +1,15 @@
 //! Parts whose spin about their middle is unobservable by shape, but for marks on them.
 
-use crate::articulate::{
+use crate::{
     parts::matched_pair::MatchedPair,
     parts::score::is_matched,
     propose::{round_part::round_turn, search::Search},
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// The motions, those of round parts that no matches fix after the turn that explains most; `None` where that
 /// changes none.
-pub(crate) fn turned_round(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
+pub fn turned_round(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
     let mut all = motions.to_vec();
     let mut changed = false;
     for k in 1..all.len() {
@@ -26,6 +26,6 @@ pub(crate) fn turned_round(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<V
 }
 
 /// All motions but one.
-pub(crate) fn without(motions: &[Pose], k: usize) -> Vec<Pose> {
+pub fn without(motions: &[Pose], k: usize) -> Vec<Pose> {
     motions.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect()
 }

@@ -8,11 +8,11 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 
-use crate::articulate::{observations::SurfaceSamples, pair::surface_pair::SurfacePair};
-use crate::geometry::Pose;
+use crate::{observations::SurfaceSamples, pair::surface_pair::SurfacePair};
+use geometry::Pose;
 
 /// The samples of one label on one flat patch in each state; one state may have none.
-pub(crate) struct Segment {
+pub struct Segment {
     pub label: usize,
     /// Numbers of the samples of each state.
     pub samples: [Vec<usize>; 2],
@@ -70,7 +70,7 @@ impl Facet {
 
 /// All samples by segment. Of the patches that correspond, those that do so most are joined, each with
 /// one.
-pub(crate) fn segments(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2]) -> Vec<Segment> {
+pub fn segments(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2]) -> Vec<Segment> {
     let groups = [0, 1].map(|s| groups(pair, s, &labels[s]));
     let of = [0, 1].map(|s| {
         let mut of = vec![0; labels[s].len()];
@@ -109,7 +109,7 @@ pub(crate) fn segments(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Vec<u
 }
 
 /// The samples of a state by label and smooth sheet, with the label.
-pub(crate) fn groups(pair: &SurfacePair<'_>, state: usize, labels: &[u8]) -> Vec<(usize, Vec<usize>)> {
+pub fn groups(pair: &SurfacePair<'_>, state: usize, labels: &[u8]) -> Vec<(usize, Vec<usize>)> {
     let mut of: BTreeMap<(u8, u32), Vec<usize>> = BTreeMap::new();
     for (i, label) in labels.iter().enumerate() {
         of.entry((*label, pair.sheet(state, i))).or_default().push(i);

@@ -10,33 +10,31 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Pose, Screw};
 use crate::{
-    articulate::{
-        observations::{LiftedMatch, SurfaceSamples},
-        pair::{
-            point_to_plane::refine,
-            reprojection::log_ratio,
-            surface_pair::{FreeSpace, SurfacePair},
-            unexplained::LEAST_SHARE,
-        },
-        parts::{
-            config::RegisterConfig,
-            error::RegisterError,
-            evidence_curve::{EvidencePoint, point, stands},
-            matched_pair::MatchedPair,
-            part_count::{LITTLE, little_evidence, more_than_asked},
-            register::{Registration, checked_extent_m},
-            score::{SURFACE_WEIGHT, prefer},
-        },
-        propose::ransac::CHANCE,
-        samples::{
-            spacing::{occupied_cells, reach_m},
-            surface_graph::Of,
-        },
+    observations::{LiftedMatch, SurfaceSamples},
+    pair::{
+        point_to_plane::refine,
+        reprojection::log_ratio,
+        surface_pair::{FreeSpace, SurfacePair},
+        unexplained::LEAST_SHARE,
     },
-    note::{Note, NoteCode},
+    parts::{
+        config::RegisterConfig,
+        error::RegisterError,
+        evidence_curve::{EvidencePoint, point, stands},
+        matched_pair::MatchedPair,
+        part_count::{LITTLE, little_evidence, more_than_asked},
+        register::{Registration, checked_extent_m},
+        score::{SURFACE_WEIGHT, prefer},
+    },
+    propose::ransac::CHANCE,
+    samples::{
+        spacing::{occupied_cells, reach_m},
+        surface_graph::Of,
+    },
 };
+use common::note::{Note, NoteCode};
+use geometry::{Pose, Screw};
 
 /// Most parts that are looked at.
 const MOST: usize = 32;

@@ -4,12 +4,10 @@ use nalgebra::{Point3, Vector3};
 
 use super::*;
 use crate::{
-    articulate::{
-        register,
-        samples::synthetic::{Scene, camera_ring},
-    },
-    random::stage_rng,
+    register,
+    samples::synthetic::{Scene, camera_ring},
 };
+use numeric::random::stage_rng;
 
 #[test]
 fn two_points_are_of_one_part_if_every_pair_says_so() {

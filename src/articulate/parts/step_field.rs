@@ -4,7 +4,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Point3, Vector6};
 
 /// A correspondence, linear in a small motion (rotation vector in radii, shift).
-pub(crate) struct Reading {
+pub struct Reading {
     /// In state 0.
     pub place: Point3<f64>,
     pub row: Vector6<f64>,
@@ -14,15 +14,15 @@ pub(crate) struct Reading {
 }
 
 /// Derivatives of a reading's distance by the values that explain it, meters or radii by meters.
-pub(crate) type Design<'a> = dyn Fn(&Reading) -> Vec<f64> + 'a;
+pub type Design<'a> = dyn Fn(&Reading) -> Vec<f64> + 'a;
 
 /// Derivatives by steps that a reading has in these measures.
-pub(crate) fn steps(reading: &Reading, measures: &[f64]) -> Vec<f64> {
+pub fn steps(reading: &Reading, measures: &[f64]) -> Vec<f64> {
     measures.iter().flat_map(|m| reading.row.iter().map(move |x| m * x)).collect()
 }
 
 /// Readings by which steps are compared.
-pub(crate) struct StepField<'a> {
+pub struct StepField<'a> {
     pub readings: &'a [Reading],
     /// Information that every value is small.
     pub prior: f64,

@@ -2,12 +2,12 @@
 
 use nalgebra::Vector3;
 
-use crate::articulate::pair::{
+use crate::pair::{
     reprojection::{CONTRADICTED, FREE},
     surface_pair::{EDGE, SurfacePair},
     unexplained::Unexplained,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Tolerance of the distance from a plane against its scale while motions are polished.
 /// tuned: shared/bags
@@ -22,7 +22,7 @@ const DARK: f64 = 0.08;
 /// What a sample says for a motion that is a step off: 1 to 0.5 on unexplained surface of the other state,
 /// the less the farther; -1 in empty space; 0 where nothing was seen or another motion explains what is
 /// there.
-pub(crate) fn rough(
+pub fn rough(
     pair: &SurfacePair<'_>,
     left: &Unexplained,
     state: usize,
@@ -44,7 +44,7 @@ pub(crate) fn rough(
 }
 
 /// Mean of what samples say for a motion that is a step off.
-pub(crate) fn mean_rough(
+pub fn mean_rough(
     pair: &SurfacePair<'_>,
     left: &Unexplained,
     state: usize,
@@ -57,7 +57,7 @@ pub(crate) fn mean_rough(
 
 /// What a sample says while a motion is polished: up to 1 on unexplained surface within its edges,
 /// -[`CONTRADICTED`] in empty space.
-pub(crate) fn sharp(
+pub fn sharp(
     pair: &SurfacePair<'_>,
     left: &Unexplained,
     state: usize,
@@ -82,7 +82,7 @@ pub(crate) fn sharp(
 
 /// What a motion explains of the unexplained samples, face by face: a face of which it takes more into empty
 /// space than onto surface counts nothing.
-pub(crate) fn gains(
+pub fn gains(
     pair: &SurfacePair<'_>,
     motion: &Pose,
     left: &Unexplained,

@@ -2,17 +2,17 @@
 
 use nalgebra::{Matrix3, Point3, Rotation3, SymmetricEigen, Unit, Vector3};
 
-use crate::articulate::{
+use crate::{
     observations::SurfaceSamples, pair::surface_pair::SurfacePair, samples::surface_graph::SAME_NORMAL,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Largest distance of a sample from its plane, as a share of the reach.
 /// tuned: shared/bags
 const SAME_PLANE: f64 = 0.15;
 
 /// A flat patch of surface.
-pub(crate) struct Patch {
+pub struct Patch {
     /// Its samples.
     pub samples: Vec<usize>,
     /// Their middle.
@@ -40,7 +40,7 @@ impl Patch {
 const SAME_BREADTH: f64 = 0.25;
 
 /// The rectangle that two patches of one plane, one beside the other, end.
-pub(crate) struct Band {
+pub struct Band {
     center: Point3<f64>,
     /// Along, across and normal, unit.
     axes: [Vector3<f64>; 3],
@@ -116,7 +116,7 @@ impl Plane {
 
 /// Patches of the faces with at least `least` samples for which `seed` holds; most such samples first, at
 /// most `most`.
-pub(crate) fn patches(
+pub fn patches(
     pair: &SurfacePair<'_>,
     state: usize,
     faces: &[Vec<usize>],
@@ -135,7 +135,7 @@ pub(crate) fn patches(
 }
 
 /// The samples for which `open` holds, by plane; no sample is in two.
-pub(crate) fn faces(pair: &SurfacePair<'_>, state: usize, open: &[bool]) -> Vec<Vec<usize>> {
+pub fn faces(pair: &SurfacePair<'_>, state: usize, open: &[bool]) -> Vec<Vec<usize>> {
     let mut taken: Vec<bool> = open.iter().map(|o| !o).collect();
     let mut all = Vec::new();
     for first in 0..open.len() {

@@ -7,8 +7,8 @@ use nalgebra::Point3;
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::observations::LiftedMatch;
-use crate::geometry::{Pose, rigid_fit};
+use crate::observations::LiftedMatch;
+use geometry::{Pose, rigid_fit};
 
 /// How motions are proposed. Lengths are shares of the object's longest side.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -69,7 +69,7 @@ pub struct Proposal {
 /// chance. Three fix the motion, and where one in a thousand is within the gate, six or seven of 300 are
 /// expected on some motion of the 300^3 / 6 (number of false alarms, Moisan and Stival 2004).
 /// tuned: shared/bags
-pub(crate) const CHANCE: f64 = 5.0;
+pub const CHANCE: f64 = 5.0;
 /// Two motions of one place that differ by less than this many gates are one.
 /// tuned: shared/bags
 const TWIN_GATES: f64 = 2.5;
@@ -82,7 +82,7 @@ const TWIN_DISTANCE: f64 = 0.06;
 
 /// How far matches may lie from a motion that they support, and how far they move, in meters.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Gate {
+pub struct Gate {
     sigmas: f64,
     most_m: f64,
     moved_m: f64,
@@ -157,7 +157,7 @@ pub fn propose(
 
 /// Up to `count` motions that all matches together follow, those that stand still too, each with the matches
 /// that the earlier ones leave.
-pub(crate) fn common_motions(
+pub fn common_motions(
     matches: &[LiftedMatch],
     count: usize,
     extent_m: f64,
@@ -208,7 +208,7 @@ fn cells(points: impl Iterator<Item = Point3<f64>>, cell_m: f64) -> (Vec<usize>,
 }
 
 /// Sums the support of motions over the cells of both states.
-pub(crate) struct CellCounter {
+pub struct CellCounter {
     gate: Gate,
     cells: [Vec<usize>; 2],
     best: [Vec<f32>; 2],
@@ -337,8 +337,8 @@ fn refit(pool: &[LiftedMatch], motion: &Pose, gate: &Gate) -> Option<Pose> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
     use nalgebra::Vector3;
+    use numeric::random::stage_rng;
 
     fn uniform(rng: &mut impl Rng) -> f64 {
         (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64

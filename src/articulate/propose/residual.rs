@@ -9,12 +9,12 @@
 use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::{
+use crate::{
     pair::{surface_pair::SurfacePair, unexplained::LEAST_SHARE},
     propose::{round_part::round_turn, search::Search, slid_panel::moved_patches, trial::motions_on},
     samples::{hinge::PARALLEL, slip::Slip},
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// A slide that explains this share of what a small turn explains is as good.
 /// tuned: shared/bags
@@ -22,7 +22,7 @@ const AS_MUCH: f64 = 0.95;
 
 /// Motions from state 0 to state 1 that take unexplained patches onto unexplained surface, best first, each
 /// judged by the surface that the ones before leave.
-pub(crate) fn propose_from_residual(pair: &SurfacePair<'_>, motions: &[Pose], extent_m: f64) -> Vec<Pose> {
+pub fn propose_from_residual(pair: &SurfacePair<'_>, motions: &[Pose], extent_m: f64) -> Vec<Pose> {
     let mut search = Search::new(pair, motions, extent_m);
     let least = LEAST_SHARE * search.left.open.iter().map(Vec::len).sum::<usize>() as f64;
     let found = [0, 1].map(|s| moved_patches(&search.left, pair, s, &search.faces[s]));
@@ -70,8 +70,8 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::articulate::{SurfaceSamples, samples::synthetic::Scene};
-    use crate::geometry::Screw;
+    use crate::{SurfaceSamples, samples::synthetic::Scene};
+    use geometry::Screw;
 
     #[test]
     fn a_plain_panel_slides_by_what_it_uncovers() {

@@ -5,8 +5,8 @@ use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
-use crate::articulate::{propose::search::Search, samples::slip::round_axis};
-use crate::geometry::Pose;
+use crate::{propose::search::Search, samples::slip::round_axis};
+use geometry::Pose;
 
 /// Turns that are tried, all round.
 const TURNS: usize = 72;
@@ -18,7 +18,7 @@ const MORE: f64 = 0.02;
 
 /// The motion of a round part after the turn about its middle that explains most, where that is more.
 /// Such a turn needs no hinge beside the part.
-pub(crate) fn round_turn(search: &Search<'_, '_>, motion: &Pose) -> Option<Pose> {
+pub fn round_turn(search: &Search<'_, '_>, motion: &Pose) -> Option<Pose> {
     let (points, normals) = search.moved(motion);
     let axis = round_axis(&points, &normals)?;
     let total = |m: &Pose| search.sharp_total(m).0;
@@ -44,10 +44,8 @@ mod tests {
     use nalgebra::{Point3, Vector3};
 
     use super::*;
-    use crate::{
-        articulate::{SurfaceSamples, pair::surface_pair::SurfacePair},
-        geometry::Screw,
-    };
+    use crate::{SurfaceSamples, pair::surface_pair::SurfacePair};
+    use geometry::Screw;
 
     const RADIUS_M: f64 = 0.04;
     const HEIGHT_M: f64 = 0.025;

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::{
+use crate::{
     pair::{surface_pair::SurfacePair, unexplained::Unexplained},
     propose::{
         agreement::{gains, rough, sharp},
@@ -16,14 +16,14 @@ use crate::articulate::{
         spacing::SETTLED,
     },
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Worth of a turn about an axis in thin air against that about a hinge: links in a chain may turn so.
 /// tuned: shared/bags
 const DETACHED: f64 = 0.1;
 
 /// What the search for motions knows.
-pub(crate) struct Search<'a, 'b> {
+pub struct Search<'a, 'b> {
     pub pair: &'a SurfacePair<'b>,
     pub extent_m: f64,
     pub left: Unexplained,

@@ -6,14 +6,14 @@
 use nalgebra::{Point3, Rotation3, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::{
+use crate::{
     pair::{
         point_to_plane::refine, reprojection::EXPLAINED, surface_pair::SurfacePair, unexplained::Unexplained,
     },
     propose::{agreement::mean_rough, patch::Patch, search::Search},
     samples::hinge::{HINGE, PARALLEL, axis_of_turn},
 };
-use crate::geometry::{Pose, Screw};
+use geometry::{Pose, Screw};
 
 /// Points of a patch that a trial looks at.
 const TRIAL_POINTS: usize = 60;
@@ -82,7 +82,7 @@ impl Body {
 }
 
 /// Motions of the unexplained patches of each state that may hang on a body, from state 0 to state 1.
-pub(crate) fn motions_on(search: &Search<'_, '_>, motion: &Pose, patches: &[Vec<Patch>; 2]) -> Vec<Pose> {
+pub fn motions_on(search: &Search<'_, '_>, motion: &Pose, patches: &[Vec<Patch>; 2]) -> Vec<Pose> {
     let near_m = HINGE * search.extent_m;
     let mut all = Vec::new();
     for state in [0, 1] {

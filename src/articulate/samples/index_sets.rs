@@ -2,7 +2,7 @@
 
 /// Disjoint sets of indices; the smallest index of a set is its root, so the result does not depend on the
 /// order of joins.
-pub(crate) struct IndexSets(Vec<usize>);
+pub struct IndexSets(Vec<usize>);
 
 impl IndexSets {
     /// Every index below `count` in a set of its own.

@@ -1,12 +1,12 @@
 //! Surface samples: points of a surface, found by position, joined to their neighbors.
 
-pub(crate) mod flat_patch;
-pub(crate) mod hinge;
-pub(crate) mod index_sets;
-pub(crate) mod mesh_samples;
-pub(crate) mod sample_index;
-pub(crate) mod slip;
-pub(crate) mod spacing;
-pub(crate) mod surface_graph;
+pub mod flat_patch;
+pub mod hinge;
+pub mod index_sets;
+pub mod mesh_samples;
+pub mod sample_index;
+pub mod slip;
+pub mod spacing;
+pub mod surface_graph;
 #[cfg(test)]
-pub(crate) mod synthetic;
+pub mod synthetic;

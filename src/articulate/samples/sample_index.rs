@@ -2,7 +2,9 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::{articulate::observations::SurfaceSamples, geometry::bounding_box, lists::Lists};
+use crate::observations::SurfaceSamples;
+use geometry::bounding_box;
+use numeric::lists::Lists;
 
 /// Most cells of an index; larger scenes get larger cells.
 ///
@@ -10,7 +12,7 @@ use crate::{articulate::observations::SurfaceSamples, geometry::bounding_box, li
 const MOST_CELLS: f64 = 2e6;
 
 /// Samples sorted into cells of the search radius.
-pub(crate) struct SampleIndex<'a> {
+pub struct SampleIndex<'a> {
     samples: &'a SurfaceSamples,
     origin: Point3<f64>,
     cell_m: f64,

@@ -3,10 +3,8 @@
 
 use nalgebra::{Matrix6, Point3, SymmetricEigen, Unit, UnitQuaternion, Vector3, Vector6};
 
-use crate::{
-    geometry::{Pose, Screw},
-    statistics::median,
-};
+use geometry::{Pose, Screw};
+use numeric::statistics::median;
 
 /// Fewer points have no slips that mean anything.
 const LEAST_POINTS: usize = 12;
@@ -27,7 +25,7 @@ const TURNS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 const SETTLING: usize = 10;
 
 /// A twist about a center.
-pub(crate) struct Slip {
+pub struct Slip {
     /// Rotation vector per meter of the step.
     turn: Vector3<f64>,
     /// Displacement of the center per meter of the step.
@@ -93,7 +91,7 @@ impl Changes {
 
 /// The three twists that least change the distances of points with normals from their planes, the least
 /// first; `None` for too few points.
-pub(crate) fn slips(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<[Slip; 3]> {
+pub fn slips(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<[Slip; 3]> {
     let changes = Changes::of(points, normals)?;
     let twists = changes.twists(|_| 1.0);
     Some([0, 1, 2].map(|k| changes.slip(&twists[k].1)))
@@ -101,7 +99,7 @@ pub(crate) fn slips(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<
 
 /// The axis about which a surface is round: it turns within itself, but for marks on it (Geman and McClure
 /// weights), and does not slide within itself. `None` for others.
-pub(crate) fn round_axis(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<Screw> {
+pub fn round_axis(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<Screw> {
     let changes = Changes::of(points, normals)?;
     let mut twists = changes.twists(|_| 1.0);
     for _ in 0..SETTLING {

@@ -3,12 +3,10 @@
 use rayon::prelude::*;
 
 use crate::{
-    articulate::{
-        observations::SurfaceSamples,
-        samples::{flat_patch::flat_patches, index_sets::IndexSets, sample_index::SampleIndex},
-    },
-    lists::Lists,
+    observations::SurfaceSamples,
+    samples::{flat_patch::flat_patches, index_sets::IndexSets, sample_index::SampleIndex},
 };
+use numeric::lists::Lists;
 
 /// Neighbors of a sample.
 const NEIGHBORS: usize = 8;
@@ -69,11 +67,11 @@ const ISLAND_SHARE: f32 = 0.02;
 /// plane) that counts as one standard deviation.
 ///
 /// tuned: shared/bags
-pub(crate) const NORMAL_SIGMA: f64 = 0.35;
+pub const NORMAL_SIGMA: f64 = 0.35;
 /// Cosine between normals of one plane.
 ///
 /// derived: unit vectors that differ by [`NORMAL_SIGMA`]
-pub(crate) const SAME_NORMAL: f64 = 1.0 - 0.5 * NORMAL_SIGMA * NORMAL_SIGMA;
+pub const SAME_NORMAL: f64 = 1.0 - 0.5 * NORMAL_SIGMA * NORMAL_SIGMA;
 /// Weight of the offset from the tangent planes against that along them, squared.
 ///
 /// derived: in standard deviations of a normal, the mean over both planes
@@ -94,7 +92,7 @@ const FACE_PULL: f32 = 0.03;
 
 /// What labels are known to be of.
 #[derive(Clone, Copy)]
-pub(crate) enum Of {
+pub enum Of {
     /// Parts may be missing.
     SomeParts,
     /// The parts are known.
@@ -102,7 +100,7 @@ pub(crate) enum Of {
 }
 
 /// Samples of a surface and their neighbors on it.
-pub(crate) struct SurfaceGraph {
+pub struct SurfaceGraph {
     /// Neighbors of every sample with weights that sum to 1; unused slots point at the sample itself with
     /// weight 0.
     neighbors: Vec<[(u32, f32); NEIGHBORS]>,

@@ -3,10 +3,8 @@
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use crate::{
-    capture::{NoiseConfig, RgbdFrame},
-    geometry::Pose,
-};
+use capture::{NoiseConfig, RgbdFrame};
+use geometry::Pose;
 
 /// Of this many pixels of the object one is compared.
 const EVERY: usize = 97;
@@ -58,10 +56,8 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::{
-        geometry::Intrinsics,
-        surface::shapes::{cuboid, looking_at_origin, view_of},
-    };
+    use capture::analytic::{cuboid, looking_at_origin, view_of};
+    use geometry::Intrinsics;
 
     #[test]
     fn what_stands_still_is_not_what_moved() {

@@ -3,7 +3,9 @@
 use nalgebra::{Point3, Vector3};
 
 use super::layout::BoardLayout;
-use crate::{capture::RgbdFrame, geometry::Pose, statistics::median};
+use crate::RgbdFrame;
+use geometry::Pose;
+use numeric::statistics::median;
 
 /// Every so many columns and rows a reading is taken: neighbors err alike.
 const STRIDE: usize = 2;

@@ -3,7 +3,7 @@
 use nalgebra::{Point2, Vector2};
 
 use super::{detection::SeenTag, gray::Gray, tag::CELLS};
-use crate::statistics::median;
+use numeric::statistics::median;
 
 /// Share of an edge next to each corner that is not measured: there the other edge blurs it.
 /// derived: a cell

@@ -3,11 +3,9 @@
 use nalgebra::{Matrix6, Matrix6x3, SMatrix, UnitQuaternion, Vector3, Vector6};
 
 use super::sighting::BoardSighting;
-use crate::{
-    capture::poses::{drift::adjoint, pose_noise::PoseNoise},
-    geometry::{Intrinsics, Pose, shift_and_turn},
-    statistics::median,
-};
+use crate::poses::{drift::adjoint, pose_noise::PoseNoise};
+use geometry::{Intrinsics, Pose, shift_and_turn};
+use numeric::statistics::median;
 
 /// Views that must show the board.
 /// derived: three poses leave nothing open and one to be doubted

@@ -8,10 +8,8 @@ use super::{
     layout::BoardLayout,
     start::{pose_by_homography, turned_over},
 };
-use crate::{
-    geometry::{Intrinsics, Pose},
-    statistics::median,
-};
+use geometry::{Intrinsics, Pose};
+use numeric::statistics::median;
 
 /// By how much ink spreads and bright areas bloom: edges of all tags lie off by as many pixels, one standard
 /// deviation.

@@ -7,7 +7,8 @@ use std::{
     ops::Range,
 };
 
-use crate::{capture::features::scale_space::Plane, vectors::vectorized};
+use crate::features::scale_space::Plane;
+use numeric::vectorized;
 
 /// Numbers in a descriptor: 4 x 4 cells of 8 gradient directions.
 pub const DESCRIPTOR_LENGTH: usize = 128;
@@ -29,7 +30,7 @@ const DIRECTIONS: usize = 8;
 
 /// Gradient magnitude and direction (radians in `[0, 2 pi)`, counter-clockwise with y down) of pixels: of
 /// the stretches of rows that were asked for, as most lie near no feature.
-pub(crate) struct Gradients<'a, K> {
+pub struct Gradients<'a, K> {
     image: &'a Plane,
     keep: K,
     magnitudes: Vec<f32>,
@@ -177,7 +178,7 @@ fn in_circle(angle_rad: f32) -> f32 {
 }
 
 /// Dominant gradient directions around a point, radians, strongest first; at most 3.
-pub(crate) fn orientations(
+pub fn orientations(
     gradients: &mut Gradients<'_, impl Fn(usize, usize) -> bool>,
     x: f32,
     y: f32,
@@ -234,7 +235,7 @@ pub(crate) fn orientations(
 
 /// The descriptor of the square of side 12 `scale_px` about a point, turned by `angle_rad`; `None` without
 /// gradients.
-pub(crate) fn describe(
+pub fn describe(
     gradients: &mut Gradients<'_, impl Fn(usize, usize) -> bool>,
     x: f32,
     y: f32,
@@ -333,7 +334,7 @@ fn hellinger(values: &mut [f32; DESCRIPTOR_LENGTH]) -> Option<Descriptor> {
 
 /// Inner product; at most `DESCRIPTOR_NORM^2` up to rounding, so it fits.
 #[inline(always)]
-pub(crate) fn dot(a: &Descriptor, b: &Descriptor) -> i32 {
+pub fn dot(a: &Descriptor, b: &Descriptor) -> i32 {
     a.iter().zip(b).map(|(&p, &q)| i32::from(p) * i32::from(q)).sum()
 }
 

@@ -5,12 +5,13 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::capture::features::{
+use crate::features::{
     descriptor::{Descriptor, Gradients, describe, orientations},
     luma::luma,
     scale_space::{Octave, Plane, octaves},
 };
-use crate::{capture::frame::RgbdFrame, vectors::vectorized};
+use crate::frame::RgbdFrame;
+use numeric::vectorized;
 
 /// How features are found.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -5,12 +5,12 @@ use std::path::PathBuf;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::capture::features::{
+use crate::features::{
     feature::{Feature, FeatureConfig, features},
     partner::mutual_matches,
     pixel_match::PixelMatch,
 };
-use crate::capture::frame::RgbdFrame;
+use crate::frame::RgbdFrame;
 
 /// How matches are found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

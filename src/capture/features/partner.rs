@@ -1,10 +1,10 @@
 //! Which features of two images are each other's best partners, by the inner products of their descriptors.
 
-use crate::capture::features::{
+use crate::features::{
     descriptor::{DESCRIPTOR_NORM, dot},
     feature::Feature,
 };
-use crate::vectors::vectorized;
+use numeric::vectorized;
 
 /// Features closer than this to the best match are the same place, pixels; tuned: shared/bags.
 const SAME_PLACE_PX: f32 = 2.0;
@@ -45,7 +45,7 @@ fn products_of(a: &[Feature], b: &[Feature], products: &mut [i32]) {
 }
 
 /// Indices of features that are each other's best match and pass the ratio test in both directions.
-pub(in crate::capture) fn mutual_matches(a: &[Feature], b: &[Feature], ratio: f32) -> Vec<(usize, usize)> {
+pub(crate) fn mutual_matches(a: &[Feature], b: &[Feature], ratio: f32) -> Vec<(usize, usize)> {
     if a.is_empty() || b.is_empty() {
         return Vec::new();
     }

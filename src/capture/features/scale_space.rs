@@ -1,11 +1,11 @@
 //! Gaussian scale space of a grayscale image (Lowe, "Distinctive image features from scale-invariant
 //! keypoints", IJCV 2004, section 3): octaves of equally spaced blurs and their differences.
 
-use crate::vectors::vectorized;
+use numeric::vectorized;
 
 /// A grayscale image, row-major.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Plane {
+pub struct Plane {
     /// Width in pixels.
     pub width: usize,
     /// Height in pixels.
@@ -128,7 +128,7 @@ fn half_kernel(sigma_px: f32) -> Vec<f32> {
 }
 
 /// One octave: `scales + 3` Gaussian images and the `scales + 2` differences of neighbors.
-pub(crate) struct Octave {
+pub struct Octave {
     /// Gaussian images; image `i` has blur `sigma * 2^(i / scales)` in pixels of this octave.
     pub gaussians: Vec<Plane>,
     /// `differences[i] = gaussians[i + 1] - gaussians[i]`.
@@ -144,7 +144,7 @@ const SMALLEST: usize = 12;
 const CAMERA_BLUR_PX: f32 = 0.5;
 
 /// All octaves of an image, finest first; `upsample` doubles the image before the first.
-pub(crate) fn octaves(image: &Plane, scales: usize, sigma_px: f32, upsample: bool) -> Vec<Octave> {
+pub fn octaves(image: &Plane, scales: usize, sigma_px: f32, upsample: bool) -> Vec<Octave> {
     let mut step = if upsample { 0.5 } else { 1.0 };
     let start = if upsample { image.doubled() } else { image.clone() };
     let blur = CAMERA_BLUR_PX / step;

@@ -7,7 +7,7 @@
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rand_core::Rng;
 
-use crate::capture::{NoiseConfig, RgbdFrame};
+use crate::{NoiseConfig, RgbdFrame};
 
 /// Points looked at.
 const SAMPLES: usize = 60_000;
@@ -199,10 +199,8 @@ fn refit(plane: &Plane, samples: &[Sample], cameras: &[Point3<f64>]) -> Option<P
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        geometry::{Intrinsics, Pose},
-        random::stage_rng,
-    };
+    use geometry::{Intrinsics, Pose};
+    use numeric::random::stage_rng;
 
     type Block = [[f64; 3]; 2];
 

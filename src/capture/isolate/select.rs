@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 
 use super::voxels::{Cell, CellSet, center, clusters};
-use crate::capture::CaptureError;
+use crate::CaptureError;
 
 /// One of two things that changed did so clearly if it did this many times as much as the other.
 /// tuned: eval/tracking/objects.py, seeds 9101 to 9110: things that stood still have 0.1 of what the object

@@ -14,7 +14,7 @@ use super::{
     background::{Background, in_box},
     voxels::{Cell, cell, center, frames_needed},
 };
-use crate::capture::RgbdFrame;
+use crate::RgbdFrame;
 
 /// Readings of a cell against those of the background in its column, at least. Chance gives 0.1 % beyond
 /// three standard deviations, real sensors some more.

@@ -12,7 +12,7 @@ use super::{
     sensor_errors::SensorErrors,
     solve::{Problem, correction, solve},
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// The held-out distances must fall by this share ...
 const LEAST_GAIN: f64 = 0.05;

@@ -7,10 +7,8 @@ use nalgebra::{DMatrix, DVector, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
 use super::depth_warp::DepthWarp;
-use crate::{
-    geometry::Pose,
-    random::{normal, stage_rng},
-};
+use geometry::Pose;
+use numeric::random::{normal, stage_rng};
 
 /// Draws of all errors: a covariance of them has a standard error of an eighth.
 ///
@@ -96,7 +94,7 @@ mod tests {
     #[test]
     fn a_point_goes_with_its_camera_and_its_depth() {
         let error = Vector6::new(0.001, -0.002, 0.0, 0.0, 0.003, 0.001);
-        let k = crate::geometry::Intrinsics { width: 64, height: 48, fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0 };
+        let k = geometry::Intrinsics { width: 64, height: 48, fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0 };
         let mut warp = DepthWarp::none(&k);
         warp.values.iter_mut().for_each(|v| *v = 0.002);
         let draw = ErrorDraw { poses: vec![vec![error]], warp: Some(warp) };

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::{pairs::Matches, surfels::Surfels};
-use crate::capture::{
+use crate::{
     NoiseConfig, RgbdFrame,
     features::{Feature, KnownFeatures, frame_pairs, mutual_matches},
 };
@@ -20,7 +20,7 @@ const NEIGHBORS: usize = 8;
 const RATIO: f32 = 0.8;
 
 /// The features of a frame.
-pub(in crate::capture) struct FrameLandmarks {
+pub(crate) struct FrameLandmarks {
     features: Arc<Vec<Feature>>,
     /// Number of each among the landmarks of the frame's surfels, where its depth is known.
     numbers: Vec<Option<u32>>,

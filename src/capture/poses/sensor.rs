@@ -13,10 +13,8 @@ use super::{
     sensor_errors::SensorErrors,
     solve::{Problem, Sensor, Solution, solve},
 };
-use crate::{
-    capture::{RgbdFrame, frame::cameras},
-    geometry::Intrinsics,
-};
+use crate::{RgbdFrame, frame::cameras};
+use geometry::Intrinsics;
 
 /// What was found of the depth sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::depth_warp::DepthWarp;
-use crate::geometry::Intrinsics;
+use geometry::Intrinsics;
 
 /// Error of a depth sensor's scale, one standard deviation: data sheets of stereo cameras allow 2 % at 2 m,
 /// and factory calibration leaves about a fifth of it.
@@ -18,7 +18,7 @@ const LAG_S: f64 = 0.02;
 
 /// Errors of a sensor: the values of the warp, the shift of color, and the lag of the poses.
 #[derive(Clone, Debug)]
-pub(in crate::capture) struct SensorErrors {
+pub(crate) struct SensorErrors {
     pub warp: DepthWarp,
     /// By how much what a pixel of color shows lies off the same pixel of depth, along the image, in focal
     /// lengths.

@@ -18,7 +18,7 @@ use super::{
     surfels::Surfels,
     trajectory::Trajectory,
 };
-use crate::geometry::{Pose, log_so3};
+use geometry::{Pose, log_so3};
 
 /// Rounds of association and Gauss-Newton with each size of the errors, at most.
 const ROUNDS: [usize; 3] = [10, 3, 3];

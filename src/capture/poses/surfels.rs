@@ -5,12 +5,10 @@ use rayon::prelude::*;
 
 use super::{depth_warp::Bend, pose_noise::PoseNoise, sensor_errors::SensorErrors};
 use crate::{
-    capture::{
-        GRAZING_COSINE, NoiseConfig, RgbdFrame,
-        window::{R, READINGS, WindowPlane},
-    },
-    geometry::{Intrinsics, Pose},
+    GRAZING_COSINE, NoiseConfig, RgbdFrame,
+    window::{R, READINGS, WindowPlane},
 };
+use geometry::{Intrinsics, Pose};
 
 /// Fewest pixels from one surfel to the next, along both sides, and most surfels in a row.
 const LEAST_STEP: usize = 4;
@@ -29,13 +27,13 @@ const SAME_COSINE: f64 = 0.8;
 const AROUND: i64 = 2;
 const LEAST_AROUND: usize = 8;
 /// Ways that a surfel can face: the camera, left, right, up, down.
-pub(in crate::capture) const FACINGS: usize = 5;
+pub(crate) const FACINGS: usize = 5;
 /// A surfel faces aside where its normal has a larger component along the image.
 const ASIDE: f32 = 0.4;
 
 /// A flat patch of surface in the camera's optical frame.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::capture) struct Surfel {
+pub(crate) struct Surfel {
     /// Inverse depth in its middle, 1/meter, and slopes along the image, 1/(meter pixel), as read.
     plane: Vector3<f32>,
     /// Its middle, meters.
@@ -48,7 +46,7 @@ pub(in crate::capture) struct Surfel {
 
 /// The surfels of a frame on a grid of pixels.
 #[derive(Clone)]
-pub(in crate::capture) struct Surfels {
+pub(crate) struct Surfels {
     intrinsics: Intrinsics,
     step: usize,
     columns: usize,
@@ -77,7 +75,7 @@ struct Landmark {
 
 /// What a frame sees of another's surfels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(in crate::capture) struct Overlap {
+pub(crate) struct Overlap {
     /// Surfels that were looked for.
     pub tried: usize,
     /// Those that the other frame sees where they are.
@@ -108,7 +106,7 @@ impl Overlap {
 }
 
 /// How far a surfel lies off that of another frame.
-pub(in crate::capture) struct Residual {
+pub(crate) struct Residual {
     /// Distance from the other's plane, meters.
     pub distance_m: f64,
     /// By how much errors of poses displace it, one standard deviation, meters.
@@ -489,7 +487,7 @@ fn normal(k: &Intrinsics, ray: &Vector3<f64>, plane: &Vector3<f64>) -> Option<Ve
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::shapes::{cuboid, looking_at_origin, view_of};
+    use crate::analytic::{cuboid, looking_at_origin, view_of};
 
     /// Windows across an edge are no planes.
     const FINE: NoiseConfig =

@@ -2,11 +2,9 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
 use super::{depth_warp::DepthWarp, *};
-use crate::{
-    geometry::{Intrinsics, Pose, exp_so3, shift_and_turn},
-    random::stage_rng,
-    surface::shapes::{cuboid, looking_at_origin, view_of},
-};
+use crate::analytic::{cuboid, looking_at_origin, view_of};
+use geometry::{Intrinsics, Pose, exp_so3, shift_and_turn};
+use numeric::random::stage_rng;
 
 const NOISE: NoiseConfig =
     NoiseConfig { constant_m: 0.0005, quadratic_per_m: 0.0005, edge_sigmas: 6.0, grazing_cosine: 0.15 };

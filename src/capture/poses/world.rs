@@ -18,10 +18,8 @@ use super::{
     solve::LOOSE,
     surfels::Surfels,
 };
-use crate::{
-    capture::{NoiseConfig, RgbdFrame},
-    geometry::{Pose, log_so3, shift_and_turn},
-};
+use crate::{NoiseConfig, RgbdFrame};
+use geometry::{Pose, log_so3, shift_and_turn};
 
 /// Rounds of association and Gauss-Newton at most.
 const ROUNDS: usize = 12;
@@ -80,7 +78,7 @@ pub(super) fn poses_of(frames: &[RgbdFrame]) -> Vec<Pose> {
 }
 
 /// See [`align_worlds`]; of the reported poses of both states.
-pub(in crate::capture) fn correct(
+pub(crate) fn correct(
     states: [&[Pose]; 2],
     surfels: [&[Surfels]; 2],
     matches: Matches,
@@ -149,7 +147,7 @@ pub(in crate::capture) fn correct(
 
 /// What state 1's world follows errors of poses and depth by, as it is brought to rest on what these frames
 /// see. See docs/method.md 2.12.
-pub(in crate::capture) struct Follow {
+pub(crate) struct Follow {
     /// Motion about the middle by a motion of each frame.
     by_frame: Vec<Matrix6<f64>>,
     /// ... and by the sensor's errors.

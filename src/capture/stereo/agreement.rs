@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 
 use super::{cells::Cells, likeness::Side, planes::Planes};
-use crate::statistics::{SIGMAS_PER_MAD, median};
+use numeric::statistics::{SIGMAS_PER_MAD, median};
 
 /// Largest cost of a plane that views bear out: a correlation of 0.6.
 /// assumed; two more views must find the same place.

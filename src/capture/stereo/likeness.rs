@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::cells::Cells;
-use crate::capture::common_focus;
+use crate::common_focus;
 
 /// Samples of a patch along each side, and cells between them: the patch is 9 cells wide.
 /// assumed: 18 pixels, between the windows of denoising (15 and 25).

@@ -10,7 +10,7 @@ use super::{
     cells::Cells,
     likeness::{Eye, Patch, UNKNOWN},
 };
-use crate::random::{self, stage_rng};
+use numeric::random::{self, stage_rng};
 
 /// Rounds in which planes are passed on, each to one half of the cells and then to the other.
 /// assumed; steps that narrow faster changed no figure of one made object.

@@ -6,14 +6,12 @@
 
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
-use crate::{
-    capture::poses::{
-        pairs::{Comparison, Fit, Matches, PairSums, Views},
-        pose_noise::PoseNoise,
-        surfels::Surfels,
-    },
-    geometry::Pose,
+use crate::poses::{
+    pairs::{Comparison, Fit, Matches, PairSums, Views},
+    pose_noise::PoseNoise,
+    surfels::Surfels,
 };
+use geometry::Pose;
 
 /// Share of the displacement expected of the start that counts as noise, by round.
 const LOOSE: [f64; 5] = [1.0, 0.5, 0.25, 0.1, 0.05];

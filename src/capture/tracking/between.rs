@@ -16,18 +16,16 @@ use super::{
     track::Track,
 };
 use crate::{
-    capture::{
-        poses::{
-            pairs::Matches,
-            pose_noise::PoseNoise,
-            surfels::{Overlap, Surfels},
-            world::correct,
-        },
-        select::spread_views,
+    poses::{
+        pairs::Matches,
+        pose_noise::PoseNoise,
+        surfels::{Overlap, Surfels},
+        world::correct,
     },
-    geometry::Pose,
-    random::stage_rng,
+    select::spread_views,
 };
+use geometry::Pose;
+use numeric::random::stage_rng;
 
 /// Keyframes of each state that are compared.
 /// derived: 144 pairs take a second

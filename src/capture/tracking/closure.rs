@@ -6,7 +6,9 @@ use super::{
     keyframes::{Edge, Keyframes, view_distance_rad},
     locate::{Guess, Known, Located, locate},
 };
-use crate::{capture::poses::pose_noise::PoseNoise, geometry::Pose, random::stage_rng};
+use crate::poses::pose_noise::PoseNoise;
+use geometry::Pose;
+use numeric::random::stage_rng;
 
 /// Keyframes that each is compared with at most, of those that see it from near by.
 /// tuned: shared/bags; more change no trajectory by a tenth of its error

@@ -4,7 +4,9 @@
 use nalgebra::{Matrix3, Point3, Unit, UnitQuaternion, Vector3};
 
 use super::{imu::MeasuredUp, locate::mean_depth_m, observation::Observation, track::Track};
-use crate::{capture::select::common_focus, geometry::Pose, statistics::median};
+use crate::select::common_focus;
+use geometry::Pose;
+use numeric::statistics::median;
 
 /// Surfels looked at.
 const LOOKED_AT: usize = 8_000;

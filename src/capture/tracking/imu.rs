@@ -8,10 +8,8 @@ use std::fmt;
 
 use nalgebra::{Matrix3, Matrix6, SMatrix, Unit, Vector3, Vector6};
 
-use crate::{
-    geometry::Pose,
-    statistics::{SIGMAS_PER_MAD, median},
-};
+use geometry::Pose;
+use numeric::statistics::{SIGMAS_PER_MAD, median};
 
 /// Acceleration of free fall, m/s².
 /// derived: the standard value; on Earth it lies from 9.78 to 9.83
@@ -234,7 +232,7 @@ mod tests {
     use nalgebra::UnitQuaternion;
 
     use super::*;
-    use crate::random::{self, stage_rng};
+    use numeric::random::{self, stage_rng};
 
     const RATE_HZ: f64 = 250.0;
     const SECONDS: f64 = 12.0;

@@ -4,11 +4,9 @@
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
-use crate::{
-    capture::poses::surfels::Surfels,
-    geometry::{Pose, rigid_fit},
-    random::below,
-};
+use crate::poses::surfels::Surfels;
+use geometry::{Pose, rigid_fit};
+use numeric::random::below;
 
 /// Triples tried at most.
 /// derived: with 30 % of right matches one triple in 37 is right; 300 miss it once in 3000 times
@@ -140,7 +138,7 @@ fn motion_of(triple: &[LandmarkPair; 3]) -> Option<Pose> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::{stage_rng, unit};
+    use numeric::random::{stage_rng, unit};
 
     /// Pairs of which every `wrong`-th shows nothing in common.
     fn pairs(motion: &Pose, count: usize, wrong: usize) -> Vec<LandmarkPair> {

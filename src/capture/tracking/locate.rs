@@ -10,15 +10,13 @@ use super::{
     lost::Lost,
     observation::Observation,
 };
-use crate::{
-    capture::poses::{
-        observed::Observed,
-        pairs::Matches,
-        pose_noise::PoseNoise,
-        surfels::{Overlap, Surfels},
-    },
-    geometry::Pose,
+use crate::poses::{
+    observed::Observed,
+    pairs::Matches,
+    pose_noise::PoseNoise,
+    surfels::{Overlap, Surfels},
 };
+use geometry::Pose;
 
 /// Of so many surfels one is looked for in the other frame.
 const CHECKED_EVERY: usize = 4;

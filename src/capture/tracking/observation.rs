@@ -1,7 +1,7 @@
 //! A frame as the tracker keeps it: small flat patches and image features, without the pixels.
 
 use super::lost::Lost;
-use crate::capture::{
+use crate::{
     KnownFeatures, NoiseConfig, RgbdFrame,
     poses::{landmarks::FrameLandmarks, surfels::Surfels},
 };

@@ -3,10 +3,8 @@
 use nalgebra::{DMatrix, DVector, Matrix6, Vector6};
 
 use super::keyframes::Edge;
-use crate::{
-    capture::poses::{drift::adjoint, pose_noise::PoseNoise},
-    geometry::{Pose, shift_and_turn},
-};
+use crate::poses::{drift::adjoint, pose_noise::PoseNoise};
+use geometry::{Pose, shift_and_turn};
 
 /// Rounds of Gauss-Newton at most.
 const ROUNDS: usize = 24;

@@ -8,11 +8,9 @@ use super::{
     lost::Lost,
     observation::Observation,
 };
-use crate::{
-    capture::poses::pose_noise::PoseNoise,
-    geometry::{Pose, shift_and_turn},
-    random::stage_rng,
-};
+use crate::poses::pose_noise::PoseNoise;
+use geometry::{Pose, shift_and_turn};
+use numeric::random::stage_rng;
 
 /// Keyframes that a frame is placed by: the last one, and those seen from nearest by.
 /// tuned: shared/bags; more cost time and change no pose by its deviation

@@ -4,10 +4,8 @@ use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use roxmltree::Node;
 
 use super::numbers::{BadNumber, bad_numbers};
-use crate::{
-    geometry::Pose,
-    limits::{LINKS, URDF, XmlError, parse_xml},
-};
+use common::limits::{LINKS, URDF, XmlError, parse_xml};
+use geometry::Pose;
 
 /// Why a text is no URDF that is looked at.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

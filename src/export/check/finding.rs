@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::limits::FINDINGS;
+use common::limits::FINDINGS;
 
 use super::rule::Rule;
 

@@ -11,7 +11,7 @@ use super::{
     rule::Rule,
     welds::Welds,
 };
-use crate::model::{impossible_inertia, is_plain_name, principal_moments};
+use model::{impossible_inertia, is_plain_name, principal_moments};
 
 /// MuJoCo refuses less, kg.
 const MIN_MASS_KG: f64 = 1e-6;

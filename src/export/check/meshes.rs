@@ -13,10 +13,8 @@ use super::{
     paths::inside,
     rule::Rule,
 };
-use crate::{
-    limits::{NAMED_MESHES, SHAPES},
-    surface::{ConvexSolid, SolidFit, TriangleMesh, convex_hull, merge},
-};
+use common::limits::{NAMED_MESHES, SHAPES};
+use surface::{ConvexSolid, SolidFit, TriangleMesh, convex_hull, merge};
 
 /// Most faces of an STL that MuJoCo reads.
 const MAX_STL_FACES: usize = 200_000;

@@ -29,7 +29,7 @@ pub use named::named_files;
 pub use rule::Rule;
 use welds::Welds;
 
-use crate::limits::with_declaration;
+use common::limits::with_declaration;
 
 /// Everything wrong with the URDFs of a folder, errors first; an error of its own where it has none. Files
 /// named `*.ros.urdf` may hold `package://` paths of the package that is the folder.

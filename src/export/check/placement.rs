@@ -7,7 +7,7 @@ use super::{
     description::{Description, JointText},
     places::places,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// The tree of a description, by places of links and joints.
 pub(super) struct Placement<'a> {

@@ -2,24 +2,22 @@
 
 use std::fmt::Write as _;
 
-use crate::{
-    export::diagnosed::{
-        numbers::{UNTURNED, held, joint_numbers, missing, notes},
-        tilt::tilted,
-    },
-    gap::{
-        judge::report::{ExportNote, JointReport},
-        model::{
-            actuator::Actuator,
-            effects::end_stop::MAX_IMPEDANCE,
-            format::{Format, JointNumbers, Spring},
-            joint_model::{CREEP, Catalogue},
-        },
-        twin_tree::{Motion, TwinJoint, TwinTree},
-    },
-    geometry::Pose,
-    model::escape_xml,
+use crate::diagnosed::{
+    numbers::{UNTURNED, held, joint_numbers, missing, notes},
+    tilt::tilted,
 };
+use gap::{
+    judge::report::{ExportNote, JointReport},
+    model::{
+        actuator::Actuator,
+        effects::end_stop::MAX_IMPEDANCE,
+        format::{Format, JointNumbers, Spring},
+        joint_model::{CREEP, Catalogue},
+    },
+    twin_tree::{Motion, TwinJoint, TwinTree},
+};
+use geometry::Pose;
+use model::escape_xml;
 
 /// Step of the file, seconds.
 /// measured: eval/gap/timestep.md: the largest that moves no twin without a stop by a hundredth of the noise.

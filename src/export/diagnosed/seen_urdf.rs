@@ -4,23 +4,21 @@
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use roxmltree::Node;
 
-use crate::gap::camera::{
+use crate::diagnosed::{
+    edits::{Edit, before_end, edited},
+    urdf::{element, namespace_edit},
+};
+use common::limits::{XmlError, parse_xml};
+use gap::camera::{
     judge::diagnosis::FrameDiagnosis,
     model::{
         hypothesis::Law,
         twin::{SeenJoint, SeenMotion},
     },
 };
-use crate::{
-    export::diagnosed::{
-        edits::{Edit, before_end, edited},
-        urdf::{element, namespace_edit},
-    },
-    gap::judge::report::ExportNote,
-    geometry::Pose,
-    limits::{XmlError, parse_xml},
-    model::escape_xml,
-};
+use gap::judge::report::ExportNote;
+use geometry::Pose;
+use model::escape_xml;
 
 /// Pitches below this are none, meters a radian.
 ///

@@ -1,13 +1,11 @@
 //! A turned joint in files that place every link in the frame of the model (SDF, USD): all links that it
 //! carries turn with it.
 
-use crate::{
-    gap::{
-        model::{format::JointNumbers, plant::Plant},
-        twin_tree::TwinTree,
-    },
-    geometry::Pose,
+use gap::{
+    model::{format::JointNumbers, plant::Plant},
+    twin_tree::TwinTree,
 };
+use geometry::Pose;
 
 /// A joint that is turned about its origin.
 #[derive(Clone, Debug, PartialEq)]

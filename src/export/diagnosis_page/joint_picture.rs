@@ -10,11 +10,9 @@ use super::{
     view::View,
     words::position,
 };
-use crate::{
-    gap::twin_tree::{Motion, TwinTree},
-    geometry::Pose,
-    model::escape_xml,
-};
+use gap::twin_tree::{Motion, TwinTree};
+use geometry::Pose;
+use model::escape_xml;
 
 /// Width and height of the drawing.
 const SIZE: (f64, f64) = (620.0, 440.0);

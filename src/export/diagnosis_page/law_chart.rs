@@ -4,7 +4,7 @@ use super::{
     chart::{Axis, Chart, keys_of},
     words::{effort_unit, unit_text, variable, words},
 };
-use crate::gap::judge::{
+use gap::judge::{
     law::{Law, Way},
     report::JointReport,
 };

@@ -6,13 +6,11 @@ use super::{
     chart::{Axis, Chart, extent, keys_of},
     words::effort_unit,
 };
-use crate::{
-    gap::judge::{
-        proof::{ResidualSeries, RunGap, RunSeries},
-        report::JointReport,
-    },
-    model::escape_xml,
+use gap::judge::{
+    proof::{ResidualSeries, RunGap, RunSeries},
+    report::JointReport,
 };
+use model::escape_xml;
 
 /// Most runs in the picture of all runs.
 const MAX_RUNS: usize = 12;
@@ -61,7 +59,7 @@ fn all_runs(joint: &JointReport) -> String {
     shown.truncate(MAX_RUNS);
     shown.sort_unstable();
     let tracks: Vec<_> = shown.iter().map(|i| tracks[*i]).collect();
-    let length = |t: &&crate::gap::judge::report::Track| t.time_s[t.time_s.len() - 1] - t.time_s[0];
+    let length = |t: &&gap::judge::report::Track| t.time_s[t.time_s.len() - 1] - t.time_s[0];
     let total: f64 = tracks.iter().map(length).sum();
     if tracks.is_empty() || total <= 0.0 {
         return String::new();

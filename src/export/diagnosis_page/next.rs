@@ -1,19 +1,17 @@
 //! What to record next, in one line, and where the twin fails.
 
 use super::words::{fixed, places, position, variable, with_unit, words};
-use crate::{
-    gap::{
-        judge::{
-            finding::Finding,
-            law::{Point, Way},
-            locate::{Dependence, Variable},
-            report::JointReport,
-            verdict::Verdict,
-        },
-        twin_tree::TwinJoint,
+use gap::{
+    judge::{
+        finding::Finding,
+        law::{Point, Way},
+        locate::{Dependence, Variable},
+        report::JointReport,
+        verdict::Verdict,
     },
-    model::escape_xml,
+    twin_tree::TwinJoint,
 };
+use model::escape_xml;
 
 /// Level at which a dependence is named.
 const LEVEL: f64 = 0.05;

@@ -6,7 +6,9 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, UnitQuaternion, Vector3};
 use roxmltree::Node;
 
-use crate::{gap::twin_tree::TwinLink, geometry::Pose, limits::parse_xml};
+use common::limits::parse_xml;
+use gap::twin_tree::TwinLink;
+use geometry::Pose;
 
 /// Sides of a drawn cylinder.
 const SIDES: usize = 24;

@@ -1,6 +1,6 @@
 //! Round numbers along an axis.
 
-use crate::export::page::minus;
+use crate::page::minus;
 
 /// Round numbers within a range, `about` of them: steps of 1, 2 or 5 times a power of ten.
 #[must_use]

@@ -3,17 +3,15 @@
 use std::fmt::Write as _;
 
 use super::words::{fixed, places, residual, unit_text, with_unit, words};
-use crate::{
-    gap::{
-        judge::{
-            finding::{Finding, ParameterEstimate},
-            proof::{Gap, RunGap, left_of},
-            report::JointReport,
-        },
-        model::joint_model::Catalogue,
+use gap::{
+    judge::{
+        finding::{Finding, ParameterEstimate},
+        proof::{Gap, RunGap, left_of},
+        report::JointReport,
     },
-    model::escape_xml,
+    model::joint_model::Catalogue,
 };
+use model::escape_xml;
 
 /// Multiple of the noise up to which a gap is none.
 const AT_NOISE: f64 = 1.5;

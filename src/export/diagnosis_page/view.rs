@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use crate::gap::twin_tree::Motion;
+use gap::twin_tree::Motion;
 
 /// Angle between the line of sight and the axis of a joint that turns, degrees: its motion is an open arc.
 const TURN_DEG: f64 = 48.0;

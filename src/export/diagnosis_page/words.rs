@@ -1,6 +1,8 @@
 //! Numbers and names of a diagnosis as a page shows them.
 
-use crate::{export::page::minus, gap::judge::locate::Variable, model::escape_xml};
+use crate::page::minus;
+use gap::judge::locate::Variable;
+use model::escape_xml;
 
 /// A name of the catalogue in words.
 #[must_use]

@@ -8,11 +8,11 @@ use super::RadianceConfig;
 use super::composite::{by_thickness, weigh};
 use super::loss::{RadianceLosses, RayShare, Rendered, RenderedGradient, ray_loss};
 use super::ray_batch::RayBatch;
-use crate::field::harmonics::view_gradient;
-use crate::field::matrix::{BackwardNetwork, Network, NetworkGradient};
-use crate::field::passes::{ColorPass, GeometryPass};
-use crate::field::simd::{Columns, InstructionSet};
-use crate::field::{FEATURES, GEOMETRY_OUTPUTS, VIEW_COEFFICIENTS};
+use crate::harmonics::view_gradient;
+use crate::matrix::{BackwardNetwork, Network, NetworkGradient};
+use crate::passes::{ColorPass, GeometryPass};
+use crate::simd::{Columns, InstructionSet};
+use crate::{FEATURES, GEOMETRY_OUTPUTS, VIEW_COEFFICIENTS};
 
 /// Largest exponent of a density's slope (published: 15).
 const SLOPE_EXPONENT: f64 = 15.0;

@@ -4,8 +4,8 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::ray_batch::{Ray, RayBatch};
-use crate::field::simd::PointColumns;
-use crate::geometry::Pose;
+use crate::simd::PointColumns;
+use geometry::Pose;
 
 /// Takes a point of a state to the canonical frame: docs/method.md (12.20).
 pub(super) fn canonical(half: &Pose, state: usize, point: &Point3<f64>) -> Point3<f64> {

@@ -18,11 +18,11 @@ use super::pieces::{block_rays, blocks, groups};
 use super::position::by_position;
 use super::ray_batch::RayBatch;
 use super::{HalfMotion, RadianceConfig};
-use crate::field::learner::{FeatureGradient, Learner};
-use crate::field::matrix::{BackwardNetwork, Network, NetworkGradient, padded};
-use crate::field::simd::{AdamStep, InstructionSet, PointColumns};
-use crate::field::{EngineState, FEATURES, VIEW_COEFFICIENTS};
-use crate::geometry::Pose;
+use crate::learner::{FeatureGradient, Learner};
+use crate::matrix::{BackwardNetwork, Network, NetworkGradient, padded};
+use crate::simd::{AdamStep, InstructionSet, PointColumns};
+use crate::{EngineState, FEATURES, VIEW_COEFFICIENTS};
+use geometry::Pose;
 
 /// The fields of all parts in training; the first is static.
 pub(super) struct RadianceEngine {
@@ -80,7 +80,7 @@ impl RadianceEngine {
     }
 
     /// Losses and gradients of every part's field in the order of
-    /// [`FieldParams::flatten`](crate::field::FieldParams::flatten); changes nothing.
+    /// [`FieldParams::flatten`](crate::FieldParams::flatten); changes nothing.
     #[cfg(test)]
     pub fn gradient(
         &mut self,

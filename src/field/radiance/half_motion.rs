@@ -7,7 +7,7 @@
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Pose, Screw, exp_so3};
+use geometry::{Pose, Screw, exp_so3};
 
 /// Coordinates of a step of any half motion.
 pub(super) const COORDINATES: usize = 6;

@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use super::HalfMotion;
 use super::block::density;
-use crate::field::{FieldParams, ObjectField};
-use crate::geometry::{Grid3, Pose, SceneBox};
-use crate::surface::{TriangleMesh, marching_cubes};
+use crate::{FieldParams, ObjectField};
+use geometry::{Grid3, Pose, SceneBox};
+use surface::{TriangleMesh, marching_cubes};
 
 /// Density of the surface, per normalised unit (published).
 const SURFACE_DENSITY: f64 = 10.0;
@@ -83,8 +83,8 @@ impl RadianceModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::field::FieldConfig;
-    use crate::random::stage_rng;
+    use crate::FieldConfig;
+    use numeric::random::stage_rng;
 
     /// Every table and layer 0 but for what makes the density 1000 at high x of a one-level grid.
     fn half_space() -> FieldParams {

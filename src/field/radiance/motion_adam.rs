@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::half_motion::{COORDINATES, HalfMotion, PoseGradient};
-use crate::field::simd::{AdamStep, InstructionSet};
+use crate::simd::{AdamStep, InstructionSet};
 
 /// Decay of the moments, of fields and motions alike (Liu, Mahdavi-Amiri and Savva 2023).
 pub(super) const BETAS: (f32, f32) = (0.9, 0.99);

@@ -4,11 +4,11 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::RadianceConfig;
-use crate::capture::RgbdFrame;
-use crate::field::FieldError;
-use crate::field::pool::View;
-use crate::field::sample::Stream;
-use crate::geometry::SceneBox;
+use crate::FieldError;
+use crate::pool::View;
+use crate::sample::Stream;
+use capture::RgbdFrame;
+use geometry::SceneBox;
 
 /// Pixels drawn for a ray until one crosses the cube.
 const TRIES: usize = 32;
@@ -161,7 +161,7 @@ impl<'a> RaySource<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Intrinsics, Pose};
+    use geometry::{Intrinsics, Pose};
 
     /// A wall at z = 2 seen off its normal; the left half of the image is the object, a row has no depth.
     fn frame() -> RgbdFrame {

@@ -3,7 +3,7 @@
 
 use nalgebra::{Matrix4, Vector4};
 
-use crate::gap::{
+use crate::{
     model::{
         actuator::{Actuator, Servo},
         plant::Plant,

@@ -1,6 +1,6 @@
 //! What a fit works on: logs of one joint, windows, smoothed motion, noise and the catalogue.
 
-use crate::gap::{
+use crate::{
     fit::{
         noise::EffortNoise,
         rollout::Start,

@@ -6,7 +6,7 @@
 //! rest within the model's settle time (within the step, where that is 0), it does, so that a joint that
 //! sticks stands still.
 
-use crate::gap::{
+use crate::{
     fit::acting::{Acting, MAX_COLUMNS, Row, Sum, bound_at_turn},
     model::{
         actuator::Acted,

@@ -3,7 +3,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
-use crate::gap::{
+use crate::{
     fit::{
         acting::{MAX_COLUMNS, Row},
         jackknife::{Witness, alike, covariance},

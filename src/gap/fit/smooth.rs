@@ -1,7 +1,7 @@
 //! Position and velocity that a log most probably ran through: a Kalman smoother on the twin with white
 //! effort noise.
 
-use crate::gap::{
+use crate::{
     model::plant::Plant,
     record::{
         carried::Carried,

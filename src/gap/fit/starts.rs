@@ -4,7 +4,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::gap::{
+use crate::{
     fit::{
         acting::Row,
         problem::Problem,
@@ -15,7 +15,7 @@ use crate::gap::{
     model::joint_model::JointModel,
     record::{drive::Drive, log::Span},
 };
-use crate::statistics::chi_square_99;
+use numeric::statistics::chi_square_99;
 
 /// States of a searched window that are polished.
 const POLISHED: usize = 4;
@@ -231,7 +231,7 @@ fn at_play(start: Start, play: f64, half_gap: f64) -> Start {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::{
+    use crate::{
         fit::noise::EffortNoise,
         model::{
             actuator::Actuator,

@@ -1,7 +1,7 @@
 //! Short stretches of measured motion, whatever the twin is: what the positions alone say of velocities and
 //! accelerations of all joints, and the mean effort over each.
 
-use crate::gap::record::{
+use crate::record::{
     drive::{Hold, Signal},
     log::JointLog,
     motion::SmoothMotion,
@@ -115,7 +115,7 @@ pub fn mean_signal(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::record::reading_noise::ReadingNoise;
+    use crate::record::reading_noise::ReadingNoise;
 
     #[test]
     fn stretches_hold_the_means_of_a_motion_and_of_its_effort() {

@@ -2,7 +2,7 @@
 //! partly lasts, turns positions into independent innovations of variance one. It is linear, so residuals and
 //! sensitivities pass through the same filter. See docs/method.md (14.10).
 
-use crate::gap::{
+use crate::{
     fit::{
         acting::{Acting, Row},
         noise::EffortNoise,
@@ -285,7 +285,7 @@ mod tests {
     use rand_core::SeedableRng;
 
     use super::*;
-    use crate::random::normal;
+    use numeric::random::normal;
 
     /// A free mass under an effort that lasts, read with noise: whitened residuals against the motion without
     /// that effort.

@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix2;
 
-use crate::gap::{
+use crate::{
     fit::{
         noise::EffortNoise,
         problem::Problem,

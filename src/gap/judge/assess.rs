@@ -2,7 +2,7 @@
 
 use rand_core::Rng;
 
-use crate::gap::{
+use crate::{
     fit::{
         noise::EffortNoise,
         problem::Problem,

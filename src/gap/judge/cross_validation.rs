@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::gap::{
+use crate::{
     fit::{
         noise::EffortNoise,
         problem::Problem,
@@ -16,7 +16,7 @@ use crate::gap::{
     model::joint_model::JointModel,
     record::log::rms,
 };
-use crate::statistics::median;
+use numeric::statistics::median;
 
 /// Lengths of the windows in which effects must show, as shares of those that are fitted.
 /// derived: what acts all the time shows best over whole windows, what acts at a place or for a moment in

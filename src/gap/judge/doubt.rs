@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::gap::{
+use crate::{
     fit::{
         evidence::{Explained, Regression, Seen, independent_share},
         stretch::{RunMotion, Stretch, mean_signal, stretches},

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::gap::{
+use crate::{
     fit::problem::Problem,
     judge::{
         locate::Variable,

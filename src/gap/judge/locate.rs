@@ -3,7 +3,7 @@
 
 use rand_core::Rng;
 
-use crate::gap::{fit::problem::Problem, judge::screen::Screen};
+use crate::{fit::problem::Problem, judge::screen::Screen};
 
 /// A variable that the residual may depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -232,7 +232,7 @@ fn dependence(
 }
 
 /// Gain of the same columns after the sign of each window's residual was drawn anew.
-fn flipped_gain(score: &crate::gap::judge::screen::Score, rng: &mut impl Rng) -> f64 {
+fn flipped_gain(score: &crate::judge::screen::Score, rng: &mut impl Rng) -> f64 {
     let n = score.inverse.nrows();
     let mut z = nalgebra::DVector::zeros(n);
     let mut bits = 0u64;

@@ -1,7 +1,7 @@
 //! Joints of a chain that moved together, judged together: what was found at each is fitted again in one
 //! rollout of all, and made no richer than that asks for.
 
-use crate::gap::{
+use crate::{
     fit::{
         multibody::{
             joints::Joints,

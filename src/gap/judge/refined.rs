@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::gap::{
+use crate::{
     fit::{
         problem::Problem,
         shooting::{Fit, Free, Pace, fit},
@@ -98,7 +98,7 @@ mod tests {
     use rand_core::SeedableRng;
 
     use super::*;
-    use crate::gap::{
+    use crate::{
         fit::noise::EffortNoise,
         judge::simulated::{pendulum, simulated, with},
         model::effects::catalogue,

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::gap::{
+use crate::{
     judge::{
         doubt::Doubt,
         doubt_json::DoubtJson,
@@ -299,7 +299,7 @@ fn actuator(joint: &JointReport) -> Option<ActuatorJson> {
 fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
     // Over a whole run an unstable twin may leave all bounds, and JSON has no infinity.
     let finite = |x: f64| x.is_finite().then_some(x);
-    let one = |r: &crate::gap::judge::proof::RunGap| RunJson {
+    let one = |r: &crate::judge::proof::RunGap| RunJson {
         run: r.run.clone(),
         joint: joint.joint.clone(),
         unit: if joint.turns { "rad" } else { "m" }.to_owned(),

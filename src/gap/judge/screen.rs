@@ -3,7 +3,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::gap::{
+use crate::{
     fit::{
         acting::{Acting, MAX_COLUMNS, Row},
         problem::{Problem, Weighing},
@@ -443,7 +443,7 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
     let added = model.scalar(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);
     let gain = model.scalar(catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
     let acting = Acting::of(model, catalogue);
-    let one = |(index, trace): (usize, &crate::gap::fit::smooth::Trace)| {
+    let one = |(index, trace): (usize, &crate::fit::smooth::Trace)| {
         let log = &problem.logs[index];
         let n = trace.position.len();
         let mut now = [0.0; 8];

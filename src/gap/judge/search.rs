@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::gap::{
+use crate::{
     fit::{
         noise::EffortNoise,
         problem::{Problem, Weighing},

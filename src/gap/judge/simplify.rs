@@ -1,7 +1,7 @@
 //! A found set of effects made no richer than the recording asks for: special cases in place of what contains
 //! them, and nothing whose strength may as well be zero.
 
-use crate::gap::{
+use crate::{
     fit::{
         problem::Problem,
         shooting::{Fit, Free, Pace, fit},

@@ -2,7 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::{gap::judge::simplify::HALF_WIDTH, statistics::chi_square_95};
+use crate::judge::simplify::HALF_WIDTH;
+use numeric::statistics::chi_square_95;
 
 /// How well parameters are known.
 #[derive(Clone, Debug)]

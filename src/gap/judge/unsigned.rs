@@ -3,7 +3,7 @@
 use std::f64::consts::LN_2;
 
 use super::doubt::{JointScene, LOG_ODDS, all_gains, gains_up_to};
-use crate::gap::{fit::stretch::Stretch, judge::convention::AS_GIVEN, record::recording::Recording};
+use crate::{fit::stretch::Stretch, judge::convention::AS_GIVEN, record::recording::Recording};
 
 /// Friction that is tried beside what the twin needs for a motion, as shares of that.
 /// derived: none, and a half to twice of it: what a sign follows of the two.

@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 use rand_core::SeedableRng;
 
 use super::*;
-use crate::gap::{
+use crate::{
     judge::{
         locate::Bin,
         simulated::{pendulum, simulated, with},

@@ -5,7 +5,7 @@ use super::{
     format::{Expression, Format, JointNumbers},
     plant::Plant,
 };
-use crate::gap::record::{carried::Carried, log::JointLog};
+use crate::record::{carried::Carried, log::JointLog};
 
 /// Most parameters of one effect.
 pub const MAX_PARAMETERS: usize = 5;

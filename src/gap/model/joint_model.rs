@@ -1,6 +1,6 @@
 //! A joint with effects: the twin's plant and the terms added to it.
 
-use crate::gap::model::{
+use crate::model::{
     effect::{Effect, Place},
     plant::Plant,
 };

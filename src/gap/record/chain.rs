@@ -8,7 +8,7 @@
 
 use nalgebra::DVector;
 
-use crate::gap::{
+use crate::{
     record::{
         carried::Carried,
         command::{EffortUnit, Told},

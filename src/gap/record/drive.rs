@@ -1,6 +1,6 @@
 //! The recorded signal, an effort or a commanded position, over the small steps of a rollout.
 
-use crate::gap::record::log::JointLog;
+use crate::record::log::JointLog;
 
 /// How the effort runs between samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! Noise of recorded positions, by how they scatter about a smooth motion.
 
-use crate::gap::record::{
+use crate::record::{
     log::{JointLog, position_noise},
     motion::SmoothMotion,
     reading_noise::ReadingNoise,

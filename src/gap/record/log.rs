@@ -1,6 +1,7 @@
 //! Measured motion of one joint: samples, runs, and the windows that shooting starts in.
 
-use crate::{gap::record::carried::Carried, statistics::median};
+use crate::record::carried::Carried;
+use numeric::statistics::median;
 
 /// One recorded run of one joint, stamps strictly increasing.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -3,7 +3,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::gap::record::reading_noise::ReadingNoise;
+use crate::record::reading_noise::ReadingNoise;
 
 /// Motion at and between the stamps of the positions.
 #[derive(Clone, Debug, Default, PartialEq)]

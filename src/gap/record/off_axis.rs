@@ -8,14 +8,14 @@
 
 use nalgebra::{Complex, Matrix2, Matrix3, Matrix3x6, Matrix6, Vector2, Vector3, Vector6};
 
-use crate::gap::{
+use crate::{
     record::{
         log::{JointLog, position_noise, rms},
         tracks::{PoseTrack, TrackError, frame_link, moved_link},
     },
     twin_tree::{Motion, TwinJoint, TwinTree},
 };
-use crate::geometry::{Pose, log_so3};
+use geometry::{Pose, log_so3};
 
 /// Shift and turn across a joint, root mean square over the samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -1,6 +1,6 @@
 //! What a bag holds of joints, before it is cut down to one joint: checks that name what is missing.
 
-use crate::gap::record::{
+use crate::record::{
     command::{Command, Told},
     jitter::reading_noise,
     log::JointLog,
@@ -8,7 +8,7 @@ use crate::gap::record::{
     tracks::{PoseTrack, WrenchTrack},
 };
 
-use crate::note::{Note, NoteCode};
+use common::note::{Note, NoteCode};
 
 /// Samples of one joint as they were recorded.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -8,10 +8,8 @@ use super::{
     npz::{NpzError, members, npy_payload},
     pickle::{Node, Pickle, PickleError},
 };
-use crate::{
-    capture::{Capture, CaptureError, PixelMatch},
-    note::{Note, NoteCode},
-};
+use capture::{Capture, CaptureError, PixelMatch};
+use common::note::{Note, NoteCode};
 
 /// Most pixels of matches that are looked at.
 const MAX_MATCHES: usize = 40_000_000;

@@ -2,7 +2,7 @@
 
 use std::io::Read;
 
-use crate::limits::ARCHIVE;
+use common::limits::ARCHIVE;
 
 const END: [u8; 4] = *b"PK\x05\x06";
 const CENTRAL: [u8; 4] = *b"PK\x01\x02";

@@ -5,17 +5,15 @@
 
 use super::{Collector, Held, Phase, Seen, View};
 use crate::{
-    capture::TrackCamera,
-    geometry::Pose,
-    io::{
-        BagWriteError,
-        ros2msg::{Header, Time, Transform, TransformStamped},
-    },
-    node::{
-        live_tracking::{Outcome, ToTrack, Tracked},
-        sample::Picture,
-        synchronizer::Matched,
-    },
+    live_tracking::{Outcome, ToTrack, Tracked},
+    sample::Picture,
+    synchronizer::Matched,
+};
+use capture::TrackCamera;
+use geometry::Pose;
+use io::{
+    BagWriteError,
+    ros2msg::{Header, Time, Transform, TransformStamped},
 };
 
 /// A view waits so long for a transform of its camera before it is tracked, nanoseconds.

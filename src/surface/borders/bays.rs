@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::surface::TriangleMesh;
+use crate::TriangleMesh;
 
 /// A bay's mouth is no wider than this, voxels: tuned, what teeth and lace leave.
 const MAX_MOUTH: f64 = 4.0;
@@ -86,7 +86,7 @@ fn opens(points: &[Point3<f64>], from: usize, sides: usize, opening_m: f64) -> b
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::borders::{loops::border_loops, plates::plate};
+    use crate::borders::{loops::border_loops, plates::plate};
 
     fn bays_of(mesh: &TriangleMesh) -> Vec<usize> {
         let up = vec![Vector3::z(); mesh.vertices.len()];

@@ -4,11 +4,9 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::reach::{Neighbors, Reach};
-use crate::{
-    capture::{NoiseConfig, RgbdFrame},
-    geometry::Pose,
-    surface::TriangleMesh,
-};
+use crate::TriangleMesh;
+use capture::{NoiseConfig, RgbdFrame};
+use geometry::Pose;
 
 /// A rim is looked for from here within the surface to there beyond it, voxels.
 /// derived: marching cubes want eight known corners, so that a surface ends up to two voxels before its
@@ -147,12 +145,10 @@ impl Readings<'_> {
 mod tests {
     use super::*;
     use crate::{
-        geometry::Intrinsics,
-        surface::{
-            borders::{mend_borders, plates::plate},
-            shapes::{cuboid, looking_at_origin, view_of},
-        },
+        borders::{mend_borders, plates::plate},
+        shapes::{cuboid, looking_at_origin, view_of},
     };
+    use geometry::Intrinsics;
 
     /// A plate of 0.3 x 0.2 m, its top seen by three cameras; the mesh ends a voxel and a half before it.
     #[test]

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use nalgebra::{Matrix3, Point2, Point3, Vector3};
 
 use super::reach::Reach;
-use crate::surface::TriangleMesh;
+use crate::TriangleMesh;
 
 /// A gap is no wider than this, voxels: tuned. A twentieth of the object at the default resolution.
 const MAX_WIDTH: f64 = 12.0;

@@ -9,7 +9,7 @@ use super::{
     polygon::{is_inside, triangulate},
     reach::{Neighbors, Reach},
 };
-use crate::surface::TriangleMesh;
+use crate::TriangleMesh;
 
 /// A fill is examined at points no farther apart, voxels: derived, half of what a grid can tell apart.
 const SAMPLE_STEP: f64 = 0.5;

@@ -9,7 +9,7 @@ use super::{
     reach::{Neighbors, Reach},
     rim::Rim,
 };
-use crate::surface::{TriangleMesh, vertex_normals};
+use crate::{TriangleMesh, vertex_normals};
 
 /// A vertex moves no farther than this from where the readings end, voxels: derived, a rim's place is known
 /// to a voxel.

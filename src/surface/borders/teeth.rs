@@ -6,7 +6,7 @@ use super::{
     sheet::Sheet,
     straight::MAX_MOVE,
 };
-use crate::surface::{components::components, edges::sides_by_vertex};
+use crate::{components::components, edges::sides_by_vertex};
 
 /// Disks smaller than this do not hold a strip, voxels: tuned, strips narrower than two voxels hold less
 /// surface than noise.
@@ -84,7 +84,7 @@ pub(super) fn drop_teeth(sheet: &mut Sheet, voxel_m: f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::{borders::plates::plate, shapes::box_mesh};
+    use crate::{borders::plates::plate, shapes::box_mesh};
 
     #[test]
     fn a_plate_with_straight_borders_keeps_all_but_the_tips_of_its_corners() {

@@ -7,7 +7,7 @@ use super::{
     pieces::{Piece, Seen},
     sample_columns::{GRAZING, SampleColumns, Slopes},
 };
-use crate::vectors::vectorized;
+use numeric::vectorized;
 
 /// Most faces of the surface that a solid takes its own from.
 const OWN_FACES: usize = 20;

@@ -8,7 +8,7 @@ use std::{
 
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
-use crate::surface::{TriangleMesh, edges::Edges, patches::Patch};
+use crate::{TriangleMesh, edges::Edges, patches::Patch};
 
 /// Least length of the sum of a patch's normals over its area: beyond, it bends.
 const LEAST_STRAIGHT: f64 = 0.85;

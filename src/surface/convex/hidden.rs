@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Point2, Point3, Vector3};
 
 use super::{ConvexConfig, Hidden, pieces::Piece, raster::Raster};
-use crate::surface::{TriangleMesh, outline::hull_2d, patches::Patch};
+use crate::{TriangleMesh, outline::hull_2d, patches::Patch};
 
 /// Most samples of a face that is looked for near a patch, along an edge and across three patches.
 const MAX_STEPS: usize = 300;

@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{Plane, flats::flats, rays::Facets};
-use crate::surface::{TriangleMesh, patches::Patch};
+use crate::{TriangleMesh, patches::Patch};
 
 /// Samples over a part's surface.
 const SAMPLES: f64 = 3000.0;

@@ -4,10 +4,8 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{ConvexSolid, Plane, rays::Facets};
-use crate::{
-    random::stage_rng,
-    surface::{TriangleMesh, sample_surface, triangle::closest_on_triangle},
-};
+use crate::{TriangleMesh, sample_surface, triangle::closest_on_triangle};
+use numeric::random::stage_rng;
 
 /// Places of the surface that are looked at.
 const SAMPLES: usize = 4000;
@@ -150,7 +148,7 @@ fn closest(p: &Point3<f64>, triangle: [Point3<f64>; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::shapes::box_mesh;
+    use crate::shapes::box_mesh;
 
     fn cuboid(half: [f64; 3]) -> ConvexSolid {
         ConvexSolid::cuboid(&Point3::from(half.map(|h| -h)), &Point3::from(half))

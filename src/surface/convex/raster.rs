@@ -3,7 +3,7 @@
 use nalgebra::{Point2, Vector2};
 
 use super::rectangles::{Rectangle, cover};
-use crate::surface::outline::{area, rectangle_direction};
+use crate::outline::{area, rectangle_direction};
 
 /// Cells along the longer side of a patch.
 const CELLS: f64 = 96.0;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
-use crate::surface::TriangleMesh;
+use crate::TriangleMesh;
 
 /// Least cosine between a ray and the normal of what it meets: others it runs nearly along.
 const MET: f64 = 0.2;

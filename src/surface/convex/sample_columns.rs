@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::{Plane, pieces::Sample};
-use crate::vectors::vectorized;
+use numeric::vectorized;
 
 /// Rays along a face leave a solid elsewhere.
 pub(super) const GRAZING: f64 = 1e-3;

@@ -11,7 +11,7 @@ use super::{
     hidden::{fronts, hidden_walls},
     pieces::{Piece, Seen, seen},
 };
-use crate::surface::{ShellInertia, TriangleMesh, inertia::plates_inertia, keep_components, simplify};
+use crate::{ShellInertia, TriangleMesh, inertia::plates_inertia, keep_components, simplify};
 
 /// Triangles that the pieces are made of.
 const TRIANGLES: usize = 3000;

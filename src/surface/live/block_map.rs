@@ -9,13 +9,11 @@ use super::{
     view_depth::ViewDepth,
 };
 use crate::{
-    capture::cell,
-    geometry::Grid3,
-    surface::{
-        rows::RowCamera,
-        tsdf_view::{FREE_WEIGHT, Said, behind_weight, said},
-    },
+    rows::RowCamera,
+    tsdf_view::{FREE_WEIGHT, Said, behind_weight, said},
 };
+use capture::cell;
+use geometry::Grid3;
 
 /// Nodes along a side of a block.
 pub(super) const SIDE: usize = 8;

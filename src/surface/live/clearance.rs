@@ -4,7 +4,8 @@
 use nalgebra::Vector3;
 
 use super::view_depth::{MAX_DEPTH_M, ViewDepth};
-use crate::{capture::PoseNoise, surface::depth_tiles::DepthTiles};
+use crate::depth_tiles::DepthTiles;
+use capture::PoseNoise;
 
 /// Standard deviations, of reading and pose together, that a cell lies before what is read, to be empty.
 /// derived: 0.13 % of normal readings, one-sided

@@ -3,11 +3,9 @@
 use nalgebra::{Point3, Vector3};
 
 use super::view_depth::{MAX_DEPTH_M, ViewDepth};
-use crate::{
-    capture::common_focus,
-    geometry::{Intrinsics, Pose},
-    statistics::median,
-};
+use capture::common_focus;
+use geometry::{Intrinsics, Pose};
+use numeric::statistics::median;
 
 /// Views that are remembered at most; with more, every second one goes.
 const MOST: usize = 128;

@@ -8,7 +8,7 @@ use std::{
 use nalgebra::Point3;
 
 use super::block_map::{self, BlockMap, Key};
-use crate::surface::{TriangleMesh, marching_cubes};
+use crate::{TriangleMesh, marching_cubes};
 
 /// Blocks along a side of a chunk.
 const BLOCKS: i32 = 2;

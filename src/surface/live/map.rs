@@ -14,10 +14,8 @@ use super::{
     unseen::{Unseen, unseen},
     view_depth::ViewDepth,
 };
-use crate::{
-    capture::{NoiseConfig, RgbdFrame},
-    surface::{TriangleMesh, merge},
-};
+use crate::{TriangleMesh, merge};
+use capture::{NoiseConfig, RgbdFrame};
 
 /// Least and largest first distance between nodes, meters.
 /// tuned: finer than 5 mm shows the eye no more of an object; with 20 mm a drawer still has its front
@@ -187,7 +185,7 @@ impl LiveMap {
 
     /// What a view from a pose would add, square meters.
     #[cfg(test)]
-    pub(super) fn gain_m2(&self, world_from_camera: &crate::geometry::Pose) -> Option<f64> {
+    pub(super) fn gain_m2(&self, world_from_camera: &geometry::Pose) -> Option<f64> {
         let map = self.now.as_ref()?;
         Some(super::next_view::gain_m2(&Region::new(&map.eyes, &map.sight)?, world_from_camera))
     }

@@ -7,7 +7,7 @@ use super::{
     region::{Cell, Region},
     sight_map::SightMap,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Places that are tried, all around.
 const PLACES: usize = 200;

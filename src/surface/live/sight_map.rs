@@ -9,7 +9,8 @@ use super::{
     clearance::{Clearance, Piece},
     view_depth::ViewDepth,
 };
-use crate::{capture::cell, surface::rows::RowCamera};
+use crate::rows::RowCamera;
+use capture::cell;
 
 /// Cells along a side of a block; a layer of them is the bits of a word.
 pub(super) const SIDE: usize = 8;

@@ -2,12 +2,10 @@
 
 use nalgebra::Point3;
 
-use crate::{
-    capture::{NoiseConfig, RgbdFrame, pixel_weights},
-    geometry::Pose,
-    statistics::median,
-    surface::tsdf_view::{Reading, TsdfView, object_roles},
-};
+use crate::tsdf_view::{Reading, TsdfView, object_roles};
+use capture::{NoiseConfig, RgbdFrame, pixel_weights};
+use geometry::Pose;
+use numeric::statistics::median;
 
 /// Beyond this depth a reading says only that space before it is empty, meters.
 /// derived: there three standard deviations of a reading are 7 cm, as much as many parts move

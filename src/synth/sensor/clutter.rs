@@ -5,11 +5,9 @@ use std::f64::consts::TAU;
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
-use crate::{
-    geometry::Pose,
-    random,
-    synth::{Material, Solid},
-};
+use crate::{Material, Solid};
+use geometry::Pose;
+use numeric::random;
 
 /// How many.
 const THINGS: usize = 5;
@@ -63,7 +61,7 @@ pub(super) fn things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut impl Rng
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn things_stand_on_the_floor_outside_the_box() {

@@ -7,7 +7,8 @@
 
 use rand_core::Rng;
 
-use crate::{random, synth::View};
+use crate::View;
+use numeric::random;
 
 /// Reflectance below which a surface is dark.
 const DARK: f64 = 0.1;
@@ -36,7 +37,8 @@ pub(super) fn lost(level: f64, view: &View, rng: &mut impl Rng) -> Vec<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{random::stage_rng, synth::sensor::test_view::wall};
+    use crate::sensor::test_view::wall;
+    use numeric::random::stage_rng;
 
     fn share(level: f64, reflectance: f64, gloss: f64, cosine: f64) -> f64 {
         let (mut view, _) = wall(1.0);

@@ -2,7 +2,8 @@
 
 use rand_core::Rng;
 
-use crate::{random, synth::smooth::smooth};
+use crate::smooth::smooth;
+use numeric::random;
 
 /// One standard deviation, pixels: with the 0.073 pixels of the camera itself it makes the 0.08 that Intel's
 /// guide to tuning its D400 cameras counts as good on a textured surface.
@@ -22,7 +23,7 @@ pub(super) fn field(level: f64, width: usize, height: usize, rng: &mut impl Rng)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn noise_has_its_size_and_is_shared_by_neighbors() {

@@ -7,7 +7,8 @@
 
 use rand_core::Rng;
 
-use crate::{random, synth::smooth::smooth};
+use crate::smooth::smooth;
+use numeric::random;
 
 /// Root mean square over the pixels, of the range.
 const RMS: f64 = 0.004;
@@ -29,7 +30,7 @@ pub(super) fn field(level: f64, width: usize, height: usize, rng: &mut impl Rng)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn the_field_has_its_size_and_its_correlation() {

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use rand_core::Rng;
 
-use crate::random;
+use numeric::random;
 
 /// One standard deviation of the logarithm of the exposure.
 const EXPOSURE: f64 = 0.15;
@@ -21,7 +21,7 @@ pub(super) fn gain(level: f64, rng: &mut impl Rng) -> Vector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn gains_vary_by_the_stated_deviations() {

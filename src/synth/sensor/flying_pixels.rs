@@ -2,11 +2,9 @@
 
 use rand_core::Rng;
 
-use crate::{
-    geometry::Intrinsics,
-    random,
-    synth::{View, edge::depth_step},
-};
+use crate::{View, edge::depth_step};
+use geometry::Intrinsics;
+use numeric::random;
 
 /// Share of the pixels on deep edges that read a depth in between.
 const SHARE: f64 = 0.35;
@@ -32,7 +30,8 @@ pub(super) fn between_m(level: f64, view: &View, k: &Intrinsics, rng: &mut impl 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{random::stage_rng, synth::sensor::test_view::wall};
+    use crate::sensor::test_view::wall;
+    use numeric::random::stage_rng;
 
     #[test]
     fn a_share_of_the_pixels_on_deep_edges_flies_between_both_surfaces() {

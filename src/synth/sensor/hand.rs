@@ -5,11 +5,9 @@ use std::f64::consts::PI;
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
-use crate::{
-    geometry::Pose,
-    random,
-    synth::{Material, Solid},
-};
+use crate::{Material, Solid};
+use geometry::Pose;
+use numeric::random;
 
 /// Share of the views with a hand.
 const SHARE: f64 = 0.1;
@@ -78,7 +76,7 @@ pub(super) fn hand(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn a_share_of_the_views_has_a_hand_between_camera_and_object() {

@@ -6,7 +6,9 @@
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
-use crate::{geometry::Pose, random, synth::Scene};
+use crate::Scene;
+use geometry::Pose;
+use numeric::random;
 
 /// Share of the views that show one.
 const SHARE: f64 = 0.5;
@@ -47,10 +49,8 @@ pub(super) fn shine(level: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        random::stage_rng,
-        synth::{Light, Material, SynthConfig, generate},
-    };
+    use crate::{Light, Material, SynthConfig, generate};
+    use numeric::random::stage_rng;
 
     #[test]
     fn half_of_the_views_mirror_a_bulb_in_the_object() {

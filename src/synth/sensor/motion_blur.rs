@@ -4,7 +4,8 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::bilinear::bilinear;
-use crate::{geometry::Intrinsics, synth::View};
+use crate::View;
+use geometry::Intrinsics;
 
 /// Exposure, seconds: about half of what librealsense sets for color where the exposure is not automatic, 156
 /// steps of 0.1 ms.
@@ -50,7 +51,8 @@ fn trace_px(depth_m: f64, k: &Intrinsics, [u, v]: [f64; 2], velocity: &[Vector3<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{geometry::Pose, synth::sensor::test_view::wall};
+    use crate::sensor::test_view::wall;
+    use geometry::Pose;
 
     #[test]
     fn a_trace_is_the_finite_difference_of_the_projection() {

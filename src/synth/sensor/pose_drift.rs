@@ -3,7 +3,8 @@
 use nalgebra::Vector3;
 use rand_core::Rng;
 
-use crate::{geometry::Pose, random};
+use geometry::Pose;
+use numeric::random;
 
 /// One standard deviation of a step's error along each axis, for the steps of a sweep of [`SWEEP_VIEWS`]
 /// views.
@@ -34,7 +35,7 @@ pub(super) fn walk(level: f64, cameras: &[Pose], rng: &mut impl Rng) -> Vec<Pose
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     /// Root mean square error of the pose after `steps` of 30 views: meters along an axis, radians about one.
     fn rms(level: f64, steps: usize) -> [f64; 2] {

@@ -3,7 +3,8 @@
 use nalgebra::Vector3;
 use rand_core::Rng;
 
-use crate::{geometry::Pose, random};
+use geometry::Pose;
+use numeric::random;
 
 /// One standard deviation along each axis, meters.
 const SHIFT_M: f64 = 0.001;
@@ -20,7 +21,7 @@ pub(super) fn draw(level: f64, rng: &mut impl Rng) -> Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn poses_jitter_by_the_stated_deviations() {

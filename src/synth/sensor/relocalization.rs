@@ -2,7 +2,8 @@
 
 use rand_core::Rng;
 
-use crate::{geometry::Pose, random};
+use geometry::Pose;
+use numeric::random;
 
 /// Length of the shift, meters.
 const SHIFT_M: f64 = 0.0037;
@@ -20,7 +21,7 @@ pub(super) fn draw(level: f64, rng: &mut impl Rng) -> Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn a_world_is_off_by_the_stated_amount() {

@@ -5,7 +5,7 @@
 //! the child's subtree that grows with the position (the line), or is the same rigid motion of it in every
 //! state (the frame).
 
-use crate::gap::{
+use crate::{
     camera::model::{
         parameter::Parameter,
         scales::MISPLACED,

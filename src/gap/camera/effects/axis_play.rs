@@ -3,7 +3,7 @@
 //!
 //! Signature: every state has a residual of the child's subtree of its own, small, that no axis explains.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     trial::{CameraEffect, STATEWISE, column, free_joints},
 };

@@ -4,7 +4,7 @@
 //! Signature: one rigid motion in the camera's frame explains the residuals of all views, from all sides, in
 //! all states; a wrong placement of the object would be one in the world's frame.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     scales::MISCALIBRATED,
     trial::{CameraEffect, column},

@@ -3,7 +3,7 @@
 //! Signature: a residual in proportion to the camera's velocity, none while it rests, of the other sign on
 //! the way back.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     trial::{CameraEffect, column},
 };

@@ -2,7 +2,7 @@
 //!
 //! Signature: the same residual along every ray, near and far, on every part, in every state.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     scales::MISCALIBRATED,
     trial::{CameraEffect, column},

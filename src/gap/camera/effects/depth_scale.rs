@@ -2,7 +2,7 @@
 //!
 //! Signature: a residual along the ray in proportion to the depth, on every part, in every state.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     scales::MISCALIBRATED,
     trial::{CameraEffect, column},

@@ -2,7 +2,7 @@
 //!
 //! Signature: the same residual of the child's subtree along its motion at every reported position.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     scales::MISPLACED,
     trial::{CameraEffect, column},

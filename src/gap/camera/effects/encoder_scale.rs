@@ -2,7 +2,7 @@
 //!
 //! Signature: a residual of the child's subtree along its motion that grows with the reported position.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     scales::MISPLACED,
     trial::{CameraEffect, column},

@@ -4,7 +4,7 @@
 //! Signature: residuals of the child's subtree that are multiples of one rigid motion, unrelated to the
 //! position.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     trial::{CameraEffect, STATEWISE, column, free_joints},
 };

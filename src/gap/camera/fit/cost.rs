@@ -1,6 +1,6 @@
 //! Mean cost of pixels, conflicts included: comparable between hypotheses of any kind.
 
-use crate::gap::camera::{
+use crate::camera::{
     fit::{components::VarianceComponents, problem::FrameProblem, sample::Sample},
     model::hypothesis::Hypothesis,
 };

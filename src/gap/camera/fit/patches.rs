@@ -5,14 +5,12 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 
-use crate::{
-    gap::camera::{
-        fit::sample::{PixelSample, Sample},
-        model::{posed::Seen, twin::SeenTwin},
-    },
-    geometry::Pose,
-    statistics::{SIGMAS_PER_MAD, median},
+use crate::camera::{
+    fit::sample::{PixelSample, Sample},
+    model::{posed::Seen, twin::SeenTwin},
 };
+use geometry::Pose;
+use numeric::statistics::{SIGMAS_PER_MAD, median};
 
 /// Fewest pixels of a patch in a frame.
 const MIN_PIXELS: usize = 4;

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 
 use rayon::prelude::*;
 
-use crate::gap::camera::{
+use crate::camera::{
     fit::predict::{predict, true_camera},
     model::{hypothesis::Hypothesis, scales::Scales, twin::SeenTwin},
     record::frames::{FrameRun, coarse},

@@ -4,21 +4,19 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::{
-    gap::camera::{
-        fit::{
-            predict::{predict, true_camera},
-            sample::{Conflict, PixelSample, Sample},
-        },
-        model::{hypothesis::Hypothesis, posed::Seen, twin::SeenTwin},
-        record::{
-            frames::FrameRun,
-            pixels::{Pixels, around},
-        },
+use crate::camera::{
+    fit::{
+        predict::{predict, true_camera},
+        sample::{Conflict, PixelSample, Sample},
     },
-    geometry::Pose,
-    surface::Rendered,
+    model::{hypothesis::Hypothesis, posed::Seen, twin::SeenTwin},
+    record::{
+        frames::FrameRun,
+        pixels::{Pixels, around},
+    },
 };
+use geometry::Pose;
+use surface::Rendered;
 
 /// Bend of the surface across three pixels above which its normal is not used, in spacings of pixels there.
 ///

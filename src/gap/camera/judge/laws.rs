@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use crate::gap::camera::{
+use crate::camera::{
     effects::screw_pitch::{LEAST_PITCH, PITCHES},
     model::{
         parameter::normals_of,

@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 use rand_core::Rng;
 
-use crate::random::stage_rng;
+use numeric::random::stage_rng;
 
 /// Share of readings beyond each side of the box.
 ///

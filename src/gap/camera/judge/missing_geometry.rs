@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Point3;
 
-use crate::gap::{
+use crate::{
     camera::{
         fit::{
             components::VarianceComponents,

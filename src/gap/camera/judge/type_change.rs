@@ -2,7 +2,7 @@
 
 use nalgebra::{DVector, Point3, Unit, Vector3};
 
-use crate::gap::{
+use crate::{
     camera::{
         fit::problem::FrameProblem,
         judge::{

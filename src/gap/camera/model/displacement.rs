@@ -1,6 +1,6 @@
 //! How far joints and their errors move what is seen.
 
-use crate::gap::camera::model::{hypothesis::Hypothesis, twin::SeenTwin};
+use crate::camera::model::{hypothesis::Hypothesis, twin::SeenTwin};
 
 /// Standard deviations of a joint within which an effect counts as the twin's own error.
 ///
@@ -48,15 +48,13 @@ mod tests {
     use nalgebra::{Point3, Vector3};
 
     use super::*;
-    use crate::{
-        gap::camera::model::{
-            hypothesis::Hypothesis,
-            own_error::{JointError, OwnErrors},
-            twin::{SeenJoint, SeenMotion, SeenPart},
-        },
-        geometry::Pose,
-        surface::TriangleMesh,
+    use crate::camera::model::{
+        hypothesis::Hypothesis,
+        own_error::{JointError, OwnErrors},
+        twin::{SeenJoint, SeenMotion, SeenPart},
     };
+    use geometry::Pose;
+    use surface::TriangleMesh;
 
     fn door() -> SeenTwin {
         let part = |name: &str, joint, center: Point3<f64>| SeenPart {

@@ -1,6 +1,6 @@
 //! Estimates with intervals that hold the truth with 95 %.
 
-use crate::gap::judge::finding::ParameterEstimate;
+use crate::judge::finding::ParameterEstimate;
 
 /// Squares of standard deviations that hold a vector of 1, 2, ... components with 95 %.
 ///

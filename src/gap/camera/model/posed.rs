@@ -2,17 +2,15 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::{
-    gap::camera::{
-        model::{
-            hypothesis::Hypothesis,
-            parameter::{Parameter, component, normals_of},
-            twin::{SeenMotion, SeenTwin},
-        },
-        record::frames::FrameRun,
+use crate::camera::{
+    model::{
+        hypothesis::Hypothesis,
+        parameter::{Parameter, component, normals_of},
+        twin::{SeenMotion, SeenTwin},
     },
-    geometry::Pose,
+    record::frames::FrameRun,
 };
+use geometry::Pose;
 
 /// Poses under a hypothesis that derivatives are taken at.
 pub struct PosedTwin<'a> {

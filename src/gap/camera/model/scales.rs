@@ -2,7 +2,8 @@
 //! See docs/method.md (15.1).
 
 use super::twin::SeenTwin;
-use crate::{gap::camera::record::frames::FrameRun, statistics::median};
+use crate::camera::record::frames::FrameRun;
+use numeric::statistics::median;
 
 /// One standard deviation of where a joint or a part may stand off, as a share of its part's size.
 ///

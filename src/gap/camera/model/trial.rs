@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::gap::{
+use crate::{
     camera::{
         model::{
             hypothesis::Hypothesis, interval::CHI_SQUARE_95, parameter::Parameter, scales::Scales,

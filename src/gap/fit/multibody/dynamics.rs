@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::gap::{
+use crate::{
     fit::acting::{Acting, MAX_COLUMNS, bound_at_turn},
     model::{
         effect::At,

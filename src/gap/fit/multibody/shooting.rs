@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::gap::{
+use crate::{
     fit::{
         multibody::{
             joints::Joints,

@@ -1,9 +1,9 @@
 //! Gravity that the twin does not have, from a tilted axis or another center of mass: `effort = s sin(q) + c
 //! cos(q)`.
 
-use crate::gap::model::format::{Expression, Format, JointNumbers, Nearest};
-use crate::gap::model::plant::Plant;
-use crate::gap::{
+use crate::model::format::{Expression, Format, JointNumbers, Nearest};
+use crate::model::plant::Plant;
+use crate::{
     model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude},
     trig::sin_cos,
 };

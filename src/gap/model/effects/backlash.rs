@@ -1,6 +1,6 @@
 //! Play between the joint and what measures it: the recorded position follows within half a gap either side.
 
-use crate::gap::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
+use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
 
 /// See the module.
 #[derive(Debug)]

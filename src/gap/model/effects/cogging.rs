@@ -1,6 +1,6 @@
 //! A ripple over the position: `effort = s sin(n q) + c cos(n q)`.
 
-use crate::gap::{
+use crate::{
     model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape},
     trig::sin_cos,
 };

@@ -1,7 +1,7 @@
 //! A catch at one position: `effort = -A x exp((1 - x^2) / 2)` with `x = (q - c) / w`; largest at one width
 //! from it.
 
-use crate::gap::model::{
+use crate::model::{
     bump::{bump, bump_bounds, bump_meets, bumps},
     effect::{At, Coverage, Effect, Extent, Parameter, Place, Response, Spec},
 };

@@ -1,7 +1,7 @@
 //! A push that happened once: `effort = D exp(-((t - t0) / w)^2 / 2)`. It belongs to a recording and is never
 //! exported.
 
-use crate::gap::model::effect::{
+use crate::model::effect::{
     At, Coverage, Dimension, Effect, Extent, Parameter, Place, RUN_SPACING_S, Response, Spec, amplitude,
     shape,
 };

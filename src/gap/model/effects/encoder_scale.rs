@@ -1,6 +1,6 @@
 //! The recorded position is `s` times the true one.
 
-use crate::gap::model::effect::{Coverage, Effect, Parameter, Place, Spec, ratio};
+use crate::model::effect::{Coverage, Effect, Parameter, Place, Spec, ratio};
 
 /// See the module.
 #[derive(Debug)]

@@ -2,11 +2,11 @@
 //! share of what else drives it into the stop, never pulled. The share is that of a rigid stop behind a soft
 //! one: under a steady effort the joint sinks in less than `k` alone would let it.
 
-use crate::gap::model::effect::{
+use crate::model::effect::{
     At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape,
 };
-use crate::gap::model::format::{Expression, Format, JointNumbers, Nearest, Stop};
-use crate::gap::model::plant::Plant;
+use crate::model::format::{Expression, Format, JointNumbers, Nearest, Stop};
+use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]

@@ -1,8 +1,6 @@
 //! Friction in proportion to the effort that the joint carries: `|friction| <= mu |u|`.
 
-use crate::gap::model::effect::{
-    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude,
-};
+use crate::model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
 
 /// See the module.
 #[derive(Debug)]

@@ -1,6 +1,6 @@
 //! Friction about one position: `|friction| <= F exp(-((q - c) / w)^2)`.
 
-use crate::gap::model::{
+use crate::model::{
     bump::{bump, bump_bounds, bump_meets, bumps},
     effect::{At, Coverage, Effect, Extent, Parameter, Place, Response, Spec},
 };

@@ -1,10 +1,10 @@
 //! Friction that falls with speed from breakaway to sliding: `F + D exp(-(v / s)^2)`.
 
-use crate::gap::model::effect::{
+use crate::model::effect::{
     At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape,
 };
-use crate::gap::model::format::{Expression, Format, JointNumbers, Nearest};
-use crate::gap::model::plant::Plant;
+use crate::model::format::{Expression, Format, JointNumbers, Nearest};
+use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]

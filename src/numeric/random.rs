@@ -19,15 +19,15 @@ pub fn stage_rng(seed: u64, stage: &str, step: u64) -> Pcg64Mcg {
 }
 
 /// FNV-1a of a text: a short number for a name, the same on every machine.
-pub(crate) fn hash_of(text: &str) -> u64 {
+pub fn hash_of(text: &str) -> u64 {
     text.bytes().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
 }
 
 /// What SplitMix64 adds from one number of a stream to the next (Steele, Lea and Flood 2014).
-pub(crate) const STREAM_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
+pub const STREAM_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// The number that SplitMix64 gives in a state.
-pub(crate) fn mix(mut x: u64) -> u64 {
+pub fn mix(mut x: u64) -> u64 {
     x = x.wrapping_add(STREAM_STEP);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -35,45 +35,45 @@ pub(crate) fn mix(mut x: u64) -> u64 {
 }
 
 /// Uniform in `[0, 1)` by the 53 upper bits, which is what a double holds.
-pub(crate) fn unit_of(bits: u64) -> f64 {
+pub fn unit_of(bits: u64) -> f64 {
     (bits >> 11) as f64 / (1u64 << 53) as f64
 }
 
 /// Uniform in `[0, 1)`.
-pub(crate) fn unit(rng: &mut impl Rng) -> f64 {
+pub fn unit(rng: &mut impl Rng) -> f64 {
     unit_of(rng.next_u64())
 }
 
 /// Uniform in `[low, high)`.
-pub(crate) fn range(rng: &mut impl Rng, low: f64, high: f64) -> f64 {
+pub fn range(rng: &mut impl Rng, low: f64, high: f64) -> f64 {
     low + (high - low) * unit(rng)
 }
 
 /// Uniform in `0..n`; 0 for `n = 0`.
-pub(crate) fn below(rng: &mut impl Rng, n: usize) -> usize {
+pub fn below(rng: &mut impl Rng, n: usize) -> usize {
     // The product may round up to n.
     ((unit(rng) * n as f64) as usize).min(n.saturating_sub(1))
 }
 
 /// True with the given probability.
-pub(crate) fn chance(rng: &mut impl Rng, probability: f64) -> bool {
+pub fn chance(rng: &mut impl Rng, probability: f64) -> bool {
     unit(rng) < probability
 }
 
 /// Standard normal (Box and Muller 1958).
-pub(crate) fn normal(rng: &mut impl Rng) -> f64 {
+pub fn normal(rng: &mut impl Rng) -> f64 {
     // In (0, 1]: the logarithm of 0 is not finite.
     let radius = (-2.0 * (1.0 - unit(rng)).ln()).sqrt();
     radius * (TAU * unit(rng)).cos()
 }
 
 /// A vector of three independent normals whose root mean square length is `rms`.
-pub(crate) fn isotropic(rng: &mut impl Rng, rms: f64) -> Vector3<f64> {
+pub fn isotropic(rng: &mut impl Rng, rms: f64) -> Vector3<f64> {
     Vector3::from_fn(|_, _| normal(rng)) * (rms / 3f64.sqrt())
 }
 
 /// A unit direction, uniform on the sphere.
-pub(crate) fn direction(rng: &mut impl Rng) -> Unit<Vector3<f64>> {
+pub fn direction(rng: &mut impl Rng) -> Unit<Vector3<f64>> {
     // The area between two heights on a sphere goes with their difference (Archimedes).
     let z = range(rng, -1.0, 1.0);
     let azimuth = range(rng, 0.0, TAU);

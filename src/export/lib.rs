@@ -46,17 +46,14 @@ pub use check::{
     CheckFinding, Folder, Level, UnsoundUrdf, check_folder, named_files, require_numbers, require_sound,
 };
 pub use config::ExportConfig;
-#[cfg(test)]
 pub use config::{Base, UrdfScrew};
 pub use contact_sheet::contact_sheet;
 pub use diagnosis_page::{DiagnosisFacts, diagnosis_page};
 pub use difference_report::{StateDifference, Tally};
 pub use gallery_page::{GALLERY_MARK, GalleryCard, gallery_page};
 pub use guide::screw_notes;
-#[cfg(test)]
 pub use look::look;
 pub use look::{Look, LookConfig, looks};
-#[cfg(test)]
 pub use obj::textured_obj;
 pub use package::{ExportFile, package, urdf_package};
 pub use page::count;
@@ -64,9 +61,7 @@ pub use part_count::PartCountReport;
 pub use picture::{Picture, PictureKind, Window, axis_arrows, cutout_png, part_color};
 pub use report_html::{PhotoAndTwin, ReportPictures, report_html};
 pub use report_json::{InputFacts, RecordedCamera, Rendering, Report, RunFacts, StageTime};
-#[cfg(test)]
 pub use start::InitialMotion;
 pub use start::{compare_starts, nearest_starts};
 pub use urdf::{SINGLE_JOINT, roll_pitch_yaw};
-#[cfg(test)]
 pub use usda::usda;

@@ -1,5 +1,7 @@
 //! RGB-D frames of one object in two states: pure data and selection; no file or network.
 
+#[doc(hidden)]
+pub mod analytic;
 mod board;
 mod config;
 mod coverage;
@@ -32,13 +34,13 @@ pub use config::{At, CaptureConfig, TopicConfig};
 pub use coverage::{Coverage, SECTORS, coverage};
 pub use denoise::{denoise, smoothing_m};
 pub use error::{CaptureError, quoted, stamp_secs};
-pub(crate) use features::luma;
+pub use features::luma;
 pub use features::{
     Correspondence, KnownFeatures, MatchConfig, PixelMatch, frame_pairs, match_states, on_object,
 };
 pub use frame::{RgbdFrame, cameras, median_over_object};
 pub use isolate::isolate;
-pub(crate) use isolate::{CLEARLY, LEAST_PATCH, cell, clusters};
+pub use isolate::{CLEARLY, LEAST_PATCH, cell, clusters};
 pub use mask::dilated;
 pub use noise::{GRAZING_COSINE, NoiseConfig};
 pub use noise_estimate::noise_factor;

@@ -2,11 +2,11 @@
 //! it.
 
 mod articulated;
-mod build;
+mod builder;
 mod deviation;
 mod dynamics;
-#[cfg(test)]
-pub(crate) mod example;
+#[doc(hidden)]
+pub mod example;
 mod grasp;
 mod grasp_space;
 #[cfg(test)]
@@ -24,13 +24,12 @@ pub use articulated::{
     ArticulatedModel, AxisAlone, Grasp, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit,
     LimitSource, Link, ParentScore, Seat,
 };
-pub use build::{LimitPolicy, ModelConfig, MovingPart, build, link_name};
+pub use builder::{LimitPolicy, ModelConfig, MovingPart, build, link_name};
 pub use deviation::Deviations;
 pub use dynamics::{JointLoad, assumed_dynamics, joint_load};
 pub use grasp::grasps;
 pub use joint_family::{JointFamily, TypeScores};
 pub use material::Material;
-#[cfg(test)]
 pub use names::is_xml_text;
 pub use names::{escape_lines, escape_xml, identifier, is_plain_name, script_json};
 pub use part_names::{PartNames, named};

@@ -41,6 +41,7 @@ mod preview_cloud;
 mod reach;
 mod reconstruction;
 mod recorder;
+pub mod requests;
 mod ros_args;
 mod ros_names;
 mod sample;

@@ -240,7 +240,7 @@ mod tests {
 
     #[test]
     fn the_table_of_codes_is_that_of_the_program() {
-        let table = include_str!("../docs/codes.md");
+        let table = include_str!("../../docs/codes.md");
         let (_, table) = table.split_once("## Notes and warnings").unwrap();
         let rows: Vec<&str> = table.lines().filter(|l| l.starts_with("| `")).collect();
         let expected: Vec<String> =

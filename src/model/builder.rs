@@ -8,10 +8,8 @@ use super::{
     ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link,
     Material, assumed_dynamics, clear_paths, grasps, seat, swept_interval,
 };
-use crate::{
-    geometry::{Grid3, Pose},
-    surface::{ConvexConfig, Hidden, ShellInertia, TriangleMesh, Walls, few_triangles, merge},
-};
+use geometry::{Grid3, Pose};
+use surface::{ConvexConfig, Hidden, ShellInertia, TriangleMesh, Walls, few_triangles, merge};
 
 /// Assumptions that no camera measures, and what is made of them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -2,11 +2,11 @@
 
 /// Standard deviations of a normal distribution in its median absolute deviation (Rousseeuw and Croux 1993);
 /// derived: one over the quantile at 3/4 of the standard normal distribution, to four places.
-pub(crate) const SIGMAS_PER_MAD: f64 = 1.4826;
+pub const SIGMAS_PER_MAD: f64 = 1.4826;
 
 /// Deviations of a normal distribution that one value of a hundred exceeds.
 /// derived: the quantile at 99 % of the standard normal distribution.
-pub(crate) const NORMAL_99: f64 = 2.326_348;
+pub const NORMAL_99: f64 = 2.326_348;
 
 /// Deviations of a normal distribution that one value of twenty exceeds.
 /// derived: the quantile at 95 % of the standard normal distribution.
@@ -14,12 +14,12 @@ const NORMAL_95: f64 = 1.644_854;
 
 /// The sum of so many squared normal numbers that chance exceeds once in a hundred: the quantile of
 /// chi-square at 99 %.
-pub(crate) fn chi_square_99(count: f64) -> f64 {
+pub fn chi_square_99(count: f64) -> f64 {
     chi_square(count, NORMAL_99)
 }
 
 /// The sum of so many squared normal numbers that chance exceeds once in twenty.
-pub(crate) fn chi_square_95(count: f64) -> f64 {
+pub fn chi_square_95(count: f64) -> f64 {
     chi_square(count, NORMAL_95)
 }
 
@@ -30,7 +30,7 @@ fn chi_square(count: f64, normal: f64) -> f64 {
 }
 
 /// Middle value, the upper one of two; `None` of none.
-pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
+pub fn median(mut values: Vec<f64>) -> Option<f64> {
     // By selection, which is linear; the order of all is not needed.
     let middle = values.len() / 2;
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)

@@ -1,5 +1,7 @@
 //! A folder for tests.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 use std::{fs, path::PathBuf};
 
 /// A folder under the system's temporary directory that goes away with the value.

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 /// A list for each of some numbers from 0 on, all in one piece of memory.
-pub(crate) struct Lists<T> {
+pub struct Lists<T> {
     /// First entry of each list in `all`, and the end.
     first: Vec<u32>,
     all: Vec<T>,

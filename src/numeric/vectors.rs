@@ -3,6 +3,7 @@
 /// Makes a function of a kernel (an `#[inline(always)]` function) that is compiled for AVX-512, for AVX2 and
 /// for any processor, and takes the best of these that the processor has. None of them fuses products with
 /// sums, so that all give the same values.
+#[macro_export]
 macro_rules! vectorized {
     ($(#[$doc:meta])* $vis:vis fn $name:ident($($arg:ident: $ty:ty),* $(,)?) = $kernel:path) => {
         $(#[$doc])*
@@ -31,4 +32,3 @@ macro_rules! vectorized {
         }
     };
 }
-pub(crate) use vectorized;

@@ -31,7 +31,7 @@ mod row_sweep;
 mod rows;
 mod sample;
 #[cfg(test)]
-pub(crate) mod shapes;
+pub mod shapes;
 mod simplify;
 mod texture;
 mod triangle;
@@ -64,8 +64,6 @@ pub use texture::Texture;
 pub use tsdf::TsdfVolume;
 pub use tsdf_view::{PixelRole, TsdfView};
 pub use visibility::{FreeSpaceRule, free_space_grid, visibility_grid};
-#[cfg(test)]
 pub use weld::edge_defects;
-#[cfg(test)]
 pub use weld::is_watertight;
 pub use weld::{drop_unused_vertices, merge, weld};

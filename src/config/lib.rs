@@ -28,14 +28,12 @@ pub use preset::PRESETS;
 pub use preset::preset_cost;
 pub use run::{Engine, Init, Method, RunConfig};
 
-use crate::{
-    articulate::{ArticulationConfig, JointConfig, JointInference, RegisterConfig},
-    capture::{CaptureConfig, MatchConfig},
-    export::{ExportConfig, LookConfig},
-    field::{RadianceConfig, TrainConfig},
-    model::ModelConfig,
-    surface::{SurfaceConfig, SurfaceSource},
-};
+use articulate::{ArticulationConfig, JointConfig, JointInference, RegisterConfig};
+use capture::{CaptureConfig, MatchConfig};
+use export::{ExportConfig, LookConfig};
+use field::{RadianceConfig, TrainConfig};
+use model::ModelConfig;
+use surface::{SurfaceConfig, SurfaceSource};
 
 /// What was asked of a run: one group per layer.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
