@@ -24,7 +24,7 @@ use gap::record::tracks::Streams;
 
 /// Files of a packed folder, by path.
 pub(super) fn files(name: &str) -> BTreeMap<String, Vec<u8>> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/conformance").join(name);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/conformance").join(name);
     let mut tar = Vec::new();
     zstd::Decoder::new(fs::File::open(path).unwrap()).unwrap().read_to_end(&mut tar).unwrap();
     let text =

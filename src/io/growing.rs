@@ -175,7 +175,7 @@ mod tests {
     /// image again.
     #[test]
     fn a_recording_that_grew_is_read_as_any_other() {
-        let shipped = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("bags/drawer");
+        let shipped = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../bags/drawer");
         let folder = common::temp::Temp::new("growing");
         let config = CaptureConfig { frames_per_state: 8, ..CaptureConfig::default() };
         let ahead = Ahead::new();
@@ -218,7 +218,7 @@ mod tests {
     #[test]
     fn a_closed_recording_that_cannot_be_used_is_let_go() {
         let folder = common::temp::Temp::new("unusable");
-        let from = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("bags/drawer/state0/state0.mcap");
+        let from = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../bags/drawer/state0/state0.mcap");
         let path = folder.0.join("state0.mcap");
         fs::copy(from, &path).unwrap();
         let mut config = CaptureConfig::default();
@@ -232,7 +232,7 @@ mod tests {
     #[test]
     fn the_way_of_a_camera_is_found_ahead_once() {
         let config = CaptureConfig { tracking: capture::TrackCamera::Always, ..CaptureConfig::default() };
-        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("bags/drawer/state0");
+        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../bags/drawer/state0");
         let ahead = Ahead::new();
         let mut growing = GrowingState::new(&path, 0);
         assert!(growing.work_ahead(&config, 3, &ahead).unwrap().is_some());

@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn the_truth_of_a_recording_is_read() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags/drawer/truth/state0");
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/drawer/truth/state0");
         let part = read_mesh(&folder.join("part_0.ply")).unwrap();
         assert_eq!((part.vertices.len(), part.triangles.len()), (48, 72));
         assert!(read_mesh(&folder.join("seen.npy")).unwrap_err().to_string().contains("'.npy' are not read"));

@@ -202,7 +202,7 @@ mod tests {
 
     #[test]
     fn reads_the_seen_points_of_a_recording() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags/drawer/truth/state0/seen.npy");
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/drawer/truth/state0/seen.npy");
         let seen = read_npy(&path).unwrap();
         assert_eq!((seen.rows, seen.columns), (13593, 4));
         assert!((0..seen.rows).all(|i| [0.0, 1.0].contains(&seen.row(i)[3])));

@@ -16,7 +16,7 @@ const DEPTH_INFO: &str = "/camera/camera/aligned_depth_to_color/camera_info";
 const MASK: &str = "/object_mask";
 
 fn shipped(state: usize) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("bags/drawer/state{state}"))
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../bags/drawer/state{state}"))
 }
 
 fn settings() -> CollectorSettings {

@@ -339,7 +339,7 @@ mod tests {
 
     #[test]
     fn the_shipped_file_holds_the_defaults() {
-        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/launch_configs/ros/node.yaml");
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch_configs/ros/node.yaml");
         let found = load(&format!("--ros-args --params-file {file}")).unwrap();
         assert_eq!(found, Loaded::default());
         let text = std::fs::read_to_string(file).unwrap();
