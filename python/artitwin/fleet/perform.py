@@ -122,8 +122,10 @@ def _estimate(value: Any, inputs: Sequence[Input]) -> Estimate:
     return record(Estimate, {**value, **own}, "estimate")
 
 
-def _run(job: Job, words: Sequence[str], inputs: Sequence[Input], inside: Path, environment: dict[str, str]) -> child.Ended:
-    """Runs the command; what was fetched is named by its place in the folder `inside`, so that no report holds that."""
+def _run(
+    job: Job, words: Sequence[str], inputs: Sequence[Input], inside: Path, environment: dict[str, str]
+) -> child.Ended:
+    """Runs the command. What was fetched is named by its place in the folder `inside`: reports do not hold that."""
     is_fetched = any(isinstance(found.store, Remote) for found in inputs)
     folder = str(inside) if is_fetched else job.folder if os.path.isdir(job.folder) else None
     arguments = job.arguments(str(place(found, Path())) for found in inputs)
@@ -231,7 +233,7 @@ class Work:
         folder = self.out / self.name
         paths = sorted(path for path in folder.rglob("*") if path.is_file())
         with ThreadPoolExecutor(_AT_ONCE) as pool:
-            files = list(pool.map(lambda path: self._put_file(path, path.relative_to(folder).as_posix()), paths))
+            files = list(pool.map(self._put_file, paths, (path.relative_to(folder).as_posix() for path in paths)))
         warnings = json.loads((folder / "report.json").read_bytes()).get("warnings", [])
         # Of a result that stood the command says only that.
         code = _DEGRADED if is_resumed and warnings else ended.exit_code
@@ -280,7 +282,8 @@ class Work:
 
     def _transfer(self) -> Transfer:
         remote = [found for found in self.inputs if isinstance(found.store, Remote)]
-        stores = [store for store in (self.store, *(found.store for found in remote)) if isinstance(store, Remote)]
+        every = (self.store, *(found.store for found in remote))
+        stores = [store for store in every if isinstance(store, Remote)]
         counts = {name: sum(store.counts[name] for store in stores) for name in Remote.COUNTED}
         return record(Transfer, {"bytes_stored": sum(found.bytes_stored for found in remote), **counts}, "transfer")
 
@@ -292,9 +295,8 @@ class Work:
         return _standing(self.store, self.key, self.job) or self._lost(TEMPORARY, "its manifest came and went")
 
     def _lost(self, code: int, message: str, stopped: bool = False, out_of_memory: bool = False) -> Outcome:
-        return Outcome(
-            code, message, self._seconds(), lost=True, stopped=stopped, out_of_memory=out_of_memory
-        )
+        seconds = self._seconds()
+        return Outcome(code, message, seconds, lost=True, stopped=stopped, out_of_memory=out_of_memory)
 
     def _clear(self) -> None:
         """Leaves nothing but what the manifest names."""

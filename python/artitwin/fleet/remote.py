@@ -81,7 +81,8 @@ class Remote(Store):
     def files(self, most: int) -> list[File]:
         def once() -> list[Any]:
             info = self._info("")
-            return [info] if info["type"] == "file" else list(self._files.find(self._root, detail=True).values())
+            is_file = info["type"] == "file"
+            return [info] if is_file else list(self._files.find(self._root, detail=True).values())
 
         try:
             found = few(self._again("list", "", once), most, self.uri)

@@ -10,7 +10,7 @@ from pathlib import Path
 from .store import MayPassError
 
 _TRIES = 16
-"""Times that a lock is looked for whose file was removed by the one that held it."""
+"""Times that a lock is looked for whose file is removed meanwhile."""
 
 
 @contextmanager
@@ -34,15 +34,14 @@ def _locked(path: Path) -> int:
         file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # Who held it may have removed the file since it was opened here: a new one is locked then.
             if path.exists() and os.path.samestat(os.fstat(file), path.stat()):
                 return file
-        except BlockingIOError:
-            break
-        except BaseException:
+        except BlockingIOError as error:
             os.close(file)
-            raise
+            raise MayPassError(f"another process works on the same job and holds `{path}`") from error
         os.close(file)
-    raise MayPassError(f"another process works on the same job and holds `{path}`")
+    raise MayPassError(f"other processes take `{path}` in turn")
 
 
 def base(folder: str | None) -> Path:

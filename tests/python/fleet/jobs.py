@@ -6,6 +6,7 @@ usage: jobs.py PROGRAM OUT
 import json
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -21,9 +22,12 @@ from artitwin.fleet.table import Row
 
 PROGRAM, OUT = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve()
 SCRATCH = OUT / "scratch"
-SERVER = Path(__file__).parents[3] / "eval/fleet/s3_server.py"
+ROOT = Path(__file__).parents[3]
+SERVER = ROOT / "eval/fleet/s3_server.py"
+DRAWER = ROOT / "bags/drawer"
+PREVIEW = ["--preset", "preview", "--parts", "2"]
 # Coarse, so that a run takes seconds; what the twin is worth is no matter here.
-OPTIONS = ["--preset", "preview", "--set", "surface.nodes=56", "--set", "model.collision.max_solids=8", "--parts", "2"]
+OPTIONS = [*PREVIEW, "--set", "surface.nodes=56", "--set", "model.collision.max_solids=8"]
 LAMP = OUT / "lamp"
 
 
@@ -33,15 +37,15 @@ def made():
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
 
-def plain(name, *options):
+def plain(path, options):
     """The files of the plain command."""
-    command = [PROGRAM, "reconstruct", "--out", OUT / "plain", "--name", name, *OPTIONS, *options, LAMP]
+    command = [PROGRAM, "reconstruct", "--out", OUT / "plain", *options, path]
     subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
-    return OUT / "plain" / name
+    return OUT / "plain" / path.name
 
 
-def job(uri, out, *options, name=None):
-    row = Row(0, name, (uri,), (*OPTIONS, *options))
+def job(uri, out, *more, options=OPTIONS):
+    row = Row(0, None, (uri,), (*options, *more))
     return Job("reconstruct", row, out, str(PROGRAM), str(OUT), str(SCRATCH), None)
 
 
@@ -54,13 +58,13 @@ def done(of):
 
 def in_a_folder_once_as_the_plain_command():
     out = as_uri(str(OUT / "folder"))
-    of = job(as_uri(str(LAMP)), out)
+    of = job(as_uri(str(DRAWER)), out, options=PREVIEW)
     known = look(of)
     assert known.outcome is None and known.estimate.memory_bytes > 50 << 20 and not (OUT / "folder").exists()
     manifest = done(of)
-    assert (manifest["key"], manifest["name"]) == (known.estimate.key, "lamp")
+    assert (manifest["key"], manifest["name"]) == (known.estimate.key, "drawer")
     assert manifest["peak_memory_bytes"] <= known.estimate.memory_bytes
-    as_plain(manifest, plain("lamp"))
+    as_plain(manifest, plain(DRAWER, PREVIEW))
     # Nothing is left but the result and its manifest.
     names = sorted(path.name for path in (OUT / "folder").iterdir())
     assert names == [manifest["key"], f"{manifest['key']}.json"] and not any(SCRATCH.iterdir())
@@ -70,8 +74,8 @@ def in_a_folder_once_as_the_plain_command():
     assert work(of, again, 2).manifest == again.outcome.manifest and time.monotonic() - start < 5.0
     assert (OUT / "folder" / manifest["folder"] / "report.json").read_bytes() == report
     # A recording elsewhere with the same content is the same job.
-    shutil.copytree(LAMP, OUT / "copy/lamp")
-    assert look(job(as_uri(str(OUT / "copy/lamp")), out)).outcome.manifest.key == manifest["key"]
+    shutil.copytree(DRAWER, OUT / "copy/drawer")
+    assert look(job(as_uri(str(OUT / "copy/drawer")), out, options=PREVIEW)).outcome.manifest.key == manifest["key"]
 
 
 def a_refusal_has_its_reason():
@@ -85,13 +89,17 @@ def a_refusal_has_its_reason():
 
 def one_that_was_killed_is_gone_on_with():
     out = OUT / "killed"
-    (OUT / "objects.jsonl").write_text(json.dumps({"inputs": str(LAMP)}) + "\n")
+    (OUT / "objects.jsonl").write_text(json.dumps({"inputs": str(DRAWER)}) + "\n")
     call = [sys.executable, "-m", "artitwin.fleet", "--row", "1", "--objects", OUT / "objects.jsonl", "--out", out]
     environment = {**os.environ, "ARTITWIN_PROGRAM": str(PROGRAM)}
-    command = [str(word) for word in [*call, "--", *OPTIONS]]
+    command = [str(word) for word in [*call, "--", *PREVIEW]]
     first = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     # In the middle: the capture is kept, the rest is not.
-    until(lambda: list(out.glob("*/.artitwin-lamp.checkpoint/capture*")) or first.poll() is not None, 60)
+    until(lambda: list(out.glob("*/.artitwin-drawer.checkpoint/capture*")) or first.poll() is not None, 60)
+    # Held there, however long the next one takes to begin.
+    running = Path(f"/proc/{first.pid}/task/{first.pid}/children").read_text().split()
+    for pid in (*map(int, running), first.pid):
+        os.kill(pid, signal.SIGSTOP)
     busy = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert busy.returncode == 75 and "another process" in busy.stderr, (busy, first.poll())
     first.kill()
@@ -101,7 +109,7 @@ def one_that_was_killed_is_gone_on_with():
     assert second.returncode in (0, 3), second
     ((key, manifest),) = whole(as_uri(str(out))).items()
     assert second.stdout.strip() == f"file://{out}/{key}.json"
-    as_plain(manifest, OUT / "plain/lamp")
+    as_plain(manifest, OUT / "plain/drawer")
 
 
 def stages_serve_another_setting():
@@ -115,7 +123,7 @@ def stages_serve_another_setting():
     added = len(list((OUT / "kept").rglob("*"))) - count
     # The last stages alone.
     assert first["key"] != second["key"] and 0 < added <= 2, (count, added)
-    as_plain(first, OUT / "plain/lamp")
+    as_plain(first, plain(LAMP, OPTIONS))
     report = open_store("memory://out").read(f"{second['folder']}/report.json", 1 << 24).decode()
     # The truth beside the states is not read; the place in the store is what the report names.
     assert first["transfer"]["bytes_read"] < first["transfer"]["bytes_stored"], first["transfer"]

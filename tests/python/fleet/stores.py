@@ -3,11 +3,14 @@
 usage: stores.py OUT
 """
 
+import functools
 import hashlib
+import http.server
 import json
 import os
 import random
 import sys
+import threading
 from pathlib import Path
 
 import fsspec
@@ -261,6 +264,31 @@ def recordings_are_fetched_to_where_their_names_are_kept():
         assert "is no path of a file" in str(error) and not isinstance(error, MayPassError), error
 
 
+def a_web_server_gives_single_files():
+    class Handler(http.server.SimpleHTTPRequestHandler):
+        def log_message(self, *_):
+            pass
+
+    handler = functools.partial(Handler, directory=str(OUT / "here"))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        uri = f"http://127.0.0.1:{server.server_port}/one/a.json"
+        found = find(uri, "recording")
+        assert [(file.path, file.size) for file in found.files] == [("", 13)] and "GMT" in found.files[0].tag, found.files
+        outline(found, OUT / "web_outline")
+        (OUT / "web").mkdir()
+        fetch(found, OUT / "web")
+        at = place(found, OUT / "web")
+        assert at == OUT / "web/http" / f"127.0.0.1:{server.server_port}/one/a.json" and at.read_text() == '{"text": "a"}'
+        assert find(uri, TWIN).name == ""
+        try:
+            find(f"{uri}x", "recording")
+            raise AssertionError("no error")
+        except StoreError as error:
+            assert "is not there" in str(error), error
+        server.shutdown()
+
+
 def a_diagnosis_reads_the_recordings_of_its_options():
     put("/gap/x.urdf")
     put("/gap/run.mcap", verdict="named")
@@ -284,6 +312,7 @@ def main():
     refusals_are_kept_where_they_are_of_the_inputs()
     a_store_that_is_away_says_nothing_of_the_inputs()
     recordings_are_fetched_to_where_their_names_are_kept()
+    a_web_server_gives_single_files()
     a_diagnosis_reads_the_recordings_of_its_options()
 
 
