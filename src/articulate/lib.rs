@@ -1,5 +1,17 @@
 //! Articulation: matches between the states, rigid motions, part segmentation, joints (docs/method.md 6,
 //! docs/method.md 8).
+//!
+//! ```
+//! use articulate::published_joint;
+//! use geometry::Pose;
+//! use nalgebra::{Point3, Vector3};
+//!
+//! // What moved by 20 cm without turning hangs on a slide.
+//! let motion = Pose::new(Vector3::new(0.0, 0.2, 0.0), Vector3::zeros());
+//! let joint = published_joint(&motion, &Point3::origin()).joint;
+//! assert_eq!(joint.kind.name(), "prismatic");
+//! assert!((joint.positions[0] - 0.2).abs() < 1e-12);
+//! ```
 
 mod joints;
 mod matches;

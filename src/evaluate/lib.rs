@@ -3,6 +3,14 @@
 //! Beside the published metrics stand plain ones: the joint type is taken from the file and may be wrong,
 //! lines keep their distance also where they are parallel, surfaces are measured in millimeters, and each
 //! Chamfer distance comes with the floor that sampling alone gives.
+//!
+//! ```no_run
+//! use evaluate::EvaluateOptions;
+//!
+//! let report = evaluate::run(&["runs/drawer".into()], "bags/drawer".as_ref(), &EvaluateOptions::default())?;
+//! println!("{:?}", report.trials[0].joints);
+//! # Ok::<(), evaluate::EvaluateError>(())
+//! ```
 
 mod compare;
 mod components;

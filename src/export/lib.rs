@@ -1,5 +1,12 @@
 //! Files in memory from a model: simulator formats, meshes, textures, viewer, report. Nothing here touches a
 //! disk.
+//!
+//! ```
+//! use export::{ExportConfig, urdf_package};
+//!
+//! let files = urdf_package(&model::example::cabinet(), &ExportConfig::default());
+//! assert!(files.iter().any(|file| file.path.ends_with(".urdf")));
+//! ```
 
 mod board_page;
 mod camera_poses;

@@ -1,5 +1,13 @@
 //! Neural object fields: a hash grid and two small networks give TSDF and color at every point
 //! (docs/method.md 12).
+//!
+//! ```
+//! use field::{FieldConfig, FieldParams};
+//! use numeric::random::stage_rng;
+//!
+//! let params = FieldParams::init(&FieldConfig::default(), &mut stage_rng(0, "field", 0));
+//! assert!(params.parameters() > 0);
+//! ```
 
 mod block;
 mod burn_batch;

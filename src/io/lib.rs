@@ -1,4 +1,13 @@
 //! Everything that touches a disk: bags, datasets, run folders.
+//!
+//! ```no_run
+//! use capture::CaptureConfig;
+//!
+//! // Both states of a recording, decoded.
+//! let capture = io::open(&["bags/drawer".into()], &CaptureConfig::default(), 0)?;
+//! println!("{} views of the closed drawer", capture.states[0].len());
+//! # Ok::<(), capture::CaptureError>(())
+//! ```
 
 mod disk;
 mod frame_run;

@@ -1,5 +1,13 @@
 //! The articulated model: the waist of the program. Reconstruction ends in it; every export is a function of
 //! it.
+//!
+//! ```
+//! use model::validate;
+//!
+//! let cabinet = model::example::cabinet();
+//! assert!(validate(&cabinet).is_empty());
+//! assert_eq!(cabinet.joints.len(), 2);
+//! ```
 
 mod articulated;
 mod builder;

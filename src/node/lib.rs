@@ -8,6 +8,12 @@
 //! services -> collection
 //! actions -> run::reconstruct(session), run::diagnose -> outputs
 //! ```
+//!
+//! ```no_run
+//! // As `artitwin node --ros-args -p name:=cabinet` does.
+//! node::run(&["--ros-args".into(), "-p".into(), "name:=cabinet".into()])?;
+//! # Ok::<(), node::NodeError>(())
+//! ```
 
 mod action;
 mod clock;

@@ -1,4 +1,12 @@
 //! The pipeline: stages in order, progress, cancellation, checkpoints.
+//!
+//! ```no_run
+//! use run::{Monitor, ReconstructRequest, reconstruct};
+//!
+//! let outcome = reconstruct(&ReconstructRequest::new(["bags/drawer"], "runs"), &Monitor::silent())?;
+//! println!("{} joints", outcome.joints.len());
+//! # Ok::<(), run::RunError>(())
+//! ```
 
 mod admission;
 mod alignment;

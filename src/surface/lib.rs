@@ -1,4 +1,21 @@
 //! Surfaces: meshes, marching cubes, TSDF fusion, distance fields, visibility, rendering, shell inertia.
+//!
+//! ```
+//! use capture::analytic::sphere;
+//! use geometry::Grid3;
+//! use nalgebra::Point3;
+//! use surface::marching_cubes;
+//!
+//! // A ball of 20 cm by its distance at the nodes of a grid.
+//! let values = vec![0.0; 31 * 31 * 31];
+//! let mut grid = Grid3 { origin: Point3::new(-0.15, -0.15, -0.15), spacing_m: 0.01, dims: [31; 3], values };
+//! let distance = sphere(0.1);
+//! for node in 0..grid.values.len() {
+//!     grid.values[node] = distance(&grid.position(node)) as f32;
+//! }
+//! let area_m2 = marching_cubes(&grid, 0.0).area_m2();
+//! assert!((area_m2 / (4.0 * std::f64::consts::PI * 0.01) - 1.0).abs() < 0.02);
+//! ```
 
 mod atlas;
 mod bake;

@@ -1,4 +1,12 @@
 //! Made objects: parametric articulated objects, ray-cast by a moving depth camera, with all truth known.
+//!
+//! ```
+//! use synth::{Family, SynthConfig, generate};
+//!
+//! let object = generate(&SynthConfig { family: Family::Clamshell, ..SynthConfig::default() })?;
+//! assert_eq!(object.parts.len(), 2);
+//! # Ok::<(), synth::NoShape>(())
+//! ```
 
 mod board;
 mod bvh;

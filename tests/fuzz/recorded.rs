@@ -3,13 +3,13 @@
 
 use std::io::Write as _;
 
+use geometry::Pose;
+use image::{DynamicImage, ImageFormat};
 use io::ros2msg::{
     CameraInfo, CompressedImage, Header, Image, JointState, Odometry, PoseStamped, TfMessage, Time,
     Transform, TransformStamped, Vector3, WrenchStamped, encode,
 };
-use geometry::Pose;
 use io::rvl;
-use image::{DynamicImage, ImageFormat};
 use serde::Serialize;
 
 use super::mutate::Parts;
