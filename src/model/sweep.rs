@@ -34,14 +34,14 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
     let on_seat = ConvexConfig { gap_m: SEAT_GAP * config.gap_m, ..config.clone() };
     for j in 0..model.joints.len() {
         let joint = model.joints[j].clone();
-        let [observed_lower, observed_upper] = model.observed_interval(j);
-        let [lower, upper] = [observed_lower.min(joint.limit.lower), observed_upper.max(joint.limit.upper)];
-        // Within a gap of its limits a part comes onto its seat.
+        let [lower, upper] = model.observed_interval(j);
+        // At most a gap before the limit it comes near its seat.
         let near = config.gap_m / lever_m(model, &joint).max(f64::MIN_POSITIVE);
-        let near = near.min(0.5 * (upper - lower));
-        let way = steps(model, &joint, lower + near, upper - near);
-        let mut ends = steps(model, &joint, lower, lower + near);
-        ends.extend(steps(model, &joint, upper - near, upper));
+        let [first, last] = [lower.min(joint.limit.lower + near), upper.max(joint.limit.upper - near)];
+        let way = steps(model, &joint, first, last);
+        let ends = [[joint.limit.lower, first], [last, joint.limit.upper]].into_iter();
+        let ends: Vec<f64> =
+            ends.filter(|[a, b]| a < b).flat_map(|[a, b]| steps(model, &joint, a, b)).collect();
         for other in 0..model.links.len() {
             // What hangs on the child moves with it.
             if other == joint.child || model.is_below(other, joint.child) {
