@@ -4,8 +4,9 @@ use super::reader::{blank, sources, with_tests_blank};
 
 /// Layers whose constants decide what is found.
 const LAYERS: [&str; 2] = ["articulate", "gap"];
-/// `derived:` from theory or another number; `measured:` in a file; `tuned:` on a set of recordings.
-pub const ORIGINS: [&str; 3] = ["derived:", "measured:", "tuned:"];
+/// `derived:` from theory or another number; `measured:` in a file; `tuned:` on a set of recordings; `chosen:` a
+/// judgement.
+pub const ORIGINS: [&str; 4] = ["derived:", "measured:", "tuned:", "chosen:"];
 
 /// A named float constant.
 pub struct Constant {

@@ -30,12 +30,12 @@ impl Freedom {
 
 /// A smaller rotation, radians, has no axis to start a fit from.
 ///
-/// derived: a motion by a tenth of the part's radius puts the axis of such a turn a hundred radii away, where
+/// chosen: a motion by a tenth of the part's radius puts the axis of such a turn a hundred radii away, where
 /// no hinge is (`far` in joint_type.rs)
 const LEAST_ANGLE_RAD: f64 = 1e-3;
 /// A shorter slide, meters, has no direction.
 ///
-/// derived: above the rounding of coordinates, below any reading
+/// chosen: above the rounding of coordinates, below any reading
 const LEAST_SLIDE_M: f64 = 1e-9;
 
 /// A joint and its position in every state behind state 0. The axis stands as in state 0.

@@ -6,15 +6,15 @@ use geometry::{Pose, shift_and_turn};
 
 /// Damping at the start, as a share of the diagonal.
 ///
-/// derived: small, as every fit starts near its minimum
+/// chosen: small, as every fit starts near its minimum
 const FIRST_DAMPING: f64 = 1e-4;
 /// Damping beyond which no step can lower the cost.
 ///
-/// derived: steps are then below the rounding of parameters
+/// chosen: steps are then below the rounding of parameters
 const MOST_DAMPING: f64 = 1e8;
 /// Share of the cost by which a step must lower it for another to follow.
 ///
-/// derived: of costs of thousands of residuals it leaves parameters a thousandth of their standard
+/// chosen: of costs of thousands of residuals it leaves parameters a thousandth of their standard
 /// deviation from the minimum
 const LEAST_GAIN: f64 = 1e-9;
 
@@ -56,7 +56,7 @@ pub fn minimise<M, Q>(
 
 /// Step of central differences of motions by parameters of about one: radians, meters.
 ///
-/// derived: near the cube root of the rounding of a double, which balances rounding and curvature
+/// chosen: near the cube root of the rounding of a double, which balances rounding and curvature
 pub const DIFFERENCE: f64 = 1e-6;
 
 /// Left perturbation (translation 3, rotation 3) that leads from a motion to one near it.

@@ -50,7 +50,7 @@ const TILTED: f64 = 0.2;
 const TILT_DEG: f64 = 2.0;
 /// Information on the frame's rotation from nowhere.
 ///
-/// derived: any rotation to the nearest of 24 square frames is known to about a radian
+/// chosen: any rotation to the nearest of 24 square frames is known to about a radian
 const LEAST_INFORMATION: f64 = 1.0;
 const ITERATIONS: usize = 20;
 /// A direction farther than this cosine from all of the frame's has nothing to do with it.

@@ -12,7 +12,7 @@ pub const TAKEN: f32 = 0.4;
 /// tuned: shared/bags
 pub const FREE: f32 = 1.6;
 /// Cost of a place seen to be empty all around, as far as errors of depth and motion take it.
-/// derived: above the other by what decides no label, so that it can be recognized
+/// chosen: above the other by what decides no label, so that it can be recognized
 pub const ALL_FREE: f32 = 1.61;
 /// Squared mismatch in standard deviations at which half the cost of a missing surface is reached: half of it
 /// are the 3 nats of a unit of cost.

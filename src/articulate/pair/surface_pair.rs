@@ -29,7 +29,7 @@ pub type FreeSpace<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);
 /// tuned: shared/bags
 const SHADING: f64 = 0.5;
 /// Errors of depth take a sample by less than this many deviations of a plane.
-/// derived: 99 of 100 normal errors
+/// chosen: 99 of 100 normal errors
 const DEPTH_ERROR: f64 = 2.5;
 /// Errors of a motion, with those of depth, take a sample by less than this share of the reach.
 /// derived: 2.5 deviations of a plane, which are a fifth of the reach at most

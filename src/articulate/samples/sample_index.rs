@@ -8,7 +8,7 @@ use numeric::lists::Lists;
 
 /// Most cells of an index; larger scenes get larger cells.
 ///
-/// derived: 8 MB of cells
+/// chosen: 8 MB of cells
 const MOST_CELLS: f64 = 2e6;
 
 /// Samples sorted into cells of the search radius.

@@ -47,7 +47,7 @@ const RULED_OUT_SHARE: f32 = 0.17;
 const FILL_ROUNDS: usize = 60;
 /// The largest change of a share at which they end.
 ///
-/// derived: a thousandth of a share decides no label
+/// chosen: a thousandth of a share decides no label
 const FILL_CHANGE: f32 = 1e-3;
 /// A smaller change of a sample's shares is not handed on to its neighbors.
 ///
@@ -82,7 +82,7 @@ const LIFT: f64 = 0.5 / (NORMAL_SIGMA * NORMAL_SIGMA);
 const FACE_DISSENT: f32 = 0.2;
 /// Pull of a sheet while parts are missing, whose surface would otherwise go to others in pieces.
 ///
-/// derived: as much as all neighbors of the sample together
+/// chosen: as much as all neighbors of the sample together
 const SHEET_PULL: f32 = 1.0;
 /// Pull of a face on those of its samples that hold no evidence: within some three samples of evidence the
 /// walk decides, as two parts may lie in one plane.

@@ -31,11 +31,11 @@ const SERVO_LAG_S: f64 = 0.01;
 const MIN_EFFORT_NOISE: f64 = 1.0 / 16_777_216.0;
 
 /// Angle by which a servo may swing in a step.
-/// derived: the frequency of a leapfrog errs by the square over 24: a ten thousandth, as low as the noise
+/// chosen: the frequency of a leapfrog errs by the square over 24: a ten thousandth, as low as the noise
 /// of a good encoder over a swing.
 const MAX_TURN: f64 = 0.05;
 /// Most steps between two samples that a servo may ask for.
-/// derived: a servo that swings faster holds the joint, whatever the steps.
+/// chosen: a servo that swings faster holds the joint, whatever the steps.
 const MAX_SERVO_STEPS: f64 = 64.0;
 
 /// Most parts of a cross-validation.
@@ -82,10 +82,10 @@ impl Weighing {
 }
 
 /// Samples of a window that is predicted as a whole.
-/// derived: what a window's motion has in it above a 32nd of its length is not what is asked.
+/// chosen: what a window's motion has in it above a 32nd of its length is not what is asked.
 const SAMPLES_OF_PREDICTION: f64 = 64.0;
 /// Independent numbers in the positions of a window that a model predicts: its start state, and two more.
-/// derived: an effort that is missing acts through two integrals; of what is left beyond position and
+/// chosen: an effort that is missing acts through two integrals; of what is left beyond position and
 /// velocity the first two curves hold most.
 const FREEDOM_OF_WINDOW: f64 = 4.0;
 

@@ -270,7 +270,7 @@ impl Kicks<'_> {
 }
 
 /// Distance from a contact that is as good as none, rad or m.
-/// derived: some thousand times the rounding of a position of 1.
+/// chosen: some thousand times the rounding of a position of 1.
 const BESIDE: f64 = 1e-12;
 
 /// Rolls a window with `W` columns; gives the state at its last sample.

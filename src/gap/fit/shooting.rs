@@ -208,7 +208,7 @@ fn solve(normal: &Normal, frozen: &[bool], damping: f64) -> Option<Step> {
 }
 
 /// Bounds of an actuator's gain and damping: it drives, and it brakes.
-/// derived: a factor beyond the largest ratio is one of units; a damping has no bound above.
+/// chosen: a factor beyond the largest ratio is one of units; a damping has no bound above.
 const ACTUATOR_BOUNDS: [(f64, f64); 2] = [(1.0 / LARGEST_RATIO, LARGEST_RATIO), (0.0, 1e9)];
 
 /// Parameters moved by a step, kept inside their bounds.

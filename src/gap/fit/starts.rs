@@ -22,7 +22,7 @@ const POLISHED: usize = 4;
 /// Steps of a polish.
 const POLISH_STEPS: usize = 6;
 /// Places in the play that a window is started at.
-/// derived: the ends, the middle, and between them.
+/// chosen: the ends, the middle, and between them.
 const PLAY: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];
 /// Samples over which the recorded slope is taken, from the start of a window: (first, last).
 const SLOPES: [(i64, i64); 8] = [(0, 1), (0, 2), (0, 4), (0, 8), (-2, 2), (-4, 0), (4, 8), (8, 16)];

@@ -1,7 +1,7 @@
 //! When a name stands alone: its weight among all that could stand in its place.
 
 /// Weight that a name needs.
-/// derived: one less a level of 5 %, as that of the intervals.
+/// chosen: one less a level of 5 %, as that of the intervals.
 const NAME_WEIGHT: f64 = 0.95;
 
 /// Twice the log likelihood that one of `effects` effects must gain to be there with the weight of a name,

@@ -312,10 +312,10 @@ fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
 }
 
 /// Share of the gap from which what names leave is reported.
-/// derived: the level of the intervals.
+/// chosen: the level of the intervals.
 const REPORTED_SHARE: f64 = 0.05;
 /// The same as a multiple of the noise.
-/// derived: three standard deviations.
+/// chosen: three standard deviations.
 pub const REPORTED_NOISES: f64 = 3.0;
 
 impl JointReport {
@@ -381,7 +381,7 @@ fn findings<'f>(joint: &JointReport, found: impl Iterator<Item = &'f Finding>) -
 }
 
 /// Level at which a dependence is reported.
-/// derived: the share of false alarms that is accepted.
+/// chosen: the share of false alarms that is accepted.
 const LEVEL: f64 = 0.05;
 
 fn places(joint: &JointReport) -> Vec<WhereJson> {

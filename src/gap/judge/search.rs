@@ -348,7 +348,7 @@ const FINALISTS: usize = 5;
 /// Fits in a row that a candidate with play may take.
 const PLAY_FITS: usize = 3;
 /// What each must gain for the next.
-/// derived: with a gain of one in the log likelihood, a parameter moves by 1.4 of its standard deviations.
+/// chosen: with a gain of one in the log likelihood, a parameter moves by 1.4 of its standard deviations.
 const MIN_GAIN_OF_PLAY_FIT: f64 = 2.0;
 
 /// Fits a parent with each of the hits; those that lead after a first round are fitted to the end.

@@ -202,7 +202,7 @@ impl Diagnosis {
 }
 
 /// Level of the test of a table.
-/// derived: the share of false alarms that is accepted.
+/// chosen: the share of false alarms that is accepted.
 const LEVEL: f64 = 0.01;
 
 /// What the motion lacks for any diagnosis, as sentences that name what to record.

@@ -22,7 +22,7 @@ use crate::{
 };
 
 /// Time over which the rate of an inertia is taken, seconds.
-/// derived: a central difference over it errs by its square, and by rounding over it: both below 1e-8.
+/// chosen: a central difference over it errs by its square, and by rounding over it: both below 1e-8.
 const RATE_STEP_S: f64 = 1e-4;
 
 /// What the joints in `others` make of a joint from each stamp to the next.

@@ -13,7 +13,7 @@ pub enum Hold {
 }
 
 /// Longest step of a rollout, seconds.
-/// derived: one step an interval at 200 Hz, the rate of most logs, with 4 % for the stamps.
+/// chosen: one step an interval at 200 Hz, the rate of most logs, with 4 % for the stamps.
 pub const MAX_STEP_S: f64 = 5.2e-3;
 
 /// Mean signal of every step, and its derivative by the delay.

@@ -20,7 +20,7 @@ pub struct SmoothMotion {
 
 /// Levels of the jerk that are tried, each times the next lower one.
 const LEVELS: i32 = 18;
-/// derived: half a decade; the likelihood is flat about its top.
+/// chosen: half a decade; the likelihood is flat about its top.
 const RATIO: f64 = 3.0;
 /// Levels below that of a motion at which another noise is tried.
 /// derived: noise that was taken for motion raises the level by its ratio to the true one, three decades.

@@ -80,7 +80,7 @@ pub struct OffAxis {
 }
 
 /// Multiple of the noise that means nothing.
-/// derived: three standard deviations.
+/// chosen: three standard deviations.
 const NOISES: f64 = 3.0;
 /// Least noise: that of the numbers.
 /// derived: six decimals, which messages of poses hold at least.

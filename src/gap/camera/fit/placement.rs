@@ -26,7 +26,7 @@ const ROUNDS: usize = 3;
 /// A range is looked at this much beyond its limits, as a share of its width; twins have limits as they were
 /// observed.
 ///
-/// derived: two positions drawn evenly from a range are a third of it apart on average, which leaves as much
+/// chosen: two positions drawn evenly from a range are a third of it apart on average, which leaves as much
 /// on either side
 const BEYOND: f64 = 1.0;
 

@@ -16,7 +16,7 @@ use crate::{
 /// Most sweeps over the joints for the friction that holds some of them.
 const MAX_SWEEPS: usize = 50;
 /// Change of a velocity, as a share of the largest, that ends them.
-/// derived: well above the rounding of a double.
+/// chosen: well above the rounding of a double.
 const SETTLED: f64 = 1e-12;
 
 /// One joint with what is looked up once for many steps.

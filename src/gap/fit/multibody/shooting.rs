@@ -22,7 +22,7 @@ use crate::{
 };
 
 /// Step of a difference quotient, as a share of what a parameter or state typically is.
-/// derived: rounding over it and its square are both far below what a window shows.
+/// chosen: rounding over it and its square are both far below what a window shows.
 const DIFFERENCE: f64 = 1e-4;
 /// How long a fit goes on.
 #[derive(Clone, Copy, Debug)]
@@ -41,7 +41,7 @@ impl Pace {
 }
 
 /// Share of the cost that a step must gain to be followed by another one.
-/// derived: far below what a parameter's deviation costs among some hundred independent numbers.
+/// chosen: far below what a parameter's deviation costs among some hundred independent numbers.
 const ENOUGH: f64 = 1e-4;
 
 /// Models of the joints with all that was fitted beside them.
@@ -178,7 +178,7 @@ fn moved_by(joints: &Joints, at: &At, parameters: &DVector<f64>, states: &[DVect
 }
 
 /// Residual, in units of its size, of a rollout that left all bounds.
-/// derived: larger than any of one that did not; its square over a recording is still a number.
+/// chosen: larger than any of one that did not; its square over a recording is still a number.
 const LOST: f64 = 1e100;
 
 /// Residuals of a window in units of their size.

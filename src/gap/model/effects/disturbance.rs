@@ -25,7 +25,7 @@ const SPEC: Spec = Spec {
 };
 
 /// Widths from the middle beyond which nothing is left.
-/// derived: 3.7e-6 of the effort.
+/// chosen: 3.7e-6 of the effort.
 const REACH: f64 = 5.0;
 
 impl Effect for Disturbance {

@@ -25,7 +25,7 @@ const SPEC: Spec = Spec {
 };
 
 /// Stribeck velocity of a breakaway that is gone at once, rad/s or m/s.
-/// derived: below the resolution of any rollout.
+/// chosen: below the resolution of any rollout.
 const AT_ONCE: f64 = 1e-9;
 
 impl Effect for StribeckFriction {
