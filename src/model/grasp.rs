@@ -14,22 +14,23 @@ use surface::{ConvexSolid, Plane};
 
 /// Widest opening, meters. derived: data sheet of the Franka Hand, a usual parallel hand
 const GAP_M: f64 = 0.08;
-/// A finger: thickness along the closing direction, width across it, length, meters. derived: boxes about
+/// A finger: thickness along the closing direction, width across it, length, meters. chosen: boxes about
 /// those of the Franka Hand, as in `run/demonstrate/panda.py`
 const FINGER_M: [f64; 3] = [0.012, 0.02, 0.045];
-/// Half the palm along the closing direction and across it, and its whole depth, meters. derived: as
+/// Half the palm along the closing direction and across it, and its whole depth, meters. chosen: as
 /// [`FINGER_M`]
 const PALM_M: [f64; 3] = [0.1, 0.03, 0.06];
-/// Way of the hand to the grasp, meters. tuned: that of `artitwin demo`
+/// Way of the hand to the grasp, meters. derived: that of `artitwin demo`
 const APPROACH_M: f64 = 0.08;
-/// Least room about a finger, meters; so much may the part bulge under it. derived: a solid may stand 3 mm
-/// off the surface
+/// Least room about a finger, meters; so much may the part bulge under it.
+/// derived: as far may a solid stand off its surface
 const ROOM_M: f64 = 0.003;
-/// From the fingertips back to the middle of the pads, meters. tuned: that of `artitwin demo`
+/// From the fingertips back to the middle of the pads, meters. derived: that of `artitwin demo`
 const PAD_M: f64 = 0.008;
-/// Friction between pad and part. derived: rubber on wood or paint
+/// Friction between pad and part. chosen: of the order of rubber on wood or paint
 const FRICTION: f64 = 1.0;
-/// Distance of places tried on a face, and of the outermost from its rim, meters. derived: half a finger
+/// Distance of places tried on a face, and of the outermost from its rim, meters.
+/// derived: half a finger's width
 const STEP_M: f64 = 0.01;
 /// Most places along a face beside the first.
 const MOST_STEPS: usize = 24;
@@ -39,14 +40,15 @@ const POSITIONS: usize = 8;
 const MOST: usize = 3;
 /// Least distance of two of them, meters. derived: two fingers side by side
 const APART_M: f64 = 0.04;
-/// Worth less than the best by which a place is left out. tuned: beside a handle no rim is needed
+/// Worth less than the best by which a place is left out. chosen: beside a handle no rim is needed
 const WORSE: f64 = 0.9;
-/// Largest cosine between the approach and the way that the part opens. derived: behind it is what it closes,
+/// Largest cosine between the approach and the way that the part opens. chosen: behind it is what it closes,
 /// where views saw little
 const FROM_BEHIND: f64 = 0.5;
-/// Least width, meters. derived: a solid may stand 3 mm off the surface
+/// Least width, meters.
+/// chosen: thinner parts may be holes of the solids, which stand up to 3 mm off the surface
 const LEAST_M: f64 = 0.003;
-/// Least lever as a share of the part's largest. tuned: near a hinge a door's rim is no handle
+/// Least lever as a share of the part's largest. chosen: near a hinge a door's rim is no handle
 const LEAST_LEVER: f64 = 0.3;
 /// What counts how much beside the lever. tuned: near the weights of `artitwin demo`, by which 10 of 10
 /// handles were opened
@@ -59,8 +61,8 @@ const WEIGHTS: Weights = Weights {
     narrow_per_m: 4.0,
     middle_per_m: 0.5,
 };
-/// Depth behind the foremost place of a part over which the worth of a handle fades, meters. tuned: that of
-/// `artitwin demo`
+/// Depth behind the foremost place of a part over which the worth of a handle fades, meters.
+/// derived: that of `artitwin demo`
 const HANDLE_M: f64 = 0.015;
 
 /// Weights of a grasp's worth.

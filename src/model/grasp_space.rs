@@ -5,7 +5,8 @@ use nalgebra::{Point3, Vector3};
 use geometry::Pose;
 use surface::{ConvexSolid, Plane, TriangleMesh};
 
-/// Side of the cells in which surface counts as near, meters. derived: a solid may stand 3 mm off the surface
+/// Side of the cells in which surface counts as near, meters.
+/// derived: as far may a solid stand off its surface
 const NEAR_M: f64 = 0.003;
 
 /// The solids of a link with their planes, in the link's frame.

@@ -3,6 +3,7 @@
 
 use nalgebra::{Matrix4, Vector4};
 
+use super::stretch::SLOW;
 use crate::{
     model::{
         actuator::{Actuator, Servo},
@@ -197,7 +198,3 @@ fn moments(plant: &Plant, logs: &[JointLog]) -> Vec<Moment> {
     }
     all
 }
-
-/// Share of the top speed below which friction may hold the joint.
-/// chosen: a smoothed motion is never exactly at rest; where efforts are regressed alone, little is lost.
-const SLOW: f64 = 0.03;

@@ -12,7 +12,7 @@ use crate::record::{
 const WIDTH_S: f64 = 1.0 / 16.0;
 /// Share of the top speed below which friction may hold the joint.
 /// chosen: a smoothed motion is never exactly at rest.
-const SLOW: f64 = 0.03;
+pub(crate) const SLOW: f64 = 0.03;
 
 /// A joint in a run.
 #[derive(Clone, Debug)]

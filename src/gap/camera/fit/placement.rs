@@ -23,12 +23,6 @@ const MINIMA: usize = 4;
 const HALVINGS: usize = 5;
 /// Rounds over all joints.
 const ROUNDS: usize = 3;
-/// A range is looked at this much beyond its limits, as a share of its width; twins have limits as they were
-/// observed.
-///
-/// chosen: two positions drawn evenly from a range are a third of it apart on average, which leaves as much
-/// on either side
-const BEYOND: f64 = 1.0;
 
 /// Coarse frames of a run.
 pub struct CoarseRun {
@@ -140,7 +134,8 @@ fn search_joint(
     // A slide carries its part past its own length at most.
     let wide = if turns { PI } else { 2.0 * twin.parts[spec.child].radius_m };
     let (low, high) = spec.limit.map_or((-wide, wide), |(l, h)| {
-        let more = BEYOND * (h - l).max(0.1 * wide);
+        // Twins have limits as they were observed: the range is looked at its own width beyond them.
+        let more = (h - l).max(0.1 * wide);
         ((l - more).max(-wide + l.min(0.0)), (h + more).min(wide + h.max(0.0)))
     });
     let start = hypothesis.positions[run][joint];
