@@ -40,9 +40,6 @@ const RIVAL: f64 = 0.5;
 /// Farthest way to a seat beyond the observed positions, in what these span.
 /// measured: on shared/bags 1.1 for a lid, less than 0.3 for all others; handles of scissors meet at 3.3
 const FARTHEST: f64 = 2.0;
-/// The same, radians.
-/// derived: that of a sweep
-const MOST_TURN_RAD: f64 = MAX_TURN_RAD;
 
 /// The closed end of a joint: where a broad face of its child meets a surface of its parent that looks
 /// against it, at or beyond the observed positions. `None` for screws, where no face meets one, and where
@@ -121,7 +118,7 @@ impl Ways {
         let leading = first.values().map(|(lever_m, _)| weight(*lever_m)).sum();
         let mut left: Vec<[f64; 2]> = first.into_values().filter_map(|(l, w)| Some([w?, l])).collect();
         if frame.turns {
-            left.retain(|w| w[0] <= MOST_TURN_RAD);
+            left.retain(|w| w[0] <= MAX_TURN_RAD);
         }
         left.sort_by(|a, b| a[0].total_cmp(&b[0]));
         Self { left, leading }
