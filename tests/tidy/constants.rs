@@ -1,18 +1,15 @@
-//! Where numbers come from: every named float constant of the layers that decide says it in its comment, and
-//! their numeric code holds few numbers without a name.
+//! Where numbers come from: every named float constant says it in its comment, and in the layers that decide
+//! most every number has a name.
 
 use super::reader::{blank, sources, with_tests_blank};
 
-/// Layers whose constants decide what is found.
-pub const LAYERS: [&str; 8] =
-    ["articulate", "gap", "capture", "surface", "model", "geometry", "numeric", "field"];
 /// `derived:` follows from theory or another number; `measured:` read off a file or an experiment that is
 /// named; `tuned:` searched on a set of recordings that is named; `chosen:` a judgement, with its reason.
 pub const ORIGINS: [&str; 4] = ["derived:", "measured:", "tuned:", "chosen:"];
 /// Layers in whose code numbers have names.
 const NAMED: [&str; 2] = ["articulate", "gap"];
-/// What needs no name: numbers of arithmetic ...
-const ARITHMETIC: [f64; 6] = [0.0, 0.5, 1.0, 2.0, 3.0, 4.0];
+/// What needs no name: numbers of arithmetic, the levels of 8 bits among them ...
+const ARITHMETIC: [f64; 7] = [0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 255.0];
 /// ... and guards against a division by zero, which are no larger.
 const GUARD: f64 = 1e-9;
 
@@ -26,10 +23,10 @@ pub struct Constant {
     pub origin: Option<&'static str>,
 }
 
-/// All float constants of [`LAYERS`], tests excluded.
+/// All float constants, tests excluded.
 pub fn constants() -> Vec<Constant> {
     let mut found = Vec::new();
-    for source in sources().into_iter().filter(|s| LAYERS.contains(&s.layer())) {
+    for source in sources() {
         let code = with_tests_blank(&blank(&source.text));
         let code: Vec<&str> = code.lines().collect();
         let text: Vec<&str> = source.text.lines().collect();
@@ -48,8 +45,8 @@ pub fn constants() -> Vec<Constant> {
 /// Float literals of [`NAMED`] without a name, as `path:line: literal`; tests excluded.
 ///
 /// A literal has a name in a constant, and in `fn default`, whose fields are settings. It needs none if it is
-/// one of [`ARITHMETIC`], a whole power of ten from ten on, at most [`GUARD`], or in a formula with `derived:`
-/// in the comment right before its line.
+/// one of [`ARITHMETIC`], a whole power of ten from ten on, at most [`GUARD`], or in a formula with
+/// `derived:` in the comment right before its line.
 pub fn unnamed() -> Vec<String> {
     let mut found = Vec::new();
     for source in sources().into_iter().filter(|s| NAMED.contains(&s.layer())) {

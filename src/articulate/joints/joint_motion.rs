@@ -9,6 +9,10 @@ use crate::joints::minimise::{DIFFERENCE, left_difference};
 use geometry::{Pose, Screw, log_so3};
 use model::JointFamily;
 
+/// Cosine from which on an axis is too near a direction to help to span the plane across it.
+/// chosen: the other one is then at least 36 degrees off, so that the product keeps its digits
+const HELPER_COSINE: f64 = 0.6;
+
 /// How a joint moves its part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Freedom {
@@ -149,8 +153,7 @@ impl PlacedJoint {
 /// Two unit vectors that span the plane across a direction, a fixed choice for each direction.
 pub fn frame_across(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vector3<f64>) {
     let d = direction.into_inner();
-    // The helper is at least 36 degrees off the direction, so that the product keeps its digits.
-    let helper = if d.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
+    let helper = if d.x.abs() < HELPER_COSINE { Vector3::x() } else { Vector3::y() };
     let a = d.cross(&helper).normalize();
     (a, d.cross(&a))
 }

@@ -4,6 +4,14 @@ use nalgebra::{DMatrix, DVector, Vector6};
 
 use geometry::{Pose, shift_and_turn};
 
+/// Factor of the damping after a step that lowers the cost.
+///
+/// chosen: about half a decade
+const DAMPING_FALL: f64 = 0.3;
+/// Factor of the damping after a step that does not.
+///
+/// chosen: about a decade, so that few trials are lost
+const DAMPING_RISE: f64 = 8.0;
 /// Damping at the start, as a share of the diagonal.
 ///
 /// chosen: small, as every fit starts near its minimum
@@ -40,12 +48,12 @@ pub fn minimise<M, Q>(
         let trial = linearise(&next);
         let (before, after) = (cost(&q), cost(&trial));
         if after <= before {
-            (model, q, damping) = (next, trial, damping * 0.3);
+            (model, q, damping) = (next, trial, damping * DAMPING_FALL);
             if before - after < LEAST_GAIN * before.max(1e-12) {
                 break;
             }
         } else {
-            damping *= 8.0;
+            damping *= DAMPING_RISE;
             if damping > MOST_DAMPING {
                 break;
             }

@@ -8,7 +8,10 @@ use crate::{
         evidence::{Explained, Regression, Seen, independent_share},
         stretch::{RunMotion, Stretch, mean_signal, stretches},
     },
-    judge::convention::{AS_GIVEN, CONVENTIONS, Convention},
+    judge::{
+        convention::{AS_GIVEN, CONVENTIONS, Convention},
+        name_weight::NAME_WEIGHT,
+    },
     model::effect::LARGEST_RATIO,
     record::{drive::Hold, tracks::resampled},
     twin_tree::{Motion, TwinTree},
@@ -384,7 +387,7 @@ fn doubt(joint: &str, mut all: Vec<(Looks, Odds)>, left: f64) -> Option<Doubt> {
     let mut weight = 0.0;
     let mut looks = Vec::new();
     for (one, odds) in all {
-        if weight > 0.95 * total {
+        if weight > NAME_WEIGHT * total {
             break;
         }
         weight += (odds.log - best.log).exp();

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use crate::{
     fit::problem::Problem,
     judge::{
-        locate::Variable,
+        locate::{STILL, Variable},
         observed::{Observed, observed},
         spread::Spread,
         verdict::Diagnosis,
@@ -228,7 +228,7 @@ impl Sum<'_> {
 
     /// Whether a sample shows what the twin lacks: at rest friction takes up whatever acts.
     fn shows(&self, o: &Observed) -> bool {
-        let slow = 0.01 * self.problem.coverage.speed.1;
+        let slow = STILL * self.problem.coverage.speed.1;
         let rests = o.v.abs() <= slow
             && (self.variable == Variable::Velocity
                 || self.ways().len() > 1

@@ -484,6 +484,7 @@ fn words(p: &ParameterEstimate) -> String {
 /// The gap as a bar of 30 characters: noise, what is left, what went away; logarithmic.
 fn bar(gap: &Gap) -> String {
     let top = (gap.before / gap.noise_floor.max(1e-12)).max(1.0).ln().max(1e-9);
+    // derived: 30 characters.
     let left = ((gap.after / gap.noise_floor.max(1e-12)).max(1.0).ln() / top * 30.0).round().clamp(0.0, 30.0)
         as usize;
     format!("|{}{}|", "#".repeat(left), ".".repeat(30 - left))
