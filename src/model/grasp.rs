@@ -27,7 +27,7 @@ const PAD_M: f64 = 0.008;
 /// Friction between pad and part. chosen: of the order of rubber on wood or paint
 const FRICTION: f64 = 1.0;
 /// Distance of places tried on a face, and of the outermost from its rim, meters.
-/// derived: half a finger's width
+/// chosen: half a finger's width
 const STEP_M: f64 = 0.01;
 /// Most places along a face beside the first.
 const MOST_STEPS: usize = 24;
@@ -35,7 +35,7 @@ const MOST_STEPS: usize = 24;
 const POSITIONS: usize = 8;
 /// Most grasps of a part.
 const MOST: usize = 3;
-/// Least distance of two of them, meters. derived: two fingers side by side
+/// Least distance of two of them, meters. chosen: two fingers side by side
 const APART_M: f64 = 0.04;
 /// Worth less than the best by which a place is left out. chosen: beside a handle no rim is needed
 const WORSE: f64 = 0.9;

@@ -17,7 +17,7 @@ const LEAST_MARGIN: f64 = 2.0;
 /// chosen: half a voxel is the error of a rim's place anyway, and a surface that bends no more inside than
 /// around lies as near inside
 const MAX_RMS: f64 = 0.5;
-/// The vertices of the rim itself are no farther from the plane, voxels. derived: three times [`MAX_RMS`]
+/// The vertices of the rim itself are no farther from the plane, voxels. chosen: three times [`MAX_RMS`]
 const MAX_STEP: f64 = 1.5;
 /// Length of the mean of unit normals around, weighted by area: tuned; about a right angle it is 0.71.
 /// tuned: made and recorded objects (docs/method.md 16); about a right angle it is 0.71
