@@ -14,7 +14,7 @@ mod reader;
 #[path = "tidy/words.rs"]
 mod words;
 
-use std::io::Write as _;
+use std::{collections::BTreeSet, io::Write as _};
 
 use constants::ORIGINS;
 use house::House;
@@ -97,7 +97,8 @@ fn breaks_order(file: &str, used: &str) -> bool {
 #[test]
 fn constants_say_where_they_come_from() {
     let all = constants::constants();
-    for layer in ["articulate", "gap"] {
+    let layers: BTreeSet<&str> = all.iter().map(|c| c.layer.as_str()).collect();
+    for layer in layers {
         let count =
             |origin: &str| all.iter().filter(|c| c.layer == layer && c.origin == Some(origin)).count();
         let counts = ORIGINS.map(|origin| format!("{origin} {}", count(origin)));
@@ -112,6 +113,12 @@ fn constants_say_where_they_come_from() {
         ORIGINS.join(" "),
         missing.join("\n")
     );
+}
+
+#[test]
+fn numbers_in_code_have_names() {
+    let found = constants::unnamed();
+    assert!(found.is_empty(), "{} float literals without a name\n{}", found.len(), found.join("\n"));
 }
 
 #[test]

@@ -10,12 +10,13 @@ use super::{
 };
 use numeric::statistics::median;
 
-/// Windows per frame, about.
+/// Windows per frame, about. chosen: enough for a median, and cheap
 const WINDOWS: f64 = 600.0;
 /// Fewest windows for an estimate.
 const MIN_WINDOWS: usize = 200;
 /// Noise of neighboring pixels is alike in stereo cameras, and the fit takes the common part for surface:
 /// measured on rendered stereo depth with known noise.
+/// measured: on rendered stereo depth with known noise (docs/method.md 2.5)
 const CORRELATION: f64 = 1.1;
 
 /// Noise of the frames as a multiple of the model's; `None` where too few flat places are seen.

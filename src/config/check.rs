@@ -7,7 +7,7 @@ use articulate::TrainerError;
 use capture::CaptureError;
 use field::FieldError;
 
-/// Smallest value of what must be positive.
+/// Smallest value of what must be positive. chosen: above zero, below any value that means something
 const POSITIVE: f64 = 1e-9;
 
 impl Config {

@@ -37,6 +37,7 @@ pub use trial_table::{TrialCost, TrialTable};
 pub use truth::Truth;
 
 /// Share of the largest component below which the published evaluation drops components.
+/// derived: the published one
 pub const PUBLISHED_MIN_COMPONENT: f64 = 0.1;
 
 /// How to measure.

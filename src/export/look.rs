@@ -18,13 +18,14 @@ use surface::{
 };
 
 /// Components of a visual mesh with a smaller share of the largest one's triangles are loose fragments.
+/// chosen: too small to be missed
 const MIN_COMPONENT: f64 = 0.01;
-/// Texels per pixel of the photos, as lengths on the surface.
+/// Texels per pixel of the photos, as lengths on the surface. chosen: photos are blurred by more than a pixel
 const TEXEL_SHARE: f64 = 0.8;
 /// Spots of a mesh at which photos are compared for their exposure and light.
 /// derived: a hundred for each of thirty photos
 const SPOTS: usize = 3000;
-/// Texels across a mesh without photos.
+/// Texels across a mesh without photos. chosen: size against what is seen
 const PLAIN_TEXELS: f64 = 400.0;
 
 /// Settings of what is exported for the eye.

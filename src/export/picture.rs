@@ -13,7 +13,7 @@ use model::{ArticulatedModel, Joint, JointKind};
 
 /// Quality of photos, 1 to 100.
 const JPEG_QUALITY: u8 = 85;
-/// Half length of a drawn axis as a share of the child's longest side.
+/// Half length of a drawn axis as a share of the child's longest side. chosen: for the eye
 const AXIS_SHARE: f64 = 0.6;
 /// Colors of parts in drawings: the one that stays, then the movable ones in turn.
 const PART_COLORS: [[u8; 3]; 7] = [

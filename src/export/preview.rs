@@ -21,13 +21,13 @@ const FRAMES: usize = 24;
 const FRAME_DELAY: u16 = 11;
 /// The fastest of the encoder's speeds: it samples fewer pixels for a palette.
 const SPEED: i32 = 30;
-/// Distance of the camera in radii of the object.
+/// Distance of the camera in radii of the object. chosen: for the eye
 const DISTANCE: f64 = 3.0;
-/// Height of the camera above the object's middle, in radii.
+/// Height of the camera above the object's middle, in radii. chosen: for the eye
 const ELEVATION: f64 = 1.3;
-/// Focal length in picture widths.
+/// Focal length in picture widths. chosen: for the eye
 const FOCAL: f64 = 1.2;
-/// Direction of the thumbnail's camera, radians about z from x.
+/// Direction of the thumbnail's camera, radians about z from x. chosen: for the eye
 const AZIMUTH_RAD: f64 = -0.9;
 /// Triangles of a mesh in the turntable.
 const TURNTABLE_FACES: usize = 8000;

@@ -22,7 +22,7 @@ pub const SINGLE_JOINT: &str = "single_joint";
 const PLACES: usize = 12;
 /// Significant digits of masses, inertias and limits.
 const DIGITS: usize = 9;
-/// Cosine of the pitch below which yaw is not defined.
+/// Cosine of the pitch below which yaw is not defined. chosen: above the rounding of a double
 const GIMBAL_LOCK: f64 = 1e-10;
 /// Read by MuJoCo, ignored by every other importer.
 const MUJOCO: &str = r#"  <mujoco>
@@ -33,7 +33,7 @@ const MUJOCO: &str = r#"  <mujoco>
 /// Names elements that are no URDF; readers leave them out.
 const NAMESPACE: &str = "urn:artitwin:urdf";
 /// Mass and inertia of the link between the two joints of a pair: simulators refuse none, and it should weigh
-/// nothing.
+/// nothing. chosen: a gram, with a radius of gyration of 3 cm
 pub(super) const CARRIER_KG: f64 = 1e-3;
 pub(super) const CARRIER_KG_M2: f64 = 1e-6;
 

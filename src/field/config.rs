@@ -97,7 +97,7 @@ pub enum SurfaceDistance {
     Plane,
 }
 
-/// Weight of the released code's term on rays that hit nothing.
+/// Weight of the released code's term on rays that hit nothing. derived: that of the released code
 pub(super) const NON_NEGATIVE_WEIGHT: f64 = 100.0;
 
 impl Default for TrainConfig {

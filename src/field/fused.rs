@@ -6,7 +6,7 @@ use geometry::Grid3;
 
 /// Share of the truncation from which on a fused distance only says that the surface is farther.
 ///
-/// derived: one, less rounding
+/// chosen: one, less rounding
 const CUT: f32 = 0.999;
 
 /// Whether a view from `eye` (world) sees the side of the surface that a place is on, by the slope of the

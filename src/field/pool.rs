@@ -9,6 +9,7 @@ use geometry::{Intrinsics, Pose};
 use numeric::statistics::median;
 
 /// Smallest and largest z-depth at which rays are sampled, meters (docs/method.md 12.3).
+/// chosen: no usual camera reads nearer or farther
 pub(super) const NEAR_M: f64 = 0.1;
 pub(super) const FAR_M: f64 = 10.0;
 /// Pixels next to the mask's border are of neither side.

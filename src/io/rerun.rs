@@ -37,9 +37,9 @@ const MOTION: &str = "motion";
 const STEPS: usize = 60;
 /// Quality of the color images: a choice, a tenth of the size of PNG.
 const JPEG_QUALITY: u8 = 85;
-/// Depth of the images, units a meter.
+/// Depth of the images, units a meter. derived: millimeters
 const DEPTH_UNITS: f32 = 1000.0;
-/// Length and thickness of a joint's arrow, parts of the size of its child: choices.
+/// Length and thickness of a joint's arrow, parts of the size of its child. chosen: for the eye
 const ARROW: f64 = 0.6;
 const ARROW_RADIUS: f64 = 0.01;
 

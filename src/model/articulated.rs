@@ -31,7 +31,7 @@ pub enum JointKind {
 }
 
 /// Advance of the finest thread that files hold, meters per radian: a choice, a tenth of that of a fine
-/// screw.
+/// screw. chosen: a tenth of that of a fine screw.
 const LEAST_THREAD_M_PER_RAD: f64 = 1e-5;
 
 impl JointKind {

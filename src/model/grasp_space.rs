@@ -3,10 +3,12 @@
 use nalgebra::{Point3, Vector3};
 
 use geometry::Pose;
-use surface::{ConvexSolid, Plane, TriangleMesh};
+use surface::{ConvexSolid, Plane, SolidFit, TriangleMesh};
 
-/// Side of the cells in which surface counts as near, meters. derived: a solid may stand 3 mm off the surface
-const NEAR_M: f64 = 0.003;
+/// As far may a solid stand off its surface, meters: room about a finger, the width of the thinnest part that
+/// is held, the side of the cells in which surface counts as near.
+/// derived: that of sound solids
+pub(super) const STANDS_OFF_M: f64 = SolidFit::MOST_DISTANCE_M;
 
 /// The solids of a link with their planes, in the link's frame.
 pub(super) struct Shape(Vec<Solid>);
@@ -78,7 +80,7 @@ impl Seen {
         for t in 0..surface.triangles.len() {
             let [a, b, c] = surface.corners(t).map(|p| p.cast::<f64>());
             let longest_m = (b - a).norm().max((c - b).norm()).max((a - c).norm());
-            let n = (longest_m / NEAR_M).ceil().max(1.0) as u32;
+            let n = (longest_m / STANDS_OFF_M).ceil().max(1.0) as u32;
             for (i, k) in (0..=n).flat_map(|i| (0..=n - i).map(move |k| (i, k))) {
                 let share = |x: u32| f64::from(x) / f64::from(n);
                 cells.push(cell(&(a + (b - a) * share(i) + (c - a) * share(k))));
@@ -98,7 +100,7 @@ impl Seen {
 }
 
 fn cell(p: &Point3<f64>) -> [i32; 3] {
-    (p / NEAR_M).coords.map(|x| x.floor() as i32).into()
+    (p / STANDS_OFF_M).coords.map(|x| x.floor() as i32).into()
 }
 
 impl Solid {

@@ -7,17 +7,21 @@ use serde::{Deserialize, Serialize};
 
 use super::{ArticulatedModel, JointKind};
 
-/// An axis is level, or upright, within this sine or cosine: a choice, about 17 deg.
+/// An axis is level, or upright, within this sine or cosine. chosen: about 17 deg.
 const SQUARE: f64 = 0.3;
-/// A panel is so much longer along its hinge than it reaches from it: a choice; what is narrower is an arm.
+/// A panel is so much longer along its hinge than it reaches from it.
+/// chosen: what is narrower is an arm.
 const PANEL_SHARE: f64 = 0.45;
-/// The middle of a hung part is so far from its axis, as a share of its reach: a choice.
+/// The middle of a hung part is so far from its axis, as a share of its reach.
+/// chosen: nearer parts turn about themselves.
 const OFF_AXIS: f64 = 0.25;
-/// A knob is smaller than this share of the object: a choice.
+/// A knob is smaller than this share of the object.
+/// chosen: larger parts are hardly held by fingers.
 const KNOB_SHARE: f64 = 0.25;
-/// Thinner than this share of its height and of its way is a panel that slides in its own plane: a choice.
+/// Thinner than this share of its height and of its way is a panel that slides in its own plane.
+/// chosen: thicker parts are drawers.
 const SLIDING_PANEL: f64 = 0.25;
-/// A lid hangs in the upper share of the base: a choice.
+/// A lid hangs in the upper share of the base. chosen: a quarter is the top.
 const TOP_SHARE: f64 = 0.25;
 
 /// How the moving parts are named.

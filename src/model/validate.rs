@@ -8,8 +8,10 @@ use super::{ArticulatedModel, Inertial, Joint, is_plain_name};
 use surface::TriangleMesh;
 
 /// Relative slack of the inertia checks: URDF text keeps nine digits.
+/// chosen: a thousand times the rounding of the text
 const INERTIA_SLACK: f64 = 1e-6;
 /// Slack of a limit against an observed position, radians or meters.
+/// chosen: above rounding, below any reading
 const LIMIT_SLACK: f64 = 1e-9;
 
 /// A defect of a model. One is enough not to export it.

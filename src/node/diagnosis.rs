@@ -24,7 +24,7 @@ use gap::{
 use io::{GapReportError, read_gap_report, read_twin, ros2msg::gap::GapReport, twin_path};
 use run::{self, DiagnoseOutcome, DiagnoseRequest, Event, RunError};
 
-/// Gravity where a goal gives none, m/s^2.
+/// Gravity where a goal gives none, m/s^2. derived: the standard value, rounded
 const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 
 /// Diagnoses twins.

@@ -20,7 +20,7 @@ const NEXT_VIEW: &str = "next_view";
 const MOVED: &str = "moved";
 /// Triangles of what moved that are sent at most, each way; of more, some are left out.
 const MOST_MOVED: usize = 1500;
-/// Length of the pyramid that shows the next view, meters.
+/// Length of the pyramid that shows the next view, meters. chosen: for the eye
 const PYRAMID_M: f64 = 0.12;
 
 /// Bytes that a chunk takes on the wire: a triangle has three points and three colors.

@@ -15,9 +15,10 @@ const HEIGHT: usize = 72;
 /// Earlier views that a new one is held against.
 const REFERENCES: usize = 12;
 /// A surface this far behind where it was expected was looked through: meters, and share of the depth.
+/// chosen: beyond errors of depth and poses
 const THROUGH_M: f64 = 0.02;
 const THROUGH_SHARE: f64 = 0.02;
-/// Share of the compared points that must contradict for motion.
+/// Share of the compared points that must contradict for motion. chosen: more than errors of depth make
 const MOVED_SHARE: f64 = 0.012;
 /// Fewest compared points that count.
 const MIN_POINTS: usize = 150;

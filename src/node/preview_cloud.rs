@@ -7,9 +7,9 @@ use geometry::Pose;
 
 /// Every so many pixels of a row and column are looked at.
 const EVERY: usize = 6;
-/// First edge of a cell, meters; it doubles whenever there are too many.
+/// First edge of a cell, meters; it doubles whenever there are too many. chosen: fine enough for the eye
 const FIRST_CELL_M: f64 = 0.004;
-/// Beyond this the object is not, meters.
+/// Beyond this the object is not, meters. chosen: the reach of usual depth cameras
 const MAX_DEPTH_M: f32 = 4.0;
 
 /// One point a cell.

@@ -5,10 +5,10 @@ use std::{collections::VecDeque, time::Instant};
 use super::live_tracking::{Outcome, Tracked};
 use capture::{LiveView, Lost};
 
-/// Time over which views are counted, seconds.
+/// Time over which views are counted, seconds. chosen: time enough to count, and short enough to be now
 const RATE_SECS: f64 = 2.0;
 /// Share of views that may be dropped before the camera should move slower: what is between two views that
-/// are looked at counts as one step.
+/// are looked at counts as one step. chosen: half
 const DROPPED_SHARE: f64 = 0.5;
 
 /// How well the camera is followed now.

@@ -18,11 +18,11 @@ const NAMESPACE: &str = "joint_axes";
 const OBJECT: &str = "object";
 /// Markers a joint: axis, range, cone of uncertainty, text.
 const MARKERS_PER_JOINT: i32 = 4;
-/// Length of an axis, meters.
+/// Length of an axis, meters. chosen: for the eye
 const AXIS_LENGTH_M: f64 = 0.2;
 /// Points of an arc or circle.
 const ARC_POINTS: usize = 33;
-/// Standard deviations shown.
+/// Standard deviations shown. chosen: 99.7 % of a normal distribution
 const SIGMAS: f64 = 3.0;
 
 /// The joints at the positions of an observed state.

@@ -32,7 +32,7 @@ use model::{escape_lines, escape_xml};
 const SHOWN: usize = 2;
 /// Runs that are shown.
 const RUNS_SHOWN: usize = 4;
-/// Share of the gate of residuals that has full color in the pictures.
+/// Share of the gate of residuals that has full color in the pictures. chosen: for the eye
 const FULL: f64 = 0.25;
 
 /// Diagnoses a twin by frames, and by motion too where the request has runs. Both stand in one report; the

@@ -52,27 +52,30 @@ const SIZE: (u32, u32) = (640, 480);
 
 // The most that a run held, by pixels of kept frames and nodes of the grid. Fitted to the eight bags of the
 // README (640 x 480, 30 views a state) and `synth` objects of 320 x 240 with 8 views and 640 x 480 with 40,
-// presets `default` and `preview`, two threads: `eval/estimate.md`.
+// presets `default` and `preview`, two threads: `eval/estimate.md`. measured: eval/estimate.md
 const BASE_BYTES: f64 = 52e6;
 const BYTES_PER_PIXEL: f64 = 19.0;
 const BYTES_PER_NODE: f64 = 45.0;
 const BYTES_PER_NODE_AND_STATE: f64 = 12.5;
-/// The estimate is a bound: objects of many parts held up to 1.15 times the fit.
+/// The estimate is a bound: objects of many parts held up to 1.15 times the fit. chosen: that, and a margin
 const MEMORY_MARGIN: f64 = 1.35;
 // Processor time by the same. Fitted to five of these bags (docs/figures.md), with half of what a pixel took
 // in a fit to all of the objects above when the program took twice as long.
+// measured: docs/figures.md, eval/estimate.md
 const BASE_SECONDS: f64 = 4.7;
 const SECONDS_PER_PIXEL: f64 = 0.25e-6;
 const SECONDS_PER_NODE: f64 = 1.15e-6;
 /// Wall time of a second of processor time on two cores: of ten runs on a quiet machine.
+/// measured: those ten runs
 const WALL: f64 = 0.57;
 /// Bytes of the checkpoint and the result: of a node of one state, and of a pixel.
+/// chosen: about what such files hold
 const KEPT_PER_NODE: f64 = 14.0;
 const KEPT_PER_PIXEL: f64 = 13.0;
 const RESULT_BYTES: f64 = 40e6;
 
 // A diagnosis by messages about joints: 3, 12 and 24 runs of one joint, 1,600 messages each, held 27, 42 and
-// 63 MB and took 3, 15 and 40 s of one thread.
+// 63 MB and took 3, 15 and 40 s of one thread. measured: those runs; the margin is chosen
 const DIAGNOSIS_BYTES: f64 = 22e6;
 const BYTES_PER_SAMPLE: f64 = 1.1e3;
 const DIAGNOSIS_MARGIN: f64 = 1.5;

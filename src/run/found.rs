@@ -14,7 +14,7 @@ use model::ArticulatedModel;
 
 /// Positions of a joint within so many standard deviations of each other are the same.
 ///
-/// derived: three, 0.3 % of a normal distribution
+/// chosen: three, 0.3 % of a normal distribution
 const ALIKE_SIGMAS: f64 = 3.0;
 
 /// Parts and motions, and what is reported about them.

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, time::Duration};
 use super::{Event, plan::WEIGHT_OF_SECOND};
 
 /// How much the pace of the machine that weights were measured on counts, against that of this run: as much
-/// as stages of this weight.
+/// as stages of this weight. chosen: a tenth of a run
 const TRUST_IN_WEIGHTS: f64 = 10.0;
 
 /// A stage that began.

@@ -14,7 +14,7 @@ use surface::{
 };
 
 /// Nodes look for the nearest surface up to this share of the object's extent: joints ask no further.
-/// derived: more than the reach of joints' evidence, 0.03, and the diagonal of a cell of 0.006
+/// chosen: more than the reach of joints' evidence, 0.03, and the diagonal of a cell of 0.006
 const NEAR: f64 = 0.05;
 
 /// Everything later stages need of one state.

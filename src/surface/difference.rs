@@ -6,7 +6,7 @@ use geometry::Intrinsics;
 
 /// A reading farther than this from the model's surface is none of it, standard deviations.
 ///
-/// derived: one of 16 000 readings of a normal distribution
+/// chosen: one of 16 000 readings of a normal distribution
 const SIGMAS: f64 = 4.0;
 
 /// What the reading of a pixel says about a model.

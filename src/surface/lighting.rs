@@ -10,16 +10,16 @@ use super::light::{Light, TERMS, harmonics};
 /// measured: hand-held recordings with automatic exposure
 const EXPOSURE: f64 = 0.15;
 /// Standard deviation of the logarithm of a color between photos of one exposure.
-/// derived: lamp light on a matt surface falls by a tenth at 25 degrees
+/// chosen: lamp light on a matt surface falls by a tenth at 25 degrees
 const COLOR: f64 = 0.1;
 /// Standard deviations of the terms of the light, of order 1 and 2.
 /// derived: the series of a distant lamp, from any side, as bright as all other light together, in sRGB
 const LIGHT: [f64; 2] = [0.06, 0.02];
 /// Spots that err together, as one of them: a shadow falls on a sixth of a mesh across.
-/// derived: 3,000 spots of a mesh over 36
+/// chosen: 3,000 spots of a mesh over 36
 const TOGETHER: f64 = 80.0;
 /// Levels of a channel that follow the exposure: darker ones are noise, lighter ones are cut off.
-/// derived: three levels of noise, and a level above all others
+/// chosen: three levels of noise, and a level above all others
 const FOLLOWS: std::ops::Range<f32> = 10.0..250.0;
 /// Rounds of reweighting: highlights and what moved count less in each.
 const ROUNDS: usize = 4;

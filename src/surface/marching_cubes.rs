@@ -12,7 +12,7 @@ const INSIDE: u8 = 1;
 /// Node flag: no value. Shifted left by up to three it stays clear of the inside flags.
 const UNKNOWN: u8 = 16;
 /// Vertices stay this share of an edge away from its ends, so that no triangle is so small that rounding
-/// turns it.
+/// turns it. chosen: a hundredth of a voxel is below any reading
 const MIN_FRACTION: f64 = 0.01;
 /// Cell layers that one task meshes.
 const LAYERS_PER_TASK: usize = 8;

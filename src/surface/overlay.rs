@@ -4,12 +4,13 @@ use nalgebra::{Point3, Vector3};
 
 use super::Rendered;
 
-/// Nothing nearer than this is drawn, meters.
+/// Nothing nearer than this is drawn, meters. chosen: no object is so near
 const NEAR_M: f64 = 0.01;
 /// Share of an arrow's length that its head takes, and of the head's length that its half width takes.
+/// chosen: for the eye
 const HEAD_LENGTH: f64 = 0.12;
 const HEAD_HALF_WIDTH: f64 = 0.35;
-/// Share of its color that a hidden stretch keeps.
+/// Share of its color that a hidden stretch keeps. chosen: for the eye
 const HIDDEN_SHARE: f32 = 0.35;
 
 /// What a surface in front of a line does to it.

@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 
 use geometry::{Intrinsics, Pose};
 
-/// Nodes closer to the camera plane than this are not seen, meters.
+/// Nodes closer to the camera plane than this are not seen, meters. chosen: no camera reads so near
 const NEAR_M: f64 = 0.01;
 /// Nodes of a row that are projected at once.
 pub(super) const LANES: usize = 16;

@@ -7,11 +7,11 @@ use super::rows::RowCamera;
 use capture::{NoiseConfig, RgbdFrame, object_weights};
 use geometry::{Intrinsics, Pose};
 
-/// Depth at which a reading has weight 1, meters.
+/// Depth at which a reading has weight 1, meters. derived: the unit of length
 const REFERENCE_DEPTH_M: f64 = 1.0;
 /// Weight of a node seen through, against one near a surface: rays that pass close by an edge would otherwise
 /// push its zero crossing inwards. (On a sphere of 20 node spacings the mean error is 0.11 spacings at weight
-/// 1 and 0.01 at 0.05.)
+/// 1 and 0.01 at 0.05.) chosen: between these two, so that free space still counts
 pub(super) const FREE_WEIGHT: f32 = 0.1;
 
 /// What a pixel says about the volume.

@@ -6,11 +6,11 @@ use super::{Material, Object, Solid, SynthConfig, workspace::whole_way};
 use capture::{BoardLayout, Paper};
 use geometry::Pose;
 
-/// Thickness of the plate that the sheet is glued to, meters.
+/// Thickness of the plate that the sheet is glued to, meters. chosen: a usual panel
 const THICK_M: f64 = 0.003;
-/// Between the sheet and all that the object reaches, meters.
+/// Between the sheet and all that the object reaches, meters. chosen: nothing touches the sheet
 const GAP_M: f64 = 0.02;
-/// Shares of the light that paper and ink send back.
+/// Shares of the light that paper and ink send back. chosen: white office paper, and its black print
 const PAPER: f64 = 0.8;
 const INK: f64 = 0.04;
 

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::{Object, Solid};
 use geometry::Pose;
 
-/// Depth to which solids may touch, meters.
+/// Depth to which solids may touch, meters. chosen: less than any gap
 const TOUCH_M: f64 = 0.0005;
 /// Steps between the states at which the parts are looked at.
 const STEPS: usize = 6;

@@ -9,7 +9,7 @@ use numeric::random;
 
 /// Places by which the share is measured.
 const PLACES: usize = 4096;
-/// Share of the light that comes back through lacquer.
+/// Share of the light that comes back through lacquer. chosen: black lacquer
 const DARKENING: f64 = 0.2;
 
 /// Where a part is lacquered.

@@ -10,7 +10,7 @@ use surface::sample_surface;
 const VIEWS: usize = 15;
 /// Points drawn on each part.
 const POINTS: usize = 300;
-/// Share of a part's surface that must be seen in both states.
+/// Share of a part's surface that must be seen in both states. chosen: less shows no part
 const MIN_SHARE: f64 = 0.1;
 
 /// Whether of every part some of the same surface is seen in both states: of one that shows another side in

@@ -167,7 +167,7 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Luminance of linear red, green and blue (ITU-R BT.709).
+/// Luminance of linear red, green and blue (ITU-R BT.709). derived: that recommendation
 const LUMINANCE: Vector3<f64> = Vector3::new(0.2126, 0.7152, 0.0722);
 
 /// What a camera gets from a surface.

@@ -5,9 +5,10 @@ use nalgebra::{Point3, Vector3};
 use super::Object;
 use geometry::bounding_box;
 
-/// Room that is left around the object, meters.
+/// Room that is left around the object, meters. chosen: more than errors of depth
 const MARGIN_M: f64 = 0.03;
 /// Height of the box's lower side above the floor, meters: above what the noise of the floor reaches.
+/// chosen: more than that noise
 const ABOVE_FLOOR_M: f64 = 0.006;
 
 /// Lower and upper corner of a box in the true world that holds the objects in both of their states, but for

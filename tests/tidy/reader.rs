@@ -57,8 +57,9 @@ fn test_modules((name, text): &(String, String)) -> Vec<String> {
         if let Some(path) = rest.strip_prefix("#[path = \"") {
             return Some(format!("{beside}{}", path.split_once(".rs\"")?.0));
         }
-        let module =
-            rest.trim_start_matches("pub(super) ").trim_start_matches("pub(crate) ").strip_prefix("mod ")?;
+        let module = ["pub(super) ", "pub(crate) ", "pub ", ""]
+            .iter()
+            .find_map(|p| rest.strip_prefix(p)?.strip_prefix("mod "))?;
         let module = module.split_once(';')?.0.trim();
         module.chars().all(|c| c.is_alphanumeric() || c == '_').then(|| format!("{below}{module}"))
     };

@@ -18,7 +18,7 @@ use model::{AxisAlone, JointKind};
 /// finite differences ([`DIFFERENCE`]) leave 1e-10 to 1e-9 of them, whose inverse would blow any
 /// covariance up.
 ///
-/// derived: between that noise and the slopes of a real joint, which are no smaller than its motion in
+/// chosen: between that noise and the slopes of a real joint, which are no smaller than its motion in
 /// radians
 const FLAT: f64 = 1e-6;
 

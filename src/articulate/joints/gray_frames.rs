@@ -6,6 +6,14 @@ use rayon::prelude::*;
 use crate::joints::patch_alignment::Patch;
 use capture::{NoiseConfig, RgbdFrame, luma};
 
+/// A reading this share of its depth before or behind a point, beside four standard deviations, is of
+/// another surface.
+/// chosen: errors of poses
+const DEPTH_SHARE: f64 = 0.002;
+/// Least cosine between the ray and the normal of a point whose texture is read.
+/// chosen: 70 degrees; texture is three times as long there
+const LEAST_COSINE: f64 = 0.35;
+
 /// A square on a surface: center, unit normal, two unit tangents, spacing of samples.
 pub struct Tangent {
     pub center: Point3<f64>,
@@ -43,7 +51,7 @@ impl<'a> GrayFrames<'a> {
         // own.
         if depth <= 0.0
             || !f.is_object(pixel)
-            || (depth - in_camera.z).abs() > 4.0 * self.noise.sigma_m(depth) + 0.002 * depth
+            || (depth - in_camera.z).abs() > 4.0 * self.noise.sigma_m(depth) + DEPTH_SHARE * depth
         {
             return None;
         }
@@ -66,7 +74,7 @@ impl<'a> GrayFrames<'a> {
                 let cosine = -ray.dot(normal) / ray.norm();
                 let pixel_m = (self.camera_from_world[i] * point).z / f.intrinsics.fx;
                 // The score is the number of pixels on a unit of surface; grazing views smear the texture.
-                (cosine > 0.35 && self.see(i, point).is_some()).then_some((
+                (cosine > LEAST_COSINE && self.see(i, point).is_some()).then_some((
                     cosine / (pixel_m * pixel_m),
                     i,
                     pixel_m,

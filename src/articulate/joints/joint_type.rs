@@ -16,7 +16,7 @@ use model::{JointFamily, JointKind, TypeScores};
 /// Difference of two scores from which one is decisively better: very strong evidence on the scale of twice
 /// the log likelihood.
 ///
-/// derived: Kass and Raftery (1995), table in section 3.2
+/// chosen: the limit of very strong evidence of Kass and Raftery (1995), section 3.2
 pub const DECISIVE: f64 = 10.0;
 
 /// The best joint of every type, with the scores of all.

@@ -108,7 +108,7 @@ pub struct MotionEvidence<'a> {
 /// Where a state saw empty space, but not the surface behind it, the field jumps from inside to outside,
 /// which looks like a surface some millimeters in front of the true one.
 ///
-/// derived: between nodes a distance changes by at most its length along each axis, root 3 in all; 0.3 is
+/// chosen: between nodes a distance changes by at most its length along each axis, root 3 in all; 0.3 is
 /// below one by more than noise
 const SLOPES: RangeInclusive<f64> = 0.3..=1.733;
 

@@ -17,7 +17,7 @@ use model::{JointEvidence, JointKind, TypeScores};
 const LEAST_TURN_RAD: f64 = std::f64::consts::PI / 18.0;
 /// Variance of what nothing says, radians squared or square meters.
 ///
-/// derived: far beyond what a guess is worth (docs/method.md 8.7), and finite, so that JSON holds it
+/// chosen: far beyond what a guess is worth (docs/method.md 8.7), and finite, so that JSON holds it
 const UNKNOWN: f64 = 1e12;
 
 /// The joint on the static part behind a motion `state1_from_state0` in the world of a part about `middle`,

@@ -48,10 +48,6 @@ const TILTED: f64 = 0.2;
 ///
 /// tuned: random objects (artitwin synth --skew)
 const TILT_DEG: f64 = 2.0;
-/// Information on the frame's rotation from nowhere.
-///
-/// derived: any rotation to the nearest of 24 square frames is known to about a radian
-const LEAST_INFORMATION: f64 = 1.0;
 const ITERATIONS: usize = 20;
 /// A direction farther than this cosine from all of the frame's has nothing to do with it.
 ///
@@ -191,9 +187,10 @@ pub fn square_priors(
     axes.iter().map(|axis| axis.and_then(|_| next.next()).and_then(prior)).collect()
 }
 
-/// Information and gradient on the frame's rotation of all directions.
+/// Information and gradient on the frame's rotation of all directions. Without any, the rotation to the
+/// nearest of 24 square frames is known to about a radian.
 fn summed(all: impl Iterator<Item = (Matrix3<f64>, Vector3<f64>)>) -> (Matrix3<f64>, Vector3<f64>) {
-    all.fold((Matrix3::identity() * LEAST_INFORMATION, Vector3::zeros()), |(h, g), (i, r)| (h + i, g + r))
+    all.fold((Matrix3::identity(), Vector3::zeros()), |(h, g), (i, r)| (h + i, g + r))
 }
 
 /// The likeliest frame; its columns are the directions.

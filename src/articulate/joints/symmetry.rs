@@ -22,7 +22,7 @@ const TURNS: usize = 7;
 const AS_WELL: f64 = 0.9;
 /// A turn counts where more than this share of the points comes to where something was seen.
 ///
-/// derived: the majority
+/// chosen: the majority
 const SEEN: f64 = 0.5;
 /// Rounds in which the axis of a part settles.
 const CENTERINGS: usize = 10;

@@ -21,6 +21,10 @@ use crate::{
 use capture::{NoiseConfig, RgbdFrame};
 use geometry::{Grid3, Pose};
 
+/// Least cosine between the normal of a moved point and that of the surface which is there.
+/// chosen: 45 degrees; beyond, it is not the surface that moved
+const SAME_WAY_COSINE: f64 = 0.7;
+
 /// Settings of the texture alignment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -125,7 +129,7 @@ fn match_point(
     let other_normal = warp.rotation * normal;
     let gradient = gradient.cast::<f64>();
     // The surface that is nearest there faces another way: it is not the one that moved.
-    if gradient.dot(&other_normal) < 0.7 * gradient.norm() {
+    if gradient.dot(&other_normal) < SAME_WAY_COSINE * gradient.norm() {
         return None;
     }
     // On the surface that is there: off it, frames from several sides would show it displaced.

@@ -10,12 +10,12 @@ use capture::{NoiseConfig, PixelMatch, RgbdFrame};
 const PATCH_PX: i64 = 2;
 /// Fewest readings of a patch that must fit its plane.
 const PATCH_READINGS: usize = 16;
-/// Readings further than this from the patch's plane are left out, standard deviations; derived: normal noise
+/// Readings further than this from the patch's plane are left out, standard deviations; chosen: normal noise
 /// stays within with 99.7 %.
 const FIT_SIGMAS: f64 = 3.0;
 /// Expected error of a feature's position, pixels; tuned: shared/bags.
 const PIXEL_SIGMA: f64 = 0.6;
-/// Observations of one point agree within this many standard deviations; derived: three normal errors stay
+/// Observations of one point agree within this many standard deviations; chosen: three normal errors stay
 /// within with 99.9 %.
 const AGREEMENT_SIGMAS: f64 = 4.0;
 /// Share of a single observation's deviation that averaging over views does not reduce; tuned: shared/bags.

@@ -13,7 +13,7 @@ use crate::neural::{
 };
 use surface::ColorSample;
 
-/// Colors are kept this far from 0 and 1 before the logit; derived: less than half a step of 8-bit colors.
+/// Colors are kept this far from 0 and 1 before the logit; chosen: less than half a step of 8-bit colors.
 const LOGIT_MARGIN: f32 = 1e-3;
 
 /// A batch of samples, the two states and the motions between them.

@@ -12,6 +12,10 @@ use crate::{
     observations::LiftedMatch,
 };
 
+/// Least deviation of a match, truncation distances.
+/// chosen: far below any match's; it keeps the slope finite
+const LEAST_SIGMA: f64 = 1e-6;
+
 /// Some matches, the state they end in and the motions.
 pub struct Matching<'a> {
     pub matches: &'a [LiftedMatch],
@@ -84,7 +88,7 @@ impl Matching<'_> {
                 self.target.scene.normalise(if self.end() == 1 { &pair.point1 } else { &pair.point0 });
             let unit = self.target.scene.scale * self.target.truncation_m;
             // Quadratic within the noise of the match, absolute beyond.
-            let sigma = (pair.sigma_m / self.target.truncation_m).max(1e-6);
+            let sigma = (pair.sigma_m / self.target.truncation_m).max(LEAST_SIGMA);
             let offset = (blend - target) / unit;
             // docs/method.md (12.18).
             let size = (offset.norm_squared() + sigma * sigma).sqrt();

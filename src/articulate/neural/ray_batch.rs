@@ -10,6 +10,16 @@ use crate::neural::{
 };
 use numeric::random::{below, unit};
 
+/// Steepness of the weight near the surface, 1 / truncation distance.
+/// derived: the published one, docs/method.md (12.15)
+const STEEPNESS: f64 = 5.0;
+/// Distance from which on the released program gives no weight, truncation distances.
+/// derived: docs/method.md 12.9
+const RELEASED_CUT: f64 = 0.05;
+/// What the released program divides the distance by.
+/// derived: docs/method.md 12.9
+const RELEASED_SCALE: f64 = 0.03;
+
 /// Samples of some rays, ray-major.
 pub struct RayBatch {
     /// Samples on every ray.
@@ -94,10 +104,10 @@ fn draw_by_weight(weights: &[f64], pick: f64) -> usize {
 fn near_surface_weight(sdf: f64, reading: Reading) -> f64 {
     let sigmoid = |x: f64| 1.0 / (1.0 + (-x).exp());
     // docs/method.md (12.15).
-    let bell = |q: f64| sigmoid(5.0 * q) * sigmoid(-5.0 * q);
+    let bell = |q: f64| sigmoid(STEEPNESS * q) * sigmoid(-STEEPNESS * q);
     match reading {
         Reading::Paper if sdf.abs() < 1.0 => bell(sdf),
-        Reading::Released if sdf < 0.05 => bell((sdf / 0.03).max(-0.5)),
+        Reading::Released if sdf < RELEASED_CUT => bell((sdf / RELEASED_SCALE).max(-0.5)),
         _ => 0.0,
     }
 }

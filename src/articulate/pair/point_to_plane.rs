@@ -20,7 +20,7 @@ pub const SAMPLES_PER_READING: f64 = 12.0;
 /// Gauss-Newton steps against one set of correspondences.
 const STEPS: usize = 3;
 /// Damping relative to the mean diagonal: holds directions that nothing observes.
-/// derived: too small to move a direction that something observes
+/// chosen: too small to move a direction that something observes
 const DAMPING: f64 = 1e-5;
 
 /// A residual `normal . (point - T source)` in the frame of state 1, or its three components for a match.

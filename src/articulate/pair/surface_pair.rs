@@ -21,6 +21,16 @@ use crate::{
 use geometry::{Pose, all_about};
 use numeric::statistics::median;
 
+/// Standard deviations of a normal distribution in its median absolute deviation.
+/// derived: `numeric::statistics::SIGMAS_PER_MAD`, to two places
+const SIGMAS_PER_MEDIAN: f64 = 1.48;
+/// Least and largest deviation of a surface from its partner, as shares of the reach.
+/// chosen: a surface that coincides exactly is not known so well; a reach holds five of the largest
+const PLANE: [f64; 2] = [0.02, 0.2];
+/// Least and largest deviation of a color.
+/// chosen: a few levels of noise; beyond the largest, colors say nothing
+const COLOR: [f64; 2] = [0.03, 0.15];
+
 /// Whether a world point was seen to be empty in a state.
 pub type FreeSpace<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);
 
@@ -29,7 +39,7 @@ pub type FreeSpace<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);
 /// tuned: shared/bags
 const SHADING: f64 = 0.5;
 /// Errors of depth take a sample by less than this many deviations of a plane.
-/// derived: 99 of 100 normal errors
+/// chosen: 99 of 100 normal errors
 const DEPTH_ERROR: f64 = 2.5;
 /// Errors of a motion, with those of depth, take a sample by less than this share of the reach.
 /// derived: 2.5 deviations of a plane, which are a fifth of the reach at most
@@ -86,7 +96,7 @@ impl<'a> SurfacePair<'a> {
         let graph = |s: usize| SurfaceGraph::new(samples[s], &indices[s], reach_m);
         let graphs = rayon::join(|| graph(0), || graph(1)).into();
         // The widest scales, until the pair itself is there to measure its own.
-        let scales = Scales { plane_m: 0.2 * reach_m, color: 0.15 };
+        let scales = Scales { plane_m: PLANE[1] * reach_m, color: COLOR[1] };
         let spacing_m = samples.map(|s| spacing_m(&s.points, reach_m));
         let mut pair = Self {
             samples,
@@ -136,9 +146,9 @@ impl<'a> SurfacePair<'a> {
         let typical = |k: usize| median(pairs.iter().map(|p| p[k]).collect());
         Scales {
             // Where nothing stands still the upper bounds hold, as if the scales were not measured.
-            plane_m: (1.48 * typical(0).unwrap_or(f64::INFINITY))
-                .clamp(0.02 * self.reach_m, 0.2 * self.reach_m),
-            color: (1.48 * typical(1).unwrap_or(f64::INFINITY)).clamp(0.03, 0.15),
+            plane_m: (SIGMAS_PER_MEDIAN * typical(0).unwrap_or(f64::INFINITY))
+                .clamp(PLANE[0] * self.reach_m, PLANE[1] * self.reach_m),
+            color: (SIGMAS_PER_MEDIAN * typical(1).unwrap_or(f64::INFINITY)).clamp(COLOR[0], COLOR[1]),
         }
     }
 

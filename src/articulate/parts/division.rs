@@ -34,7 +34,7 @@ const ROUNDS: usize = 3;
 /// tuned: shared/bags
 const LEAST_ALONE: f64 = 0.025;
 /// Standard deviation of a side's step from the shared motion, as a share of the reach.
-/// derived: two of them are the reach, within which both motions lie
+/// chosen: two of them are the reach, within which both motions lie
 const STEP: f64 = 0.5;
 /// Side of the blocks of surface that share errors, in radii.
 /// derived: a sixth of the side of a square plate, whose radius is `side / sqrt 6`; see docs/method.md (8.10)

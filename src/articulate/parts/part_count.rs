@@ -19,7 +19,7 @@ use geometry::Pose;
 /// tuned: shared/bags
 pub const LITTLE: f64 = 1.5;
 /// Share of the surface that must stand still before it is said that nothing moved.
-/// derived: the majority
+/// chosen: the majority
 const MAJORITY: f64 = 0.5;
 
 /// The motions that are parts.

@@ -35,7 +35,7 @@ impl Segment {
 }
 
 /// Surfaces this many standard deviations from a plane are on one side of it.
-/// derived: beyond three lie 0.3 % of what is within the plane
+/// chosen: beyond three lie 0.3 % of what is within the plane
 const CLEAR: f64 = 3.0;
 
 /// Where a segment is in one state.

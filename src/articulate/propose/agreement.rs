@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::pair::{
-    reprojection::{CONTRADICTED, FREE},
+    reprojection::{CONTRADICTED, FREE, HALF_COST},
     surface_pair::{EDGE, SurfacePair},
     unexplained::Unexplained,
 };
@@ -70,7 +70,7 @@ pub fn sharp(
         let z = off_m / (SOFT * pair.scales.plane_m);
         // One less the cost of docs/method.md (6.5), on a wider scale: a motion on its way must feel the
         // surface.
-        (aside < EDGE).then_some(6.0 / (6.0 + z * z) * likeness(pair, left, state, sample, j))
+        (aside < EDGE).then_some(HALF_COST / (HALF_COST + z * z) * likeness(pair, left, state, sample, j))
     });
     match partner {
         Some(v) if v > 0.5 => v,

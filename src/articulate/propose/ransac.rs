@@ -76,6 +76,9 @@ const TWIN_GATES: f64 = 2.5;
 /// A motion with this share of another's support is none found again: badly placed matches seldom agree.
 /// tuned: shared/bags
 const TWIN_SUPPORT: f64 = 0.3;
+/// Radii within which triples of matches are drawn, in turn, as shares of the object's longest side.
+/// chosen: from a small part to half the object
+const TRIPLE_RADII: [f64; 4] = [0.1, 0.2, 0.35, 0.5];
 /// Two matches closer than this share of the object's longest side are in one place.
 /// tuned: shared/bags
 const TWIN_DISTANCE: f64 = 0.06;
@@ -268,7 +271,7 @@ fn strongest(
     let mut best: Option<(f64, Pose)> = None;
     for trial in 0..config.trials {
         // Close triples stay on one part, wide ones fix its rotation: all sizes take turns.
-        let radius_m = extent_m * [0.1, 0.2, 0.35, 0.5][trial % 4];
+        let radius_m = extent_m * TRIPLE_RADII[trial % TRIPLE_RADII.len()];
         let Some(motion) = triple(pool, radius_m, &gate, rng) else { continue };
         let support = counter.support(pool, &motion);
         if best.as_ref().is_none_or(|b| support > b.0) {

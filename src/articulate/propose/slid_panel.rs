@@ -12,7 +12,7 @@ const PATCHES: usize = 12;
 /// tuned: shared/bags
 const LEAST_PATCH: f64 = 0.001;
 /// What lies between two strips of one plane is surface if it has this share of the samples of its area.
-/// derived: the majority
+/// chosen: the majority
 const FILLED: f64 = 0.5;
 
 /// Patches of those `faces` of a state that hold samples which moved.

@@ -8,8 +8,12 @@ use numeric::lists::Lists;
 
 /// Most cells of an index; larger scenes get larger cells.
 ///
-/// derived: 8 MB of cells
+/// chosen: 8 MB of cells
 const MOST_CELLS: f64 = 2e6;
+/// Cells grow by this until they are few enough.
+///
+/// chosen: a few trials, and little is given away
+const LARGER: f64 = 1.5;
 
 /// Samples sorted into cells of the search radius.
 pub struct SampleIndex<'a> {
@@ -33,7 +37,7 @@ impl<'a> SampleIndex<'a> {
         let dims_of = |cell: f64| [0, 1, 2].map(|k| (extent[k] / cell).floor() + 1.0);
         // A short reach in a large scene would take more memory than the samples.
         while dims_of(cell_m).iter().product::<f64>() > MOST_CELLS {
-            cell_m *= 1.5;
+            cell_m *= LARGER;
         }
         let dims = dims_of(cell_m).map(|d| d as usize);
         let no_cells = Lists::of(0, std::iter::empty());
@@ -88,6 +92,7 @@ impl<'a> SampleIndex<'a> {
     /// The sample with the smallest `|dp|^2 + (reach |dn| / 2)^2`, if below the reach squared: opposite sides
     /// of a thin sheet never meet. See docs/method.md (6.3).
     pub fn nearest(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<usize> {
+        // derived: the square of the half in that distance
         let bend = 0.25 * self.reach_m * self.reach_m;
         let (mut best, mut best_squared) = (None, self.reach_m * self.reach_m);
         self.around(point, |i, p| {

@@ -4,7 +4,12 @@ use rayon::prelude::*;
 
 use crate::{
     observations::SurfaceSamples,
-    samples::{flat_patch::flat_patches, index_sets::IndexSets, sample_index::SampleIndex},
+    samples::{
+        flat_patch::flat_patches,
+        index_sets::IndexSets,
+        place_costs::{ALL_FREE, HIDDEN},
+        sample_index::SampleIndex,
+    },
 };
 use numeric::lists::Lists;
 
@@ -34,11 +39,11 @@ const EVIDENCE: f32 = TEMPERATURE * std::f32::consts::LN_2;
 /// is around: its motion takes the sample to a place that was seen empty all around.
 ///
 /// derived: the cost of such places (docs/method.md 6.2)
-const EMPTY: f32 = 1.61 - 1e-4;
+const EMPTY: f32 = ALL_FREE - 1e-4;
 /// Cost of the best label up to which that holds.
 ///
 /// derived: the cost of hidden places (docs/method.md 6.2)
-const HIDDEN_AT_WORST: f32 = 0.9 + 1e-4;
+const HIDDEN_AT_WORST: f32 = HIDDEN + 1e-4;
 /// An island is not of a label that more than this share of its samples rules out.
 ///
 /// derived: where one in fifty of the label's own samples and one in two of others' makes even odds
@@ -47,7 +52,7 @@ const RULED_OUT_SHARE: f32 = 0.17;
 const FILL_ROUNDS: usize = 60;
 /// The largest change of a share at which they end.
 ///
-/// derived: a thousandth of a share decides no label
+/// chosen: a thousandth of a share decides no label
 const FILL_CHANGE: f32 = 1e-3;
 /// A smaller change of a sample's shares is not handed on to its neighbors.
 ///
@@ -72,6 +77,10 @@ pub const NORMAL_SIGMA: f64 = 0.35;
 ///
 /// derived: unit vectors that differ by [`NORMAL_SIGMA`]
 pub const SAME_NORMAL: f64 = 1.0 - 0.5 * NORMAL_SIGMA * NORMAL_SIGMA;
+/// Weight of the squared change of a normal between neighbors, in reaches squared.
+///
+/// chosen: neighbors across a right angle are nearly half a reach farther
+const CREASE: f64 = 0.1;
 /// Weight of the offset from the tangent planes against that along them, squared.
 ///
 /// derived: in standard deviations of a normal, the mean over both planes
@@ -82,7 +91,7 @@ const LIFT: f64 = 0.5 / (NORMAL_SIGMA * NORMAL_SIGMA);
 const FACE_DISSENT: f32 = 0.2;
 /// Pull of a sheet while parts are missing, whose surface would otherwise go to others in pieces.
 ///
-/// derived: as much as all neighbors of the sample together
+/// chosen: as much as all neighbors of the sample together
 const SHEET_PULL: f32 = 1.0;
 /// Pull of a face on those of its samples that hold no evidence: within some three samples of evidence the
 /// walk decides, as two parts may lie in one plane.
@@ -378,7 +387,7 @@ fn neighbors_of(
             let bend = (samples.normals[j] - samples.normals[i]).norm_squared();
             let lift = samples.normals[i].dot(&offset).powi(2) + samples.normals[j].dot(&offset).powi(2);
             // The distance of docs/method.md (6.6): beyond a crease or across a gap neighbors are farther.
-            near.push((squared + LIFT * lift + 0.1 * reach_m * reach_m * bend, j as u32));
+            near.push((squared + LIFT * lift + CREASE * reach_m * reach_m * bend, j as u32));
         }
     });
     // Equal distances by index, so that the neighbors do not depend on the sort.

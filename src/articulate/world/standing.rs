@@ -10,7 +10,7 @@ use geometry::Pose;
 const EVERY: usize = 97;
 /// Readings that differ by more than this many standard deviations are of different surfaces.
 ///
-/// derived: three, 0.3 % of a normal distribution
+/// chosen: three, 0.3 % of a normal distribution
 const SAME: f64 = 3.0;
 
 /// Share of the surface seen in state 1 that a motion takes from where state 0 sees it; what no frame of

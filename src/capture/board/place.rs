@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix6, Matrix6x3, SMatrix, UnitQuaternion, Vector3, Vector6};
 
-use super::sighting::BoardSighting;
+use super::{pose::STEP_M, sighting::BoardSighting};
 use crate::poses::{drift::adjoint, pose_noise::PoseNoise};
 use geometry::{Intrinsics, Pose, shift_and_turn};
 use numeric::statistics::median;
@@ -21,14 +21,12 @@ const DEPTH_SHARE: f64 = 0.0013;
 pub const UNREAD_BOARD: [f64; 2] = [1.0, 0.005];
 /// Rounds of Gauss-Newton at most.
 const ROUNDS: usize = 20;
-/// Rounds end when nothing moves further than this, meters (radians times one meter).
-/// derived: a thousandth of what the frame is to be known to
-const STEP_M: f64 = 1e-6;
 /// Squared length of six residuals in standard deviations at which a view counts a quarter (Geman and McClure
 /// 1985).
 /// derived: 0.3 % of a chi-square distribution of six degrees
 const DOUBTED: f64 = 20.0;
 /// A view whose squared length is more than so many times that does not agree.
+/// chosen: well beyond the length at which a view counts a quarter
 const DISAGREES: f64 = 2.0;
 /// Starts that are tried: some views may be wrong.
 const STARTS: usize = 12;
@@ -100,6 +98,7 @@ pub fn board_scale(ratios: &[f64]) -> Option<[f64; 2]> {
 
 impl BoardPlace {
     /// How far from the board its frame's deviation is named, meters.
+    /// chosen: about the distance of an object from its board
     pub const AWAY_M: f64 = 0.5;
 
     /// The place by all views that show a board, in the order of time; `scale` is the length of the board

@@ -287,6 +287,7 @@ vectorized! {
 
 #[inline(always)]
 fn add_stretch(cells: &mut Cells, stretch: &Stretch, [sin, cos]: [f32; 2], [cell_px, angle_rad]: [f32; 2]) {
+    /// derived: the last sample of a side
     const TOP: f32 = (SIDE - 1) as f32;
     // Cell coordinates with a border cell on each side: the center of inner cell 0 is at 1.
     let middle = 0.5 * TOP;

@@ -292,7 +292,7 @@ fn is_extremum(d: &[Plane], level: usize, x: usize, y: usize, value: f32) -> boo
 const MOST_STEPS: usize = 5;
 /// An offset of more than half a sample means that the extremum belongs to a neighbor; a little more is
 /// tolerated, so that no extremum jumps between two forever.
-/// derived: half a sample, and a tenth of one more
+/// chosen: half a sample, and a tenth of one more
 const FARTHEST: f32 = 0.6;
 
 /// The extremum near a pixel, by the quadratic through the values around it; `None` for weak ones, edges and

@@ -12,7 +12,7 @@ use super::voxels::{Cell, CellSet, center, clusters, frames_needed};
 use crate::{NoiseConfig, RgbdFrame, poses::pose_noise::PoseNoise};
 
 /// Standard deviations of a reading beyond which two frames tell it from a cell.
-/// derived: two frames by chance, 0.05 % one-sided
+/// chosen: two frames by chance, 0.05 % one-sided
 const GATE_SIGMAS: f64 = 2.0;
 /// A cell has changed if it was looked through this many times as often as it was seen there.
 /// derived: readings at depth edges take either side about as often

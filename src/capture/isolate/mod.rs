@@ -39,6 +39,7 @@ use numeric::statistics::median;
 /// Fewest pixels with depth on the object in a state.
 const MIN_PIXELS: usize = 200;
 /// Least share of the smaller state's cells that the states must have in common.
+/// chosen: less is no common object
 const MIN_OVERLAP: f64 = 0.02;
 
 /// Gives every frame its mask.

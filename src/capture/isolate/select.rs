@@ -11,7 +11,7 @@ use crate::CaptureError;
 const CLEARLY: f64 = 4.0;
 
 /// A group with this share of the changes of the best one is a piece of it, if it lies in its bounds.
-/// derived: less may be chance at the rim of a thing that stood still
+/// chosen: less may be chance at the rim of a thing that stood still
 const ALSO: f64 = 0.05;
 /// Cells of a group that touch what things stand on, at least, if it stands.
 /// derived: as a patch of changed cells

@@ -16,7 +16,7 @@ use crate::{
 
 /// Frames that every frame is matched with: those seen from nearest by.
 const NEIGHBORS: usize = 8;
-/// Lowe's ratio.
+/// Lowe's ratio. derived: the published one (Lowe 2004)
 const RATIO: f32 = 0.8;
 
 /// The features of a frame.

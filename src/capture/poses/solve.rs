@@ -25,13 +25,15 @@ const ROUNDS: [usize; 3] = [10, 3, 3];
 /// Rounds in which the sizes of the errors settle between them.
 const SIZES: usize = 12;
 /// Share of the displacement expected of the poses that counts as noise in the first rounds.
+/// chosen: it falls slowly enough for matches to follow
 pub(super) const LOOSE: [f64; 5] = [1.0, 0.5, 0.3, 0.2, 0.1];
 /// Rounds end when no camera moves further than this, meters (radians times one meter).
+/// chosen: far below what poses are known to
 const STEP_M: f64 = 5e-5;
 /// Smooth errors of a depth sensor, one standard deviation, before the recording shows more: see
-/// `sensor_errors`; ...
+/// `sensor_errors`; ... chosen: of the order that calibrations leave (docs/method.md 2.11)
 const WARP: f64 = 0.004;
-/// ... and at least, as no variance may be zero.
+/// ... and at least, as no variance may be zero. chosen: far below any sensor's
 const LEAST_WARP: f64 = 1e-6;
 
 /// A state whose poses are looked for.

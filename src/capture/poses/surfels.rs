@@ -14,13 +14,16 @@ use geometry::{Intrinsics, Pose};
 const LEAST_STEP: usize = 4;
 const COLUMNS: usize = 160;
 /// A surfel whose readings scatter by more than this many times the noise is no plane.
+/// chosen: four times the variance is beyond chance
 const MISFIT: f64 = 2.0;
 /// Independent readings of a window: stereo noise is correlated over about two pixels.
+/// chosen: a patch of two by two pixels is one
 const INDEPENDENT: f64 = READINGS as f64 / 4.0;
 /// Expected error of a feature's place, pixels.
 /// tuned: shared/bags, as in the lift of matches (docs/method.md 4.4)
 const PLACE_PX: f64 = 0.6;
 /// Surfels whose normals differ by a smaller cosine are of different surfaces.
+/// chosen: 37 deg, beyond the error of any normal that is used
 const SAME_COSINE: f64 = 0.8;
 
 /// Cells on each side of one that its normal is found with, and how many at least.
@@ -28,7 +31,7 @@ const AROUND: i64 = 2;
 const LEAST_AROUND: usize = 8;
 /// Ways that a surfel can face: the camera, left, right, up, down.
 pub(crate) const FACINGS: usize = 5;
-/// A surfel faces aside where its normal has a larger component along the image.
+/// A surfel faces aside where its normal has a larger component along the image. chosen: 24 deg
 const ASIDE: f32 = 0.4;
 
 /// A flat patch of surface in the camera's optical frame.

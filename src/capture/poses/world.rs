@@ -24,6 +24,7 @@ use geometry::{Pose, log_so3, shift_and_turn};
 /// Rounds of association and Gauss-Newton at most.
 const ROUNDS: usize = 12;
 /// Rounds end when the world moves less than this, meters (radians times one meter).
+/// chosen: far below what the world's pose is known to
 const STEP_M: f64 = 1e-5;
 
 /// A correction of state 1's world frame by surfaces that stand still.

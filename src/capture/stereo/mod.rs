@@ -22,7 +22,7 @@ use self::{
 use super::{NoiseConfig, RgbdFrame};
 
 /// Most readings of the sensor that a depth by color is worth, and fewest.
-/// derived: neighbors share their patch of color, so one pixel is never worth more than a reading; the lower
+/// chosen: neighbors share their patch of color, so one pixel is never worth more than a reading; the lower
 /// bound is that of [`RgbdFrame::sigma_m`].
 const READINGS: [f64; 2] = [1e-3, 1.0];
 

@@ -14,11 +14,12 @@ use crate::poses::{
 use geometry::Pose;
 
 /// Share of the displacement expected of the start that counts as noise, by round.
+/// chosen: it falls slowly enough for matches to follow
 const LOOSE: [f64; 5] = [1.0, 0.5, 0.25, 0.1, 0.05];
 /// Rounds at most.
 const ROUNDS: usize = 10;
 /// Rounds end when nothing moves further than this, meters (radians times one meter).
-/// derived: a fifth of what one pose errs by with the surfels of a frame, 0.2 mm
+/// chosen: a fifth of what one pose errs by with the surfels of a frame, 0.2 mm
 const STEP_M: f64 = 4e-5;
 /// Surfels compared in a round about one frame.
 /// tuned: shared/bags; more of them changed no pose by a tenth of its deviation
@@ -125,6 +126,7 @@ impl Adjustment<'_> {
 }
 
 /// The start counts as if it erred by so many times what is expected: it holds only what nothing else does.
+/// chosen: its weight is a hundredth of that of a reading
 const START_SPREAD: f64 = 10.0;
 
 impl Adjusted {

@@ -35,7 +35,7 @@ const LEAST_READINGS: usize = 20;
 /// Windows that an estimate needs.
 /// derived: two more than have as many numbers as gravity and bias
 const LEAST_WINDOWS: usize = 4;
-/// Residuals beyond so many deviations count less (Huber 1964).
+/// Residuals beyond so many deviations count less (Huber 1964). chosen: 95 % of normal residuals are within
 const HUBER: f64 = 2.0;
 /// Least deviation of a window, m/s².
 /// derived: the noise of such a sensor over a window, 150 µg/√Hz

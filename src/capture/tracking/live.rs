@@ -7,7 +7,7 @@ use super::{
 use geometry::Pose;
 
 /// A camera that sees so differently from one view to the next is near what cannot be followed, radians.
-/// derived: half of the 0.5 rad over which features of images match (Mikolajczyk and Schmid 2005)
+/// chosen: half of the 0.5 rad over which features of images match (`closure`)
 const FAST_RAD: f64 = 0.25;
 
 /// Follows a camera.

@@ -25,8 +25,7 @@ const TIMESTEP_S: f64 = 5e-4;
 /// The finer one, for a stop, which is met between steps, and for a delay.
 /// measured: eval/gap/timestep.md: the largest under which no residual grows by 3 %, which the replay allows.
 const FINE_TIMESTEP_S: f64 = 1e-4;
-/// Solver impedance of friction without a settle time.
-/// derived: next to the largest that MuJoCo takes, 0.9999.
+/// Solver impedance of friction without a settle time. chosen: next to the largest that MuJoCo takes, 0.9999.
 const HARD_IMPEDANCE: f64 = 0.9995;
 
 /// Solver impedance of friction that settles; its damping then is `2 / (impedance * time constant)`.

@@ -22,7 +22,7 @@ use model::escape_xml;
 
 /// Pitches below this are none, meters a radian.
 ///
-/// derived: below the digits that a URDF is written with
+/// chosen: below the digits that a URDF is written with
 const LEAST_PITCH: f64 = 1e-9;
 
 /// The URDF with the effects, and what became of each.

@@ -6,13 +6,13 @@ use super::ticks::{labels, ticks};
 
 /// Most points of a curve: more than a printed page resolves.
 const MAX_POINTS: usize = 1000;
-/// Space for the numbers of the vertical axis.
+/// Space for the numbers of the vertical axis. chosen: for the eye
 const LEFT: f64 = 62.0;
-/// Space beside the last tick.
+/// Space beside the last tick. chosen: for the eye
 const RIGHT: f64 = 10.0;
-/// Space above, for labels of bands.
+/// Space above, for labels of bands. chosen: for the eye
 const TOP: f64 = 18.0;
-/// Space for the numbers and the name of the horizontal axis.
+/// Space for the numbers and the name of the horizontal axis. chosen: for the eye
 const BOTTOM: f64 = 38.0;
 
 /// A range with what it measures; the label is escaped.

@@ -14,21 +14,23 @@ use gap::twin_tree::{Motion, TwinTree};
 use geometry::Pose;
 use model::escape_xml;
 
-/// Width and height of the drawing.
+/// Width and height of the drawing. chosen: for the eye
 const SIZE: (f64, f64) = (620.0, 440.0);
-/// Border for labels.
+/// Border for labels. chosen: for the eye
 const BORDER: f64 = 50.0;
 /// Points of an arc.
 const ARC: usize = 64;
 /// Side of the block that stands for a parent without a shape, as a share of the moved part.
+/// chosen: for the eye
 const BLOCK: f64 = 0.08;
-/// Length of the axis on either side, as a share of the moved part, and beyond that.
+/// Length of the axis on either side, as a share of the moved part, and beyond that. chosen: for the eye
 const AXIS: (f64, f64) = (0.4, 0.18);
-/// Distance of a slide's way below the part, as a share of the part's height.
+/// Distance of a slide's way below the part, as a share of the part's height. chosen: for the eye
 const BELOW: f64 = 1.2;
-/// Width of a letter of the labels.
+/// Width of a letter of the labels. chosen: that of usual fonts
 const LETTER: f64 = 6.6;
 /// Extent below which a shape is a point mass on a rod, as a share of its distance from the joint.
+/// chosen: for the eye
 const SMALL: f64 = 0.25;
 
 /// What of a joint is drawn.

@@ -9,9 +9,9 @@ use gap::judge::{
     report::JointReport,
 };
 
-/// Share of the points' range by which intervals may widen the axis.
+/// Share of the points' range by which intervals may widen the axis. chosen: for the eye
 const ROOM: f64 = 0.25;
-/// Least half range of the efforts, as a share of those recorded.
+/// Least half range of the efforts, as a share of those recorded. chosen: for the eye
 const LEAST: f64 = 0.05;
 
 /// A law of a joint; dashed where it is not `is_named`.

@@ -18,9 +18,9 @@ const MAX_RUNS: usize = 12;
 const MAX_HELD_OUT: usize = 3;
 /// Most windows that are shaded one by one.
 const MAX_WINDOWS: usize = 120;
-/// Space between runs, as a share of all of them.
+/// Space between runs, as a share of all of them. chosen: for the eye
 const SPACE: f64 = 0.012;
-/// Width of the charts.
+/// Width of the charts. chosen: for the eye
 const WIDTH: f64 = 1180.0;
 
 /// Names of the motions.

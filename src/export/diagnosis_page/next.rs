@@ -13,15 +13,15 @@ use gap::{
 };
 use model::escape_xml;
 
-/// Level at which a dependence is named.
+/// Level at which a dependence is named. derived: that of the report (`gap::judge::report`)
 const LEVEL: f64 = 0.05;
 /// Most dependences that are listed.
 const MAX_PLACES: usize = 3;
-/// Share of the largest effort from which a bin belongs to it.
+/// Share of the largest effort from which a bin belongs to it. chosen: a little less than half
 const ALIKE: f64 = 0.4;
-/// Largest share of the range that is a place.
+/// Largest share of the range that is a place. chosen: what is wider is no place
 const LOCAL: f64 = 0.7;
-/// Share of a joint's range from which the runs cover it.
+/// Share of a joint's range from which the runs cover it. chosen: most of it
 const COVERED: f64 = 0.8;
 
 /// The next experiment; `range` is that of all runs.

@@ -16,7 +16,7 @@ const SIDES: usize = 24;
 const RINGS: usize = 8;
 /// Most shapes of a link.
 const MAX_SHAPES: usize = 40;
-/// Least side of a box of inertia, as a share of its longest.
+/// Least side of a box of inertia, as a share of its longest. chosen: for the eye
 const LEAST_SIDE: f64 = 0.02;
 
 /// A convex solid in the frame of its link: faces with their corners, counterclockwise from outside.

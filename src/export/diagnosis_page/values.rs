@@ -13,7 +13,7 @@ use gap::{
 };
 use model::escape_xml;
 
-/// Multiple of the noise up to which a gap is none.
+/// Multiple of the noise up to which a gap is none. derived: that of the verdict (`gap::judge::assess`)
 const AT_NOISE: f64 = 1.5;
 
 /// A parameter as the twin has it, as it was found, and as the updated twin has it.

@@ -14,9 +14,9 @@ use crate::passes::{ColorPass, GeometryPass};
 use crate::simd::{Columns, InstructionSet};
 use crate::{FEATURES, GEOMETRY_OUTPUTS, VIEW_COEFFICIENTS};
 
-/// Largest exponent of a density's slope (published: 15).
+/// Largest exponent of a density's slope (published: 15). derived: the published one
 const SLOPE_EXPONENT: f64 = 15.0;
-/// Largest exponent of a density (derived: a single step of it hides everything, and its square is finite).
+/// Largest exponent of a density (chosen: a single step of it hides everything, and its square is finite).
 const DENSITY_EXPONENT: f64 = 80.0;
 
 /// Density per normalised unit of a network's first output: `exp(out - 1)`.

@@ -6,11 +6,11 @@ use super::RadianceConfig;
 use super::ray_batch::Ray;
 
 /// Opacities are kept this far from 0 and 1 in the cross entropy, where its logarithms are not finite
-/// (tuned: a limit on the loss of one ray of 7).
+/// (chosen: a limit on the loss of one ray of 7).
 const OPACITY_MARGIN: f64 = 1e-3;
-/// Below this opacity a ray has no parts whose shares would mean anything (tuned: a hundredth).
+/// Below this opacity a ray has no parts whose shares would mean anything (chosen: a hundredth).
 const SHARED_OPACITY: f64 = 0.01;
-/// Smallest share in a logarithm (derived: a share below it adds less than 2e-5 to an entropy).
+/// Smallest share in a logarithm (chosen: a share below it adds less than 2e-5 to an entropy).
 const SMALLEST_SHARE: f64 = 1e-6;
 
 /// Loss terms of a step, each with its weight; the loss is their sum.

@@ -9,11 +9,12 @@ use crate::{FieldParams, ObjectField};
 use geometry::{Grid3, Pose, SceneBox};
 use surface::{TriangleMesh, marching_cubes};
 
-/// Density of the surface, per normalised unit (published).
+/// Density of the surface, per normalised unit (published). derived: the published one
 const SURFACE_DENSITY: f64 = 10.0;
 /// Half the side of the cube that is meshed, normalised units (published); less where the fields span less.
+/// derived: the published one
 const MESH_HALF_SIDE: f64 = 1.3;
-/// Largest density in a grid: marching cubes takes finite numbers (derived: far above any surface).
+/// Largest density in a grid: marching cubes takes finite numbers (chosen: far above any surface).
 const DENSEST: f64 = 1e6;
 
 /// Fields and half motions of all parts; part 0 is static.

@@ -6,6 +6,7 @@ use super::half_motion::{COORDINATES, HalfMotion, PoseGradient};
 use crate::simd::{AdamStep, InstructionSet};
 
 /// Decay of the moments, of fields and motions alike (Liu, Mahdavi-Amiri and Savva 2023).
+/// derived: the published ones
 pub(super) const BETAS: (f32, f32) = (0.9, 0.99);
 
 /// The mobile parts' half motions with Adam's moments of their coordinates.

@@ -30,9 +30,9 @@ impl AdamStep {
 }
 
 /// A first moment below this is set to 0: it would move a parameter by less than `1e-30 / epsilon = 1e-15`
-/// and would become a denormal number, which is slow.
+/// and would become a denormal number, which is slow. chosen: above the smallest normal number
 const SMALLEST_FIRST: f32 = 1e-30;
-/// The same for second moments; their roots are far below epsilon.
+/// The same for second moments; their roots are far below epsilon. chosen: above the smallest normal number
 const SMALLEST_SECOND: f32 = 1e-37;
 
 /// `m = b1 m + (1 - b1) g`, `v = b2 v + (1 - b2) g^2`, `p -= rate m / (sqrt(v) + epsilon)`; sets the gradient

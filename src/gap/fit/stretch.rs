@@ -8,11 +8,11 @@ use crate::record::{
 };
 
 /// Least length of a stretch, seconds.
-/// derived: a sixteenth of the longest window, whose four independent numbers are then seen by four each.
+/// chosen: a sixteenth of the longest window, whose four independent numbers are then seen by four each.
 const WIDTH_S: f64 = 1.0 / 16.0;
 /// Share of the top speed below which friction may hold the joint.
-/// derived: a smoothed motion is never exactly at rest.
-const SLOW: f64 = 0.03;
+/// chosen: a smoothed motion is never exactly at rest.
+pub(crate) const SLOW: f64 = 0.03;
 
 /// A joint in a run.
 #[derive(Clone, Debug)]

@@ -19,7 +19,7 @@ use crate::{
 use numeric::statistics::median;
 
 /// Lengths of the windows in which effects must show, as shares of those that are fitted.
-/// derived: what acts all the time shows best over whole windows, what acts at a place or for a moment in
+/// chosen: what acts all the time shows best over whole windows, what acts at a place or for a moment in
 /// short ones.
 const LENGTHS: [f64; 2] = [1.0, 0.25];
 
@@ -171,7 +171,7 @@ struct Compared {
 }
 
 /// Share of the squared change of the predictions that the windows hold in which an effect is judged.
-/// derived: elsewhere the models predict the same, and what is left says nothing of the effect.
+/// chosen: elsewhere the models predict the same, and what is left says nothing of the effect.
 const ACTING: f64 = 0.9;
 
 impl Unseen {

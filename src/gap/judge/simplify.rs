@@ -12,7 +12,7 @@ use crate::{
 
 /// Score by which a simpler set may fall behind: a special case behind the effect that contains it, a set
 /// without an effect behind the set with it.
-/// derived: very strong evidence in twice the log of a Bayes factor (Kass and Raftery 1995).
+/// chosen: very strong evidence in twice the log of a Bayes factor (Kass and Raftery 1995).
 pub const SIMPLER: f64 = 10.0;
 /// Half width of a 95 % interval, in standard deviations.
 /// derived: quantile of the normal distribution.

@@ -202,8 +202,17 @@ impl Diagnosis {
 }
 
 /// Level of the test of a table.
-/// derived: the share of false alarms that is accepted.
+/// chosen: the share of false alarms that is accepted.
 const LEVEL: f64 = 0.01;
+/// Least range of a position that says anything, in deviations of its noise.
+/// chosen: a motion is drawn by some tens of steps.
+const LEAST_RANGE: f64 = 30.0;
+/// Least delay that is credible, in sample intervals.
+/// chosen: less may be the discretization's.
+const LEAST_DELAY: f64 = 0.25;
+/// Least change of a gain, a scale or an inertia that is credible, as a share.
+/// chosen: less may be the discretization's.
+const LEAST_CHANGE: f64 = 0.004;
 
 /// What the motion lacks for any diagnosis, as sentences that name what to record.
 #[must_use]
@@ -217,7 +226,7 @@ pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
     }
     let range = coverage.travel;
     // Negated, so that a range that is not a number is too small as well.
-    if !(range > 30.0 * coverage.position_noise) || range < 1e-9 {
+    if !(range > LEAST_RANGE * coverage.position_noise) || range < 1e-9 {
         lacks.push(format!(
             "the position moves {range:.2e}, hardly more than its noise of {:.1e}; move the joint through \
              most of its range",
@@ -438,9 +447,9 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
 /// Whether an effect is of a size that a model of the joint, not its discretization, would show.
 fn is_credible(problem: &Problem, term: &Term) -> bool {
     match problem.catalogue[term.effect].place() {
-        Place::Delay => term.p[0].abs() > 0.25 * problem.coverage.interval_s,
-        Place::Gain | Place::Scale => (term.p[0] - 1.0).abs() > 0.004,
-        Place::Inertia => term.p[0].abs() > 0.004 * problem.plant.inertia,
+        Place::Delay => term.p[0].abs() > LEAST_DELAY * problem.coverage.interval_s,
+        Place::Gain | Place::Scale => (term.p[0] - 1.0).abs() > LEAST_CHANGE,
+        Place::Inertia => term.p[0].abs() > LEAST_CHANGE * problem.plant.inertia,
         _ => true,
     }
 }

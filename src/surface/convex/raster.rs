@@ -5,14 +5,17 @@ use nalgebra::{Point2, Vector2};
 use super::rectangles::{Rectangle, cover};
 use crate::outline::{area, rectangle_direction};
 
-/// Cells along the longer side of a patch.
+/// Cells along the longer side of a patch. chosen: time against detail
 const CELLS: f64 = 96.0;
 /// Narrowest rectangle over a patch, cells, and share of the cells that may stay bare.
+/// tuned: made and recorded objects (docs/method.md 16)
 const MIN_SIDE: usize = 3;
 const BARE: f64 = 0.06;
 /// Share of a gap that must be hidden: walls that pass close by are felt in the cells beside them.
+/// tuned: made and recorded objects (docs/method.md 16)
 const HIDDEN: f64 = 2.0 / 3.0;
 /// Gaps that are a smaller share of the patch are the raster's.
+/// tuned: made and recorded objects (docs/method.md 16)
 const MIN_CLOSED: f64 = 0.02;
 
 /// Cells along the smallest rectangle around a patch, in its plane.

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::{Plane, pieces::Sample};
 use numeric::vectorized;
 
-/// Rays along a face leave a solid elsewhere.
+/// Rays along a face leave a solid elsewhere. chosen: above rounding
 pub(super) const GRAZING: f64 = 1e-3;
 
 /// Places, meters, normals and areas, square meters, of some samples, and the numbers of their faces.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::TriangleMesh;
 use geometry::Pose;
 
-/// A point this near a plane lies in it, meters.
+/// A point this near a plane lies in it, meters. chosen: above rounding, below any reading
 const ON_PLANE_M: f64 = 1e-9;
 
 /// The half space `normal . x <= offset_m`.

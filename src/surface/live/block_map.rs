@@ -20,7 +20,7 @@ pub(super) const SIDE: usize = 8;
 const NODES: usize = SIDE * SIDE * SIDE;
 /// A block whose surface is this part of a spacing away from what was last drawn of it, in the mean, is drawn
 /// again.
-/// derived: nodes are no finer than pixels of the views, and a quarter of a pixel is not seen
+/// chosen: nodes are no finer than pixels of the views, and a quarter of a pixel is not seen
 const VISIBLE: f32 = 0.25;
 
 /// Place of a block: its first node in sides of a block.

@@ -8,11 +8,11 @@ use crate::depth_tiles::DepthTiles;
 use capture::PoseNoise;
 
 /// Standard deviations, of reading and pose together, that a cell lies before what is read, to be empty.
-/// derived: 0.13 % of normal readings, one-sided
+/// chosen: 0.13 % of normal readings, one-sided
 const GATE_SIGMAS: f64 = 3.0;
 
 /// Space further away than this many median depths of a view is not looked at.
-/// derived: the ball that fits into an image of 55 degrees ends at 1.46 distances
+/// chosen: the ball that fits into an image of 55 degrees ends at 1.46 distances
 const FARTHEST: f64 = 1.5;
 
 /// What a view says of a piece of space.

@@ -19,7 +19,7 @@ const MOST_TRIANGLES: usize = 30_000;
 /// derived: half the spacing makes four times the triangles, and noise some more
 const FEWER: usize = 6;
 /// The ball that the views look at is another one where it moved or grew by this part of its radius.
-/// derived: a tenth of an image
+/// chosen: a tenth of an image
 const OTHER_BALL: f64 = 0.1;
 /// Every so many nodes count at most.
 /// derived: behind a surface four spacings are known, which a cell must not be wider than

@@ -18,13 +18,13 @@ use crate::{TriangleMesh, merge};
 use capture::{NoiseConfig, RgbdFrame};
 
 /// Least and largest first distance between nodes, meters.
-/// tuned: finer than 5 mm shows the eye no more of an object; with 20 mm a drawer still has its front
+/// chosen: finer than 5 mm shows the eye no more of an object; with 20 mm a drawer still has its front
 const SPACING_M: [f64; 2] = [0.005, 0.02];
 /// Truncation in spacings and in standard deviations of a reading, at least.
 /// derived: that of the pipeline's fusion (`SurfaceConfig::truncation_m`), and two cells on each side for
 /// marching cubes of every second node
 const TRUNCATION: f64 = 4.0;
-/// Side of a cell of seen space in spacings, at first.
+/// Side of a cell of seen space in spacings, at first. chosen: space needs no finer cells than surface
 const CELL: f64 = 2.0;
 
 /// Settings of a map.

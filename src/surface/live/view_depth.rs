@@ -8,11 +8,12 @@ use geometry::Pose;
 use numeric::statistics::median;
 
 /// Beyond this depth a reading says only that space before it is empty, meters.
-/// derived: there three standard deviations of a reading are 7 cm, as much as many parts move
+/// chosen: there three standard deviations of a reading are 7 cm, as much as many parts move
 pub(super) const MAX_DEPTH_M: f32 = 3.0;
 /// Every so many pixels count for the median.
 const EVERY: usize = 97;
 /// Cameras further from the world's origin are errors of who says where they are, meters.
+/// chosen: no site is as wide
 const FARTHEST_M: f64 = 1e5;
 
 /// A view with its readings.

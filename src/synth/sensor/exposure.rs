@@ -5,9 +5,10 @@ use rand_core::Rng;
 
 use numeric::random;
 
-/// One standard deviation of the logarithm of the exposure.
+/// One standard deviation of the logarithm of the exposure. derived: that of `surface::lighting`
 const EXPOSURE: f64 = 0.15;
 /// One standard deviation of the logarithm of the gain of red and of blue against green.
+/// chosen: seldom seen by eye
 const WHITE_BALANCE: f64 = 0.03;
 
 /// Factor on linear red, green and blue of a view.

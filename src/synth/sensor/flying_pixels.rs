@@ -6,11 +6,12 @@ use crate::{View, edge::depth_step};
 use geometry::Intrinsics;
 use numeric::random;
 
-/// Share of the pixels on deep edges that read a depth in between.
+/// Share of the pixels on deep edges that read a depth in between. chosen: a third
 const SHARE: f64 = 0.35;
-/// An edge is deep from here on, meters.
+/// An edge is deep from here on, meters. chosen: less is no edge to a matching window
 const DEEP_M: f64 = 0.03;
 /// How far from either surface a reading in between stays at least, as a share of the step.
+/// chosen: nearer ones are no errors
 const MARGIN: f64 = 0.1;
 
 /// Depth of every pixel that reads one between two surfaces.

@@ -15,7 +15,7 @@ pub struct HandheldSensor {
 }
 
 impl HandheldSensor {
-    /// Largest level.
+    /// Largest level. chosen: beyond, nothing is reconstructed
     pub const MAX_LEVEL: f64 = 5.0;
 
     /// All effects at a level.

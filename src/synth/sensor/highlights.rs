@@ -10,11 +10,11 @@ use crate::Scene;
 use geometry::Pose;
 use numeric::random;
 
-/// Share of the views that show one.
+/// Share of the views that show one. chosen: half
 const SHARE: f64 = 0.5;
-/// Nearest and farthest distance of a bulb, in radii of the object.
+/// Nearest and farthest distance of a bulb, in radii of the object. chosen: within a room
 const DISTANCE_RADII: [f64; 2] = [1.5, 4.0];
-/// Brightness of a bulb's mirror image against that of a white surface.
+/// Brightness of a bulb's mirror image against that of a white surface. chosen: near white
 const SHINE: f64 = 0.7;
 /// Rays that look for a place of the object.
 const TRIES: usize = 20;

@@ -8,6 +8,7 @@ use rand_core::Rng;
 use numeric::random;
 
 /// Mean over cameras, seconds; a camera has half to one and a half of it.
+/// chosen: clocks of two devices differ by milliseconds
 const LAG_S: f64 = 0.003;
 
 /// By how much the reported poses of one camera are older than its images, seconds.

@@ -5,9 +5,9 @@ use rand_core::Rng;
 use geometry::Pose;
 use numeric::random;
 
-/// Length of the shift, meters.
+/// Length of the shift, meters. chosen: a jump of millimeters
 const SHIFT_M: f64 = 0.0037;
-/// Angle of the turn, radians: 0.3 degrees.
+/// Angle of the turn, radians: 0.3 degrees. chosen: a jump of some tenths
 const TURN_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
 
 /// Where the world of state 0 stands in that of another take: the whole amount, in a random direction and

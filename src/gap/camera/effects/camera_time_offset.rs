@@ -10,7 +10,7 @@ use crate::camera::model::{
 
 /// Prior of the offset, seconds.
 ///
-/// derived: one frame at 30 Hz
+/// chosen: one frame at 30 Hz
 const FRAME_S: f64 = 1.0 / 30.0;
 
 /// The effect.

@@ -20,7 +20,7 @@ use surface::Rendered;
 
 /// Bend of the surface across three pixels above which its normal is not used, in spacings of pixels there.
 ///
-/// derived: the slope between the outer two is off by half of it at most, so the normal by 0.15 rad, and the
+/// chosen: the slope between the outer two is off by half of it at most, so the normal by 0.15 rad, and the
 /// residual across the surface by 1 %
 const BEND: f64 = 0.3;
 /// Error of a pixel's place, pixels.

@@ -28,7 +28,7 @@ use crate::{
 
 /// Standard deviations, of readings and errors without names, from which a reading is off the surface.
 ///
-/// derived: one of 16 000 readings of a normal distribution
+/// chosen: one of 16 000 readings of a normal distribution
 const SIGMAS: f64 = 4.0;
 /// Side of a voxel over the size of the object: two spacings of the samples of a frame.
 ///
@@ -40,7 +40,7 @@ const VOXEL: f64 = 0.071;
 const LEAST_FACES: f64 = 2.25;
 /// Readings behind the twin for each before it, at most.
 ///
-/// derived: midway between none, of geometry that is missing, and as many, of a part in a wrong place
+/// chosen: midway between none, of geometry that is missing, and as many, of a part in a wrong place
 const OTHER_SIDE: f64 = 0.5;
 /// Share of the frames that must see a voxel.
 ///

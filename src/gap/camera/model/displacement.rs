@@ -4,7 +4,7 @@ use crate::camera::model::{hypothesis::Hypothesis, twin::SeenTwin};
 
 /// Standard deviations of a joint within which an effect counts as the twin's own error.
 ///
-/// derived: 99.7 % of a normal distribution
+/// chosen: 99.7 % of a normal distribution
 const SIGMAS: f64 = 3.0;
 
 /// What a twin's own errors can move of what is seen, meters: of the parts behind a joint, or of everything

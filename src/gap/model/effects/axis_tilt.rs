@@ -24,7 +24,7 @@ const SPEC: Spec = Spec {
 };
 
 /// Share of the load of a flat axis that a turn is still found for.
-/// derived: at the load itself the derivative by the turn is zero, and rounding leaves no turn.
+/// chosen: at the load itself the derivative by the turn is zero, and rounding leaves no turn.
 const FLAT: f64 = 1.0 - 1e-6;
 
 impl Effect for AxisTilt {

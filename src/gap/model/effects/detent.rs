@@ -21,7 +21,7 @@ const SPEC: Spec = Spec {
 };
 
 /// Widths from the middle beyond which nothing is left.
-/// derived: 1.5e-7 of the effort.
+/// chosen: 1.5e-7 of the effort.
 const REACH: f64 = 6.0;
 
 impl Effect for Detent {

@@ -20,7 +20,7 @@ const SPEC: Spec = Spec {
 };
 
 /// Widths from the middle beyond which nothing is left.
-/// derived: 1.6e-9 of the friction.
+/// chosen: 1.6e-9 of the friction.
 const REACH: f64 = 4.5;
 
 impl Effect for LocalFriction {
