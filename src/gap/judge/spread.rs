@@ -2,8 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::judge::simplify::HALF_WIDTH;
-use numeric::statistics::chi_square_95;
+use numeric::statistics::{HALF_WIDTH_95, chi_square_95};
 
 /// How well parameters are known.
 #[derive(Clone, Debug)]
@@ -61,7 +60,7 @@ pub fn with_common(covariance: &DMatrix<f64>, witnesses: &[f64]) -> DMatrix<f64>
 /// Half width of a 95 % interval in standard deviations that are estimated with so many degrees of freedom,
 /// three at least: Student's quantile (Abramowitz and Stegun 26.7.5). See docs/method.md (14.18).
 fn half_width(freedom: f64) -> f64 {
-    let (z, n) = (HALF_WIDTH, freedom.max(3.0));
+    let (z, n) = (HALF_WIDTH_95, freedom.max(3.0));
     let of = |powers: [f64; 4]| powers.iter().rev().fold(0.0, |sum, c| sum * z * z + c) * z;
     z + of([1.0, 1.0, 0.0, 0.0]) / (4.0 * n)
         + of([3.0, 16.0, 5.0, 0.0]) / (96.0 * n * n)
