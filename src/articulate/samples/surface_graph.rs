@@ -4,9 +4,9 @@ use rayon::prelude::*;
 
 use crate::{
     observations::SurfaceSamples,
-    samples::{flat_patch::flat_patches, index_sets::IndexSets, sample_index::SampleIndex},
+    samples::{flat_patch::flat_patches, sample_index::SampleIndex},
 };
-use numeric::lists::Lists;
+use numeric::{index_sets::IndexSets, lists::Lists};
 
 /// Neighbors of a sample.
 const NEIGHBORS: usize = 8;
