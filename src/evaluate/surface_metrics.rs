@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::distance::MeshDistance;
 use geometry::NearestPoints;
+use numeric::random::unit;
 use surface::TriangleMesh;
 
 /// `count` points drawn uniformly by area from a mesh; empty for a mesh without area.
@@ -21,13 +22,11 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> 
     if sum <= 0.0 {
         return Vec::new();
     }
-    // 53 bits, the digits of an f64: never 1.
-    let mut unit = || (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
     let mut draw = || {
-        let at = unit() * sum;
+        let at = unit(rng) * sum;
         let triangle = cumulative.partition_point(|&c| c <= at).min(cumulative.len() - 1);
         let [a, b, c] = mesh.corners(triangle).map(|p| p.cast::<f64>());
-        let (mut u, mut v) = (unit(), unit());
+        let (mut u, mut v) = (unit(rng), unit(rng));
         // The other half of the parallelogram is folded back, which keeps the density even.
         if u + v > 1.0 {
             (u, v) = (1.0 - u, 1.0 - v);

@@ -14,17 +14,15 @@ use mcap::records::op;
 
 use super::{
     expansion::{Expansion, ExpansionError},
-    mcap_record::{ChannelRecord, ChunkRecord, MessageRecord, RecordError, SchemaRecord, summary_start},
+    mcap_record::{
+        ChannelRecord, ChunkRecord, MessageRecord, RecordError, SchemaRecord, TAIL, summary_start,
+    },
 };
 
 use common::note::{Note, NoteCode};
 
 /// Largest record and largest decompressed chunk, bytes.
 pub const RECORD_LIMIT: u64 = 256 << 20;
-/// Largest summary section that is looked at, bytes.
-const SUMMARY_LIMIT: u64 = 64 << 20;
-/// Length of the end of a file: footer record (9 + 20 bytes) and magic.
-const TAIL: i64 = 9 + 20 + 8;
 /// Most damaged chunks whose reason is kept.
 const REASONS: usize = 20;
 
@@ -242,17 +240,10 @@ pub fn summary_channels(source: &mut (impl Read + Seek)) -> std::io::Result<Chan
 }
 
 fn summary(source: &mut (impl Read + Seek)) -> Option<Channels> {
-    let tail_at = source.seek(SeekFrom::End(-TAIL)).ok()?;
+    let tail_at = source.seek(SeekFrom::End(-(TAIL as i64))).ok()?;
     let mut tail = [0; TAIL as usize];
     source.read_exact(&mut tail).ok()?;
-    if tail[0] != op::FOOTER || tail[29..] != *mcap::MAGIC {
-        return None;
-    }
-    let start = summary_start(&tail[9..29]).ok()?;
-    // 0 says that the file has no summary.
-    if start == 0 || start >= tail_at || tail_at - start > SUMMARY_LIMIT {
-        return None;
-    }
+    let start = summary_start(&tail, tail_at + TAIL)?;
     source.seek(SeekFrom::Start(start)).ok()?;
     let mut section = source.by_ref().take(tail_at - start);
     let mut channels = Channels::default();

@@ -1,6 +1,12 @@
 //! The records of an MCAP file, read in place: no length in them leads beyond their bytes, and none is
 //! allocated for.
 
+use mcap::records::op;
+
+/// Length of the end of a file, bytes: footer record (9 + 20) and magic.
+pub const TAIL: u64 = 9 + 20 + 8;
+/// Largest summary section that is read, bytes: 500,000 chunks.
+const SUMMARY_LIMIT: u64 = 64 << 20;
 /// Longest name of a topic, type or compression, bytes; ROS takes 255.
 const MAX_NAME: usize = 4096;
 
@@ -229,12 +235,15 @@ impl StatisticsRecord {
     }
 }
 
-/// Where the summary of a file begins, by the body of its footer.
-///
-/// # Errors
-/// What is damaged.
-pub fn summary_start(footer: &[u8]) -> Result<u64, RecordError> {
-    Fields(footer).number(8)
+/// Where the summary begins, by the last bytes of a file of this size.
+pub fn summary_start(end: &[u8], size: u64) -> Option<u64> {
+    let tail = &end[end.len().checked_sub(TAIL as usize)?..];
+    if tail[0] != op::FOOTER || tail[1..9] != 20u64.to_le_bytes() || tail[29..] != *mcap::MAGIC {
+        return None;
+    }
+    let start = Fields(&tail[9..29]).number(8).ok()?;
+    // 0 says that there is none.
+    (start > 8 && start < size - TAIL && size - TAIL - start <= SUMMARY_LIMIT).then_some(start)
 }
 
 /// Checksum of a summary and of the footer before it, by the body of the footer; 0 = none.
@@ -292,6 +301,6 @@ mod tests {
         assert!(ChunkRecord::read(&[&[0; 28][..], &huge].concat()).is_err());
         let bytes = SchemaRecord::read(&[&[7, 0][..], &2u32.to_le_bytes(), &[0xff, 0xfe]].concat());
         assert!(matches!(bytes, Err(RecordError::NotText(_))));
-        assert!(summary_start(&[0; 7]).is_err());
+        assert!(summary_start(&[0; 7], 7).is_none());
     }
 }

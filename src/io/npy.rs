@@ -95,8 +95,11 @@ pub fn read_npy(path: &Path) -> Result<NpyArray, NpyError> {
     parse_npy(&files::read(path, NPY).map_err(disk)?).map_err(format)
 }
 
-/// Reads an array from the bytes of a `.npy` file.
-fn parse_npy(bytes: &[u8]) -> Result<NpyArray, NpyFault> {
+/// Type, header and values of a `.npy` file. The header is a Python dictionary in text.
+///
+/// # Errors
+/// Where it is no such file.
+pub fn npy_parts(bytes: &[u8]) -> Result<(&str, &str, &[u8]), NpyFault> {
     if bytes.len() < 12 || &bytes[..6] != b"\x93NUMPY" {
         return Err(NpyFault::NoNpy);
     }
@@ -109,14 +112,19 @@ fn parse_npy(bytes: &[u8]) -> Result<NpyArray, NpyFault> {
     let end = start.checked_add(length).filter(|&e| e <= bytes.len()).ok_or(NpyFault::Cut)?;
     let header = std::str::from_utf8(&bytes[start..end])?;
     let descr = field(header, "descr").ok_or(NpyFault::NoType)?;
-    let descr = descr.trim_matches(|c| c == '\'' || c == '"');
+    Ok((descr.trim_matches(|c| c == '\'' || c == '"'), header, &bytes[end..]))
+}
+
+/// Reads an array from the bytes of a `.npy` file.
+fn parse_npy(bytes: &[u8]) -> Result<NpyArray, NpyFault> {
+    let (descr, header, data) = npy_parts(bytes)?;
     if field(header, "fortran_order") != Some("False") {
         return Err(NpyFault::Order);
     }
     let (rows, columns) = shape(header)?;
     // The shape is a claim of the header: nothing is allocated before the bytes are found to be there.
     let count = rows.checked_mul(columns).ok_or(NpyFault::Large)?;
-    let values = decode(descr, &bytes[end..], count)?;
+    let values = decode(descr, data, count)?;
     Ok(NpyArray { rows, columns, values })
 }
 

@@ -1,4 +1,4 @@
-//! Numbers: lists in one piece of memory, streams of random numbers, robust statistics, loops for vector units.
+//! Numbers: lists in one piece of memory, sets of indices, streams of random numbers, robust statistics, loops for vector units.
 //!
 //! ```
 //! use numeric::{random::{normal, stage_rng}, statistics::median};
@@ -9,6 +9,7 @@
 //! assert!(median(draws).is_some_and(|middle| middle.abs() < 0.1));
 //! ```
 
+pub mod index_sets;
 pub mod lists;
 pub mod random;
 pub mod statistics;

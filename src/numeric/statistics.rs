@@ -4,13 +4,33 @@
 /// derived: one over the quantile at 3/4 of the standard normal distribution, to four places.
 pub const SIGMAS_PER_MAD: f64 = 1.4826;
 
+/// Median absolute deviation of a normal distribution in its standard deviations.
+/// derived: the quantile at 75 % of the standard normal distribution.
+pub const MAD_IN_SIGMAS: f64 = 0.674_49;
+
+/// Half width of a 95 % interval in standard deviations.
+/// derived: the quantile at 97.5 % of the standard normal distribution.
+pub const HALF_WIDTH_95: f64 = 1.959_964;
+
 /// Deviations of a normal distribution that one value of a hundred exceeds.
 /// derived: the quantile at 99 % of the standard normal distribution.
-pub const NORMAL_99: f64 = 2.326_348;
+const NORMAL_99: f64 = 2.326_348;
 
 /// Deviations of a normal distribution that one value of twenty exceeds.
 /// derived: the quantile at 95 % of the standard normal distribution.
 const NORMAL_95: f64 = 1.644_854;
+
+/// The sums of 1, 2, ... squared normal numbers that chance exceeds once in twenty.
+/// derived: quantiles of chi-square at 95 %.
+pub const CHI_SQUARE_95: [f64; 6] = [3.84, 5.99, 7.81, 9.49, 11.07, 12.59];
+
+/// The sums of 1, 2, ... squared normal numbers that chance exceeds once in a thousand.
+/// derived: quantiles of chi-square at 99.9 %.
+pub const CHI_SQUARE_999: [f64; 6] = [10.828, 13.815_51, 16.266, 18.467, 20.515, 22.46];
+
+/// The sum of six squared normal numbers that chance exceeds every other time.
+/// derived: the median of chi-square.
+pub const CHI_SQUARE_MEDIAN_6: f64 = 5.35;
 
 /// The sum of so many squared normal numbers that chance exceeds once in a hundred: the quantile of
 /// chi-square at 99 %.
@@ -18,7 +38,8 @@ pub fn chi_square_99(count: f64) -> f64 {
     chi_square(count, NORMAL_99)
 }
 
-/// The sum of so many squared normal numbers that chance exceeds once in twenty.
+/// The sum of so many squared normal numbers that chance exceeds once in twenty: of one 2.5 % less than
+/// [`CHI_SQUARE_95`] says, of three the same.
 pub fn chi_square_95(count: f64) -> f64 {
     chi_square(count, NORMAL_95)
 }

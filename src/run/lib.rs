@@ -16,7 +16,6 @@ mod band;
 mod batch;
 mod checkpoint;
 mod checkpoint_error;
-mod checksum;
 mod demonstrate;
 mod diagnose;
 mod diagnose_frames;

@@ -62,7 +62,7 @@ pub use bake::{BakeView, bake, shown};
 pub use borders::{DepthView, Mended, Readings, mend_borders};
 pub use closest::MeshDistance;
 pub use color_field::{ColorField, ColorSample};
-pub use components::keep_components;
+pub use components::{components, keep_components};
 pub use config::{SurfaceConfig, SurfaceSource};
 pub use convex::{ConvexConfig, ConvexSolid, Hidden, Plane, SolidFit, Walls, convex_hull, few_triangles};
 pub use difference::{Difference, differences};
@@ -74,6 +74,7 @@ pub use live::{LiveMap, LiveSettings, MeshChunk, Moved, NextView, Unseen, Unseen
 pub use marching_cubes::marching_cubes;
 pub use mesh::TriangleMesh;
 pub use normals::vertex_normals;
+pub use outline::hull_2d;
 pub use raster::{Paint, RenderItem, Rendered, render};
 pub use sample::sample_surface;
 pub use simplify::simplify;

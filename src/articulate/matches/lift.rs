@@ -3,8 +3,9 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::{observations::LiftedMatch, samples::index_sets::IndexSets};
+use crate::observations::LiftedMatch;
 use capture::{NoiseConfig, PixelMatch, RgbdFrame};
+use numeric::index_sets::IndexSets;
 
 /// Half the side of the depth patch that gives a feature's depth, pixels.
 const PATCH_PX: i64 = 2;

@@ -2,7 +2,6 @@
 
 pub mod flat_patch;
 pub mod hinge;
-pub mod index_sets;
 pub mod mesh_samples;
 pub mod place_costs;
 pub mod sample_index;

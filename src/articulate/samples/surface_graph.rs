@@ -6,12 +6,11 @@ use crate::{
     observations::SurfaceSamples,
     samples::{
         flat_patch::flat_patches,
-        index_sets::IndexSets,
         place_costs::{ALL_FREE, HIDDEN},
         sample_index::SampleIndex,
     },
 };
-use numeric::lists::Lists;
+use numeric::{index_sets::IndexSets, lists::Lists};
 
 /// Neighbors of a sample.
 const NEIGHBORS: usize = 8;

@@ -5,7 +5,7 @@ use nalgebra::{Matrix6, Matrix6x3, SMatrix, UnitQuaternion, Vector3, Vector6};
 use super::{pose::STEP_M, sighting::BoardSighting};
 use crate::poses::{drift::adjoint, pose_noise::PoseNoise};
 use geometry::{Intrinsics, Pose, shift_and_turn};
-use numeric::statistics::median;
+use numeric::statistics::{CHI_SQUARE_MEDIAN_6, SIGMAS_PER_MAD, median};
 
 /// Views that must show the board.
 /// derived: three poses leave nothing open and one to be doubted
@@ -92,7 +92,7 @@ pub fn stretched(pose: &Pose, scale: f64) -> Pose {
 pub fn board_scale(ratios: &[f64]) -> Option<[f64; 2]> {
     let middle = median(ratios.to_vec())?;
     let off = median(ratios.iter().map(|r| (r - middle).abs()).collect())?;
-    let of_mean = 1.4826 * off / (ratios.len() as f64).sqrt();
+    let of_mean = SIGMAS_PER_MAD * off / (ratios.len() as f64).sqrt();
     (ratios.len() >= LEAST_VIEWS).then(|| [1.0 / middle, of_mean.hypot(DEPTH_SHARE)])
 }
 
@@ -193,8 +193,7 @@ impl Problem<'_> {
         let all: Vec<Residual> =
             self.views.iter().map(|v| self.residual(board_from_map, v)).collect::<Option<_>>()?;
         let squares: Vec<f64> = all.iter().map(|r| r.off.dot(&(r.information * r.off))).collect();
-        // The median of a chi-square distribution of six degrees is 5.35.
-        let variance = (median(squares.clone())? / 5.35).max(1.0);
+        let variance = (median(squares.clone())? / CHI_SQUARE_MEDIAN_6).max(1.0);
         let mut gradient = Vector6::zeros();
         let mut fit = Fit {
             board_from_map: *board_from_map,

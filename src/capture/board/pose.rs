@@ -9,7 +9,7 @@ use super::{
     start::{pose_by_homography, turned_over},
 };
 use geometry::{Intrinsics, Pose};
-use numeric::statistics::median;
+use numeric::statistics::{SIGMAS_PER_MAD, median};
 
 /// By how much ink spreads and bright areas bloom: edges of all tags lie off by as many pixels, one standard
 /// deviation.
@@ -138,7 +138,7 @@ impl BoardView<'_> {
             self.points.iter().map(|p| self.residual(&camera_from_board, fit.ink_px, p)).collect();
         let lengths = self.points.iter().zip(&residuals);
         let lengths: Vec<f64> = lengths.filter_map(|(p, r)| Some(r.as_ref()?.0.abs() / p.sigma_px)).collect();
-        fit.scale = (1.4826 * median(lengths)?).max(1.0);
+        fit.scale = (SIGMAS_PER_MAD * median(lengths)?).max(1.0);
         let (mut information, mut gradient) = (SMatrix::<f64, 7, 7>::zeros(), Step::zeros());
         information[(6, 6)] = INK_PX.powi(-2) * fit.scale.powi(2);
         gradient[6] = information[(6, 6)] * fit.ink_px;

@@ -12,6 +12,7 @@ use crate::{
     },
     model::joint_model::JointModel,
 };
+use numeric::statistics::CHI_SQUARE_999;
 
 /// Ratio of the first and the last grid, through which a parabola is laid.
 /// chosen: over it the likelihood of a standard deviation differs from a parabola so little that its top is
@@ -27,8 +28,8 @@ const MEMORIES: [f64; 3] = [4.0, 16.0, 64.0];
 /// Sweeps over the deviations, one after the other.
 const SWEEPS: usize = 2;
 /// Log likelihood that an effort which lasts must gain.
-/// derived: half the 99.9 % quantile of chi-square with two degrees of freedom, its size and its memory.
-const ENOUGH: f64 = 6.907_755;
+/// derived: half the quantile of chi-square with two degrees of freedom, its size and its memory.
+const ENOUGH: f64 = 0.5 * CHI_SQUARE_999[1];
 
 /// The noise that makes the residuals most probable, by a search about `around`.
 #[must_use]

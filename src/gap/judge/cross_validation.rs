@@ -16,7 +16,7 @@ use crate::{
     model::joint_model::JointModel,
     record::log::rms,
 };
-use numeric::statistics::median;
+use numeric::statistics::{HALF_WIDTH_95, median};
 
 /// Lengths of the windows in which effects must show, as shares of those that are fitted.
 /// chosen: what acts all the time shows best over whole windows, what acts at a place or for a moment in
@@ -25,7 +25,7 @@ const LENGTHS: [f64; 2] = [1.0, 0.25];
 
 /// Standard errors above zero at which a mean is surely above it in one of the lengths.
 /// derived: the normal quantile at 97.5 %, 5 % over two tests.
-const SURELY: f64 = 1.959_964;
+const SURELY: f64 = HALF_WIDTH_95;
 
 /// Most of the squared residuals beyond the noise that an effect may leave where it acts, as a share of what
 /// they are without it: what no catalog holds has several shapes, and the one that an effect can take is

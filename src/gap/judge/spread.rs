@@ -2,8 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::judge::simplify::HALF_WIDTH;
-use numeric::statistics::chi_square_95;
+use numeric::statistics::{HALF_WIDTH_95, chi_square_95};
 
 /// How well parameters are known.
 #[derive(Clone, Debug)]
@@ -66,7 +65,7 @@ const TERMS: [([f64; 4], f64); 3] =
 /// Half width of a 95 % interval in standard deviations that are estimated with so many degrees of freedom,
 /// three at least: Student's quantile (Abramowitz and Stegun 26.7.5). See docs/method.md (14.18).
 fn half_width(freedom: f64) -> f64 {
-    let (z, n) = (HALF_WIDTH, freedom.max(3.0));
+    let (z, n) = (HALF_WIDTH_95, freedom.max(3.0));
     let of = |powers: [f64; 4]| powers.iter().rev().fold(0.0, |sum, c| sum * z * z + c) * z;
     let [first, second, third] = TERMS;
     z + of(first.0) / (first.1 * n) + of(second.0) / (second.1 * n * n) + of(third.0) / (third.1 * n * n * n)

@@ -19,7 +19,7 @@ use crate::{
         refined::refined,
         screen::Screen,
         search::{Breadth, Candidate, Scope, Search, search},
-        simplify::{HALF_WIDTH, refitted, simplified},
+        simplify::{refitted, simplified},
         spread::Spread,
         sure::is_surely_there,
     },
@@ -29,6 +29,7 @@ use crate::{
     },
     record::off_axis::MAX_LEFT,
 };
+use numeric::statistics::HALF_WIDTH_95;
 
 /// What a diagnosis ends in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -393,7 +394,7 @@ fn is_shaped(problem: &Problem, chosen: &Candidate) -> bool {
     }
     let is_at_end = |(at, term): (usize, &Term), i: usize| {
         let (low, high) = of(term).bounds(i, &problem.coverage);
-        let half = HALF_WIDTH * chosen.fit.deviation(at + i);
+        let half = HALF_WIDTH_95 * chosen.fit.deviation(at + i);
         of(term).parameters()[i].neutral.is_none() && (term.p[i] - half <= low || term.p[i] + half >= high)
     };
     let mut positions = chosen.fit.model.placed().filter(|(_, t)| of(t).is_of_position());

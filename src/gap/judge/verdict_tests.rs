@@ -252,14 +252,17 @@ fn an_actuator_is_reported_with_its_units_and_intervals() {
     assert!(near(stiffness.value, 6.0) && near(damping.value, 0.3) && near(delay.value, 0.021));
     for (estimate, deviation) in [(stiffness, 0.05), (damping, 0.01), (delay, 0.01)] {
         let (below, above) = half(estimate);
-        assert!(near(below, above) && (below / (HALF_WIDTH * deviation) - 1.0).abs() < 1e-3, "{estimate:?}");
+        assert!(
+            near(below, above) && (below / (HALF_WIDTH_95 * deviation) - 1.0).abs() < 1e-3,
+            "{estimate:?}"
+        );
     }
     assert_eq!(of(late, false)[0].unit, "N/m");
     // An effort of no known unit.
     let effort = Actuator { unit: 0.5, is_found: [true, false], ..found };
     let [gain] = &of(effort, true)[..] else { panic!("one is found") };
     assert!(gain.name == "gain" && gain.unit == "N m per unit" && near(gain.value, 0.6), "{gain:?}");
-    assert!((half(gain).0 / (HALF_WIDTH * 0.005) - 1.0).abs() < 1e-3, "{gain:?}");
+    assert!((half(gain).0 / (HALF_WIDTH_95 * 0.005) - 1.0).abs() < 1e-3, "{gain:?}");
     assert_eq!(of(effort, false)[0].unit, "N per unit");
     assert!(of(Actuator { is_found: [false; 2], ..found }, true).is_empty());
 }

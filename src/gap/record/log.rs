@@ -1,7 +1,7 @@
 //! Measured motion of one joint: samples, runs, and the windows that shooting starts in.
 
 use crate::record::carried::Carried;
-use numeric::statistics::median;
+use numeric::statistics::{MAD_IN_SIGMAS, median};
 
 /// One recorded run of one joint, stamps strictly increasing.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -160,7 +160,7 @@ pub fn position_noise(logs: &[JointLog]) -> f64 {
     }
     let Some(difference) = median(differences) else { return 0.0 };
     // derived: the standard deviation of the fourth difference of unit white noise is sqrt(70).
-    let sigma = difference / 0.674_49 / 70f64.sqrt();
+    let sigma = difference / MAD_IN_SIGMAS / 70f64.sqrt();
     // A quantized encoder that stands still still has its rounding noise.
     steps.sort_by(f64::total_cmp);
     // A quantile, since rounding in the record may split single steps.

@@ -11,8 +11,9 @@ use crate::{
         scales::MISPLACED,
         trial::{CameraEffect, Column, column, free_joints},
     },
-    judge::{finding::ParameterEstimate, simplify::HALF_WIDTH},
+    judge::finding::ParameterEstimate,
 };
+use numeric::statistics::HALF_WIDTH_95;
 
 /// The effect.
 pub const EFFECT: CameraEffect = CameraEffect {
@@ -62,7 +63,7 @@ pub const EFFECT: CameraEffect = CameraEffect {
 
 /// A length whose interval holds what the twin itself does not know, a standard deviation.
 fn widened(mut p: ParameterEstimate, own: f64) -> ParameterEstimate {
-    let own = HALF_WIDTH * own;
+    let own = HALF_WIDTH_95 * own;
     p.interval =
         (p.value - (p.value - p.interval.0).hypot(own), p.value + (p.interval.1 - p.value).hypot(own));
     p.interval.0 = p.interval.0.max(0.0);

@@ -7,24 +7,22 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Point3;
 
-use crate::{
-    camera::{
-        fit::{
-            components::VarianceComponents,
-            problem::FrameProblem,
-            residual::compare,
-            sample::{Conflict, Sample},
-        },
-        judge::missing_box::{area, sides},
-        model::{
-            hypothesis::Hypothesis,
-            missing::{Missing, Voxel, voxel},
-            posed::PosedTwin,
-        },
-        record::pixels::BORDER,
+use crate::camera::{
+    fit::{
+        components::VarianceComponents,
+        problem::FrameProblem,
+        residual::compare,
+        sample::{Conflict, Sample},
     },
-    judge::simplify::HALF_WIDTH,
+    judge::missing_box::{area, sides},
+    model::{
+        hypothesis::Hypothesis,
+        missing::{Missing, Voxel, voxel},
+        posed::PosedTwin,
+    },
+    record::pixels::BORDER,
 };
+use numeric::statistics::HALF_WIDTH_95;
 
 /// Standard deviations, of readings and errors without names, from which a reading is off the surface.
 ///
@@ -156,7 +154,7 @@ fn region(
     // Pixels this near the outline are not compared: the region may reach so much further.
     let border_m = (BORDER as f64 + 0.5) * mean(|r| r.pixel_m);
     let (areas, clouds): (Vec<f64>, Vec<_>) = views.into_values().unzip();
-    let (bounds, bounds_interval) = sides(&clouds, border_m, HALF_WIDTH * mean(|r| r.sigma_m))?;
+    let (bounds, bounds_interval) = sides(&clouds, border_m, HALF_WIDTH_95 * mean(|r| r.sigma_m))?;
     let (area_m2, area_interval) = area(&areas, border_m);
     Some(Missing { part, bounds, bounds_interval, area_m2, area_interval, voxels, voxel_m })
 }
