@@ -1,8 +1,6 @@
-//! The fleet (`python/artitwin/fleet`): its parts, jobs on stores that fail, every way in which a job or worker
-//! can end with a program that does as it is asked to, and six small recordings on two raylets of Ray, of which
-//! one is killed.
-//!
-//! Needs Python (see `common/venv.rs`).
+//! The fleet (`python/artitwin/fleet`): its parts, jobs on stores that fail, every way in which a job or
+//! worker can end with a program that does as it is asked to, and six small recordings on two raylets of
+//! Ray, of which one is killed. Needs Python (see `common/venv.rs`).
 
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test may panic, and says how long it took")]
 

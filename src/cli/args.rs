@@ -239,8 +239,8 @@ pub struct DiagnoseArgs {
     /// Print events as JSON lines to stdout, and nothing else
     #[arg(long)]
     pub json: bool,
-    /// Print what the command will need, as one line of JSON: cores, memory, disk space, seconds. Nothing is run
-    /// or written
+    /// Print what the command will need, as one line of JSON: cores, memory, disk space, seconds. Nothing is
+    /// run or written
     #[arg(long)]
     pub estimate: bool,
     /// Where the result goes.
@@ -406,8 +406,8 @@ pub struct ReconstructArgs {
     /// Print events as JSON lines to stdout, and nothing else
     #[arg(long)]
     pub json: bool,
-    /// Print what the command will need, as one line of JSON: cores, memory, disk space, seconds. Nothing is run
-    /// or written
+    /// Print what the command will need, as one line of JSON: cores, memory, disk space, seconds. Nothing is
+    /// run or written
     #[arg(long, conflicts_with = "jobs")]
     pub estimate: bool,
     /// Where the result goes.

@@ -1,4 +1,5 @@
-//! What all layers share: notes beside results, limits on sizes that come from outside, files that a user names.
+//! What all layers share: notes beside results, limits on sizes that come from outside, files that a user
+//! names.
 //!
 //! ```
 //! use common::note::{Note, NoteCode};

@@ -1,4 +1,4 @@
-//! Numbers: lists in one piece of memory, sets of indices, streams of random numbers, robust statistics, loops for vector units.
+//! Numbers: random streams, robust statistics, lists and sets by number, loops for the processor's vectors.
 //!
 //! ```
 //! use numeric::{random::{normal, stage_rng}, statistics::median};

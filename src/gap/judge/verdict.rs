@@ -292,16 +292,16 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     diagnosis
 }
 
-/// Twice the log likelihood that a model gains over the twin: by smaller residuals under the model's noise, or,
-/// where a joint sticks and its residuals stay, each under its own noise.
+/// Twice the log likelihood that a model gains over the twin: by smaller residuals under the model's noise,
+/// or, where a joint sticks and its residuals stay, each under its own noise.
 fn gain_to_explain(twin_at_noise: &Fit, twin: &Fit, chosen: &Fit) -> f64 {
     let saved = twin_at_noise.costs.iter().sum::<f64>() - chosen.costs.iter().sum::<f64>();
     saved.max(2.0 * (chosen.log_likelihood - twin.log_likelihood))
 }
 
-/// The largest gain that a table of the residual over a variable promises, 0 where none stands. A table stands
-/// by the rule for effects: its bins are priced as parameters are (docs/method.md 14.15), and it must gain what
-/// one more of so many tables must.
+/// The largest gain that a table of the residual over a variable promises, 0 where none stands. A table
+/// stands by the rule for effects: its bins are priced as parameters are, docs/method.md (14.15), and it must
+/// gain what one more of so many tables must.
 fn unexplained_gain(tables: &[Dependence], independent: f64) -> f64 {
     let least = least_gain(Variable::ALL.len());
     let priced = |table: &Dependence| table.gain - independent.ln() * table.bins.len() as f64;

@@ -189,7 +189,7 @@ fn a_table_stands_by_its_price_and_by_its_share_of_false_alarms() {
         q,
         region: (0.0, 1.0),
     };
-    // Each bin costs the logarithm of the independent samples, here 1; what is left must be more than the least.
+    // Each bin costs the logarithm of the independent samples, here 1; the least must be left.
     let [independent, least] = [std::f64::consts::E, least_gain(Variable::ALL.len())];
     let unexplained = |tables: &[Dependence]| unexplained_gain(tables, independent);
     assert_eq!(unexplained(&[]), 0.0);
