@@ -19,7 +19,7 @@ use synth::{Effect, HandheldSensor, PoseSpread, SynthConfig};
 /// Layers of configuration, later wins.
 #[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Configuration, later wins")]
-pub struct SettingArgs {
+pub(super) struct SettingArgs {
     /// Settings of a built-in preset: default, fields, preview; to compare with: paper, paris, paris-depth,
     /// paris-depth-multi
     #[arg(long, visible_alias = "method", value_name = "NAME")]
@@ -35,7 +35,7 @@ pub struct SettingArgs {
 /// Where a command puts its result.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Output")]
-pub struct OutputArgs {
+pub(super) struct OutputArgs {
     /// Folder that gets the result, in a folder DIR/NAME of its own. A result that the same command wrote
     /// there is replaced if nobody changed it since; anything else is refused
     #[arg(long, value_name = "DIR", value_parser = local())]
@@ -54,7 +54,7 @@ pub struct OutputArgs {
 
 /// Options of `inspect`.
 #[derive(Args, Clone, Debug)]
-pub struct InspectArgs {
+pub(super) struct InspectArgs {
     /// Recording: a rosbag2 folder, an .mcap file, a folder of state0, state1, ..., or a dataset folder;
     /// several of them are the states of one object
     #[arg(value_name = "BAG", required = true)]
@@ -74,7 +74,7 @@ pub struct InspectArgs {
 /// Options of `track`.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Example: artitwin track bags/drawer > poses.txt")]
-pub struct TrackArgs {
+pub(super) struct TrackArgs {
     /// Recordings: a rosbag2 folder or an .mcap file a state, or a folder of state0, state1, ...
     #[arg(value_name = "BAG", required = true)]
     pub sources: Vec<PathBuf>,
@@ -87,7 +87,7 @@ pub struct TrackArgs {
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Example: artitwin node --ros-args -p parts:=2 -r __ns:=/lab\n\
     Parameters: `artitwin node --ros-args -p parts:=2`; all of them stand in launch_configs/ros/node.yaml.")]
-pub struct NodeArgs {
+pub(super) struct NodeArgs {
     /// Arguments of ROS 2: --ros-args -r FROM:=TO -p NAME:=VALUE --params-file FILE --log-level LEVEL
     // `--ros-args` and what follows are read by the node, not as options.
     #[arg(value_name = "ROS_ARGS", trailing_var_arg = true, allow_hyphen_values = true)]
@@ -98,7 +98,7 @@ pub struct NodeArgs {
 #[cfg(feature = "node")]
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Example: artitwin record bags/state0 --ros-args -p color_transport:=compressed")]
-pub struct RecordArgs {
+pub(super) struct RecordArgs {
     /// Folder of the bag, which must not be there yet
     #[arg(value_name = "BAG")]
     pub bag: PathBuf,
@@ -109,7 +109,7 @@ pub struct RecordArgs {
 
 /// Options of `check`.
 #[derive(Args, Clone, Debug)]
-pub struct CheckArgs {
+pub(super) struct CheckArgs {
     /// Folder with one or more .urdf files and their meshes, or a .urdf file
     #[arg(value_name = "MODEL")]
     pub model: PathBuf,
@@ -120,7 +120,7 @@ pub struct CheckArgs {
 
 /// Options of `evaluate`.
 #[derive(Args, Clone, Debug)]
-pub struct EvaluateArgs {
+pub(super) struct EvaluateArgs {
     /// Run folders of one object; several count as trials
     #[arg(value_name = "RUN", required = true)]
     pub runs: Vec<PathBuf>,
@@ -144,7 +144,7 @@ pub struct EvaluateArgs {
 /// Options of `demo`.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Example: artitwin demo runs/drawer --out demos/drawer")]
-pub struct DemoArgs {
+pub(super) struct DemoArgs {
     /// Folder of a finished run
     #[arg(value_name = "RUN")]
     pub twin: PathBuf,
@@ -168,7 +168,7 @@ pub struct DemoArgs {
 
 /// Options of `diagnose`.
 #[derive(Args, Clone, Debug)]
-pub struct DiagnoseArgs {
+pub(super) struct DiagnoseArgs {
     /// URDF of the twin, or a folder that holds one
     #[arg(value_name = "TWIN", value_parser = local())]
     pub twin: PathBuf,
@@ -250,7 +250,7 @@ pub struct DiagnoseArgs {
 
 /// Options of `synth`.
 #[derive(Args, Clone, Debug)]
-pub struct SynthArgs {
+pub(super) struct SynthArgs {
     /// Seed of every random choice
     #[arg(long, value_name = "N", default_value_t = SynthConfig::default().seed)]
     pub seed: u64,
@@ -340,7 +340,7 @@ pub struct SynthArgs {
 
 /// Options of `reconstruct`.
 #[derive(Args, Clone, Debug)]
-pub struct ReconstructArgs {
+pub(super) struct ReconstructArgs {
     /// Recording: a rosbag2 folder, an .mcap file, a folder of state0, state1, ..., or a dataset folder;
     /// several of them are the states of one object, 16 at most
     #[arg(value_name = "BAG", required = true, value_parser = local())]

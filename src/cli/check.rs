@@ -11,7 +11,7 @@ use export::{Level, check_folder};
 ///
 /// # Errors
 /// What cannot be read.
-pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &CheckArgs) -> Result<Exit, CliError> {
     let found = check_folder(&io::read_model(&args.model)?);
     let errors = found.iter().filter(|f| f.level == Level::Error).count();
     let mut text: String = found.iter().map(|f| format!("{f}\n")).collect();

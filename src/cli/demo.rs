@@ -18,7 +18,7 @@ use run::{DemonstrateRequest, demonstrate};
 /// # Errors
 /// A folder without a twin, a Python that lacks something, a folder that cannot be written, a request to
 /// stop.
-pub fn run(args: &DemoArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &DemoArgs) -> Result<Exit, CliError> {
     let OutputArgs { out, name, force, .. } = args.output.clone();
     let request = DemonstrateRequest {
         twin: args.twin.clone(),

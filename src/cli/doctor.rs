@@ -20,7 +20,7 @@ const DISK_WANTED: u64 = 2 << 30;
 ///
 /// # Errors
 /// If the configuration is wrong, or asks for an engine that cannot run here.
-pub fn run(settings: &SettingArgs) -> Result<Exit, CliError> {
+pub(super) fn run(settings: &SettingArgs) -> Result<Exit, CliError> {
     let engine = settings.resolve()?.config.run.engine;
     let adapters = field::adapters();
     // Before the engine is refused: the report shows why.
@@ -80,7 +80,7 @@ fn report(machine: &Machine, adapters: &Result<Vec<Adapter>, EngineError>) -> St
 
 /// Why the engine of the settings cannot run here.
 #[derive(Debug, thiserror::Error)]
-pub enum EngineUnfit {
+pub(super) enum EngineUnfit {
     /// There is no GPU.
     #[error("run.engine is gpu, but no adapter was found; install a Vulkan driver or use --engine cpu")]
     NoAdapter,

@@ -33,7 +33,7 @@ struct Line<'a> {
 ///
 /// # Errors
 /// Settings that cannot be used; inputs that are not there.
-pub fn reconstruct(args: &ReconstructArgs) -> Result<Exit, CliError> {
+pub(super) fn reconstruct(args: &ReconstructArgs) -> Result<Exit, CliError> {
     let config = args.resolve()?.config;
     require(&args.bags)?;
     let mut settings = serde_json::to_value(&config).unwrap_or_default();
@@ -50,7 +50,7 @@ pub fn reconstruct(args: &ReconstructArgs) -> Result<Exit, CliError> {
 ///
 /// # Errors
 /// Inputs that are not there.
-pub fn diagnose(args: &DiagnoseArgs) -> Result<Exit, CliError> {
+pub(super) fn diagnose(args: &DiagnoseArgs) -> Result<Exit, CliError> {
     let request = request(args);
     require(&[std::slice::from_ref(&args.twin), &args.runs, &args.held_out, &args.frames].concat())?;
     let settings = json!({

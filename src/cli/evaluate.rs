@@ -11,7 +11,7 @@ use evaluate::{self, EvaluateOptions, PUBLISHED_MIN_COMPONENT};
 ///
 /// # Errors
 /// If a run or the truth cannot be read.
-pub fn run(args: &EvaluateArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &EvaluateArgs) -> Result<Exit, CliError> {
     // Off by default: stray components are errors of a twin and count as such.
     let min_component = args.filter_components.then_some(PUBLISHED_MIN_COMPONENT);
     let options = EvaluateOptions { samples: args.samples, seed: args.seed, min_component };

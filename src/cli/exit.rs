@@ -34,7 +34,7 @@ impl From<Exit> for ExitCode {
 
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
-pub enum CliError {
+pub(super) enum CliError {
     /// The configuration is wrong.
     #[error(transparent)]
     Config(#[from] ConfigError),
@@ -129,13 +129,13 @@ pub enum CliError {
 impl CliError {
     /// The error and what led to it, on one line.
     #[must_use]
-    pub fn chain(&self) -> String {
+    pub(super) fn chain(&self) -> String {
         chain(self)
     }
 
     /// The exit code of this error.
     #[must_use]
-    pub fn exit(&self) -> Exit {
+    pub(super) fn exit(&self) -> Exit {
         match self {
             // Wrong settings are wrong usage, whichever layer finds them.
             Self::Config(_)

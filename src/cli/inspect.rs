@@ -14,7 +14,7 @@ use export::contact_sheet;
 ///
 /// # Errors
 /// If it cannot be read at all, or the picture cannot be written.
-pub fn run(args: &InspectArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &InspectArgs) -> Result<Exit, CliError> {
     let config = args.resolve()?.config;
     let found = io::inspect_with(&args.bags, &config.capture)?;
     terminal::print(&found.to_text())?;

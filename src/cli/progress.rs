@@ -24,7 +24,7 @@ const LINE_INTERVAL: Duration = Duration::from_secs(5);
 
 /// How events are shown.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Shown {
+pub(super) struct Shown {
     /// As JSON.
     pub json: bool,
     /// With notes.
@@ -32,7 +32,7 @@ pub struct Shown {
 }
 
 /// A thread that shows events until [`Self::finish`].
-pub struct Progress {
+pub(super) struct Progress {
     done: Arc<AtomicBool>,
     thread: JoinHandle<io::Result<()>>,
 }
@@ -40,7 +40,7 @@ pub struct Progress {
 impl Progress {
     /// Starts listening: JSON to stdout, else a bar or lines to stderr. JSON that cannot be written sets
     /// `stop`: events are what such a run is for, and it ends at its next step.
-    pub fn start(shown: Shown, stop: Arc<AtomicBool>) -> (Self, Sender<Event>) {
+    pub(super) fn start(shown: Shown, stop: Arc<AtomicBool>) -> (Self, Sender<Event>) {
         let (sender, receiver) = mpsc::channel();
         let done = Arc::new(AtomicBool::new(false));
         let ended = Arc::clone(&done);
@@ -66,7 +66,7 @@ impl Progress {
     ///
     /// # Errors
     /// If JSON could not be written, for another reason than that its reader went away.
-    pub fn finish(self) -> io::Result<()> {
+    pub(super) fn finish(self) -> io::Result<()> {
         self.done.store(true, Ordering::Release);
         // A panic of the listener was printed by itself and must not hide the run's own outcome.
         self.thread.join().unwrap_or(Ok(()))

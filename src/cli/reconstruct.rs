@@ -20,7 +20,7 @@ use run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError};
 /// # Errors
 /// If the configuration is wrong, or a run fails or is stopped, or its events cannot be written, which stops
 /// it too. Of several objects those that succeeded are there.
-pub fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
     let stop = Arc::new(AtomicBool::new(false));
     let (progress, events) =
         Progress::start(Shown { json: args.json, verbose: args.output.verbose }, Arc::clone(&stop));

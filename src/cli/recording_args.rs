@@ -9,7 +9,7 @@ use config::{ConfigError, Layers};
 
 /// How a recording is read.
 #[derive(Args, Clone, Debug)]
-pub struct RecordingArgs {
+pub(super) struct RecordingArgs {
     /// Where one recording changes state: T, or T0,T1 to leave out what lies between; seconds from its start
     #[arg(long, value_name = "T[,T1]", value_delimiter = ',', num_args = 1, conflicts_with = "marker_topic")]
     pub split: Vec<f64>,
@@ -35,7 +35,7 @@ impl RecordingArgs {
     ///
     /// # Errors
     /// If a value does not fit its key.
-    pub fn assign(&self, layers: &mut Layers) -> Result<(), ConfigError> {
+    pub(super) fn assign(&self, layers: &mut Layers) -> Result<(), ConfigError> {
         let numbers = |n: &[f64]| Value::Sequence(n.iter().map(|v| Value::from(*v)).collect());
         let options = [
             ("--split", "capture.split_secs", (!self.split.is_empty()).then(|| numbers(&self.split))),

@@ -9,7 +9,7 @@ use run::{JointSummary, Outcome};
 
 /// Where the result lies, its joints, whether it is degraded, what to look at next. Warnings were shown at
 /// the end of the run.
-pub fn outcome(outcome: &Outcome) -> String {
+pub(super) fn outcome(outcome: &Outcome) -> String {
     let mut text = format!("{}\n", outcome.folder.display());
     if outcome.stood {
         text += "  finished already by the same inputs, settings and version; nothing was done\n";

@@ -10,7 +10,7 @@ impl SettingArgs {
     ///
     /// # Errors
     /// If a layer is wrong or the values cannot be used.
-    pub fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
+    pub(super) fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
         Config::checked(self.layers()?)
     }
 
@@ -28,7 +28,7 @@ impl ReconstructArgs {
     ///
     /// # Errors
     /// If a layer is wrong or the values cannot be used.
-    pub fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
+    pub(super) fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
         let mut layers = self.settings.layers()?;
         // The last layer, so that an option wins over the same key by --set.
         let options = [
@@ -58,7 +58,7 @@ impl InspectArgs {
     ///
     /// # Errors
     /// If a layer is wrong or the values cannot be used.
-    pub fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
+    pub(super) fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
         let mut layers = self.settings.layers()?;
         self.recording.assign(&mut layers)?;
         Config::checked(layers)

@@ -13,7 +13,7 @@ use synth::{Family, HandleStyle, SynthConfig};
 ///
 /// # Errors
 /// If the options do not fit together or the folder cannot be written.
-pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &SynthArgs) -> Result<Exit, CliError> {
     let sensor = args.sensor.map(|sensor| match &args.sensor_only[..] {
         [] => sensor.without(&args.sensor_without),
         only => sensor.only(only),

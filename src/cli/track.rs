@@ -14,7 +14,7 @@ use capture::stamp_secs;
 ///
 /// # Errors
 /// If the camera cannot be tracked.
-pub fn run(args: &TrackArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &TrackArgs) -> Result<Exit, CliError> {
     let config = args.settings.resolve()?.config;
     let (states, [notes, warnings]) = io::track_camera(&args.sources, &config.capture, config.run.seed)?;
     notes.iter().for_each(|n| terminal::print_line(&format!("note: {}", io::printable(&n.text))));

@@ -19,7 +19,7 @@ use run::{self, Method, Monitor, TrialsRequest};
 
 /// Options of `trials`.
 #[derive(Args, Clone, Debug)]
-pub struct TrialsArgs {
+pub(super) struct TrialsArgs {
     /// Recordings with their truth beside them: truth.json, or trans.json of a published dataset
     #[arg(value_name = "OBJECT", required = true)]
     pub objects: Vec<PathBuf>,
@@ -64,7 +64,7 @@ const ABLATED: &str = "paper";
 ///
 /// # Errors
 /// Wrong settings; an object without truth; a stop request; a place that cannot be written.
-pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
     let mut methods = Vec::new();
     for preset in &args.methods {
         let name = Path::new(preset).file_stem().and_then(OsStr::to_str).unwrap_or(preset);

@@ -4,7 +4,7 @@ use super::error::ConfigError;
 
 /// Name and text of every preset.
 // Built in, so that the program needs no files beside it.
-pub const PRESETS: [(&str, &str); 7] = [
+pub(crate) const PRESETS: [(&str, &str); 7] = [
     ("default", include_str!("../../launch_configs/default.yaml")),
     ("fields", include_str!("../../launch_configs/fields.yaml")),
     ("preview", include_str!("../../launch_configs/preview.yaml")),

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::error::ConfigError;
 
 /// Most parts an object may be asked to have.
-pub const MAX_PARTS: usize = 16;
+pub(crate) const MAX_PARTS: usize = 16;
 
 /// Settings of the run as a whole.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

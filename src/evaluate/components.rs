@@ -6,7 +6,7 @@ use surface::{TriangleMesh, components, drop_unused_vertices, weld};
 /// released evaluation counts triangles of marching cubes, which are alike in size; those of a simplified
 /// mesh are not. Triangles are connected by common vertices; vertices at the same position are one.
 #[must_use]
-pub fn large_components(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
+pub(crate) fn large_components(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
     // Textures split vertices at their seams: by position they are one.
     let welded = weld(mesh, 0.0);
     let (labels, sizes) = components(&welded);

@@ -17,7 +17,7 @@ struct Node {
 }
 
 /// Boxes around boxes around triangles.
-pub struct MeshDistance {
+pub(crate) struct MeshDistance {
     nodes: Vec<Node>,
     triangles: Vec<[Point3<f64>; 3]>,
 }
@@ -25,7 +25,7 @@ pub struct MeshDistance {
 impl MeshDistance {
     /// Sorts the triangles of a mesh that has some.
     #[must_use]
-    pub fn new(mesh: &TriangleMesh) -> Self {
+    pub(crate) fn new(mesh: &TriangleMesh) -> Self {
         let mut triangles: Vec<_> =
             (0..mesh.triangles.len()).map(|t| mesh.corners(t).map(|p| p.cast::<f64>())).collect();
         let mut nodes = Vec::with_capacity(triangles.len());
@@ -35,7 +35,7 @@ impl MeshDistance {
 
     /// Distance to the nearest triangle, meters; infinite without triangles.
     #[must_use]
-    pub fn unsigned(&self, point: &Point3<f64>) -> f64 {
+    pub(crate) fn unsigned(&self, point: &Point3<f64>) -> f64 {
         let mut best = f64::INFINITY;
         if !self.triangles.is_empty() {
             self.visit(0, point, &mut best);

@@ -98,7 +98,7 @@ impl JointRow {
 
 /// Mean displacement in meters between two motions of the same points; `None` without points.
 #[must_use]
-pub fn displacement_m(points: &[Point3<f32>], a: &Pose, b: &Pose) -> Option<f64> {
+pub(crate) fn displacement_m(points: &[Point3<f32>], a: &Pose, b: &Pose) -> Option<f64> {
     let distances: Vec<f64> =
         points.iter().map(|p| p.cast::<f64>()).map(|p| (a * p - b * p).norm()).collect();
     mean(&distances)

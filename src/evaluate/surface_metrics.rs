@@ -11,7 +11,7 @@ use surface::TriangleMesh;
 
 /// `count` points drawn uniformly by area from a mesh; empty for a mesh without area.
 #[must_use]
-pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> Vec<Point3<f64>> {
+pub(crate) fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> Vec<Point3<f64>> {
     let mut sum = 0.0;
     let cumulative: Vec<f64> = (0..mesh.triangles.len())
         .map(|t| {
@@ -39,7 +39,7 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> 
 /// The published Chamfer distance of two point sets, 1e-3 m^2: mean squared distance from `a` to the nearest
 /// of `b`, plus the same from `b` to `a`, times 1000: docs/method.md (13.2). `None` where a set is empty.
 #[must_use]
-pub fn chamfer(a: &[Point3<f64>], b: &[Point3<f64>]) -> Option<f64> {
+pub(crate) fn chamfer(a: &[Point3<f64>], b: &[Point3<f64>]) -> Option<f64> {
     Some(1000.0 * (mean_squared_m2(a, b)? + mean_squared_m2(b, a)?))
 }
 
@@ -52,7 +52,7 @@ fn mean_squared_m2(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<f64> {
 
 /// Mean distance from points to a mesh, millimeters; `None` without points or triangles.
 #[must_use]
-pub fn mean_distance_mm(points: &[Point3<f64>], mesh: &TriangleMesh) -> Option<f64> {
+pub(crate) fn mean_distance_mm(points: &[Point3<f64>], mesh: &TriangleMesh) -> Option<f64> {
     if mesh.is_empty() {
         return None;
     }

@@ -18,7 +18,7 @@ const GRASPS: &str = "\nSites (MJCF), frames (SDF, xacro) and Xforms (USD) named
 
 /// The text.
 #[must_use]
-pub fn guide(model: &ArticulatedModel, config: &ExportConfig) -> String {
+pub(crate) fn guide(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let (name, macros) = (identifier(&model.name), macro_file(model));
     let mut rows = vec![
         (format!("{name}.urdf"), "any simulator that reads URDF"),

@@ -41,7 +41,7 @@ const HARD_THREAD: &str = "solref=\"0.004 1\" solimp=\"0.99 0.999 0.001 0.5 2\""
 /// MJCF text of a model. Paths are relative to the file's folder; link 0 stands still in the world, or is
 /// free.
 #[must_use]
-pub fn mjcf(model: &ArticulatedModel, config: &ExportConfig) -> String {
+pub(crate) fn mjcf(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let head = HEAD.replace("PREFIX", &config.prefix);
     let mut text = format!("<mujoco model=\"{}\">\n{head}  <asset>\n", escape(&model.name));
     for link in &model.links {

@@ -311,7 +311,7 @@ pub fn axis_arrows(
 /// The stretch of a joint's axis that is drawn, in the frame of its child: through the middle of the part, a
 /// slider's from there towards rising positions; `None` of a part without surface.
 #[must_use]
-pub fn axis_line(model: &ArticulatedModel, joint: &Joint) -> Option<[Point3<f64>; 2]> {
+pub(crate) fn axis_line(model: &ArticulatedModel, joint: &Joint) -> Option<[Point3<f64>; 2]> {
     let (lower, upper) = model.links[joint.child].visual.bounds()?;
     let middle = nalgebra::center(&lower.cast::<f64>(), &upper.cast::<f64>());
     let half = joint.axis.into_inner() * (AXIS_SHARE * f64::from((upper - lower).max()));

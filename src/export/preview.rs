@@ -34,7 +34,7 @@ const TURNTABLE_FACES: usize = 8000;
 
 /// A PNG of the model in its last observed state; world z is up.
 #[must_use]
-pub fn thumbnail(model: &ArticulatedModel) -> Vec<u8> {
+pub(crate) fn thumbnail(model: &ArticulatedModel) -> Vec<u8> {
     let meshes: Vec<(usize, &TriangleMesh)> = meshes(model).collect();
     let none = Vec::new();
     let rgb = view(model, &meshes, model.states.last().unwrap_or(&none), AZIMUTH_RAD, THUMBNAIL_PX);
@@ -48,7 +48,7 @@ pub fn thumbnail(model: &ArticulatedModel) -> Vec<u8> {
 /// An animated GIF: one turn around the object while the joints go from the first observed state to the last
 /// and back.
 #[must_use]
-pub fn turntable(model: &ArticulatedModel, drawn: &[Drawn]) -> Vec<u8> {
+pub(crate) fn turntable(model: &ArticulatedModel, drawn: &[Drawn]) -> Vec<u8> {
     // Of the meshes as they are exported, which have few triangles already.
     let fewer = |d: &Drawn| (d.link, simplify(&d.look.mesh, TURNTABLE_FACES, f64::INFINITY));
     let small: Vec<(usize, TriangleMesh)> = drawn.par_iter().map(fewer).collect();

@@ -21,7 +21,7 @@ use geometry::{Intrinsics, Pose};
 use model::{ArticulatedModel, Deviations, Joint, JointKind, ParentScore};
 
 /// Version of the layout of `report.json`.
-pub const REPORT_FORMAT: &str = "artitwin-report/2";
+pub(crate) const REPORT_FORMAT: &str = "artitwin-report/2";
 /// Significant digits of numbers in the report.
 const DIGITS: usize = 10;
 

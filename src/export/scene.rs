@@ -28,7 +28,7 @@ const FASTEST_RAD_S: f64 = 200.0;
 
 /// `scene.xml`: the twin on a floor, with a light and a camera.
 #[must_use]
-pub fn scene(model: &ArticulatedModel, twin_file: &str) -> String {
+pub(crate) fn scene(model: &ArticulatedModel, twin_file: &str) -> String {
     let (lower, upper) = bounds(model);
     let (center, radius_m) = (nalgebra::center(&lower, &upper), (0.5 * (upper - lower).norm()).max(1e-3));
     let eye = center + Vector3::from(VIEW).normalize() * AWAY * radius_m;
@@ -72,7 +72,7 @@ pub fn scene(model: &ArticulatedModel, twin_file: &str) -> String {
 /// `scene_actuated.xml`: the scene with a position actuator a joint, and a keyframe `hold0`, ... a state in
 /// which they hold it.
 #[must_use]
-pub fn actuated(model: &ArticulatedModel, config: &ExportConfig) -> String {
+pub(crate) fn actuated(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let mut text = format!(
         "<mujoco model=\"{}_actuated\">\n  <include file=\"scene.xml\"/>\n  <actuator>\n",
         escape(&model.name)

@@ -17,7 +17,7 @@ const STEPS: [usize; 3] = [25, 12, 6];
 /// SRDF text of a model. Pairs are disabled where a joint joins them, and where the boxes of all places that
 /// both can reach within the limits lie apart.
 #[must_use]
-pub fn srdf(model: &ArticulatedModel, config: &ExportConfig) -> String {
+pub(crate) fn srdf(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let root = model.links.first().map_or(String::new(), |l| escape(&l.name));
     let name = escape(&model.name);
     let kind = if config.base == Base::Floating { "floating" } else { "fixed" };

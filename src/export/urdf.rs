@@ -56,19 +56,19 @@ pub(super) struct Form<'a> {
 /// URDF text of a model. Mesh paths are relative to the URDF's folder. The model must be without findings
 /// ([`model::validate`]).
 #[must_use]
-pub fn urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
+pub(crate) fn urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     robot(model, Form { screws, ..Form::default() })
 }
 
 /// URDF text with a joint for each joint, for the folder [`SINGLE_JOINT`].
 #[must_use]
-pub fn single_joint_urdf(model: &ArticulatedModel) -> String {
+pub(crate) fn single_joint_urdf(model: &ArticulatedModel) -> String {
     robot(model, Form { paths: "../", screws: UrdfScrew::Nearest, ..Form::default() })
 }
 
 /// URDF text for ROS tools, which resolve no relative paths: `package://<name>/...`.
 #[must_use]
-pub fn ros_urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
+pub(crate) fn ros_urdf(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     let paths = format!("package://{}/", identifier(&model.name));
     robot(model, Form { paths: &paths, names: "", screws, gazebo: true })
 }
@@ -114,19 +114,19 @@ pub(super) fn push_elements(text: &mut String, model: &ArticulatedModel, form: F
 
 /// Name of a link's collision solid in all formats, and of its file.
 #[must_use]
-pub fn solid_name(link: &Link, solid: usize) -> String {
+pub(crate) fn solid_name(link: &Link, solid: usize) -> String {
     format!("{}_solid_{solid}", link.name)
 }
 
 /// Name of a place to grasp a link in all formats, counted from 1.
 #[must_use]
-pub fn grasp_name(link: &Link, grasp: usize) -> String {
+pub(crate) fn grasp_name(link: &Link, grasp: usize) -> String {
     format!("{}_grasp_{}", link.name, grasp + 1)
 }
 
 /// Path of a link's collision solid, relative to the URDF's folder.
 #[must_use]
-pub fn solid_path(link: &Link, solid: usize) -> String {
+pub(crate) fn solid_path(link: &Link, solid: usize) -> String {
     format!("meshes/collision/{}.obj", identifier(&solid_name(link, solid)))
 }
 

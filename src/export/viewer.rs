@@ -61,7 +61,7 @@ struct JointData {
 
 /// The page with the meshes of a model. It loads nothing else.
 #[must_use]
-pub fn viewer_html(model: &ArticulatedModel, drawn: &[Drawn]) -> String {
+pub(crate) fn viewer_html(model: &ArticulatedModel, drawn: &[Drawn]) -> String {
     let first = model.states.first();
     let joint = |(j, joint): (usize, &model::Joint)| JointData {
         name: joint.name.clone(),

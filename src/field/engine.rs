@@ -39,7 +39,7 @@ pub enum SdfTarget {
 
 /// TSDF target where a sample on an empty ray must stay above it: docs/method.md (12.6).
 /// derived: that of the released program (docs/method.md 12.9)
-pub const BACKGROUND_TSDF: f32 = 0.001;
+pub(crate) const BACKGROUND_TSDF: f32 = 0.001;
 
 /// The samples of one optimiser step: `rays` rays of `samples_per_ray` samples each, ray-major.
 #[derive(Clone, Debug, Default)]

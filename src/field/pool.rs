@@ -46,7 +46,7 @@ pub(super) struct View {
 
 impl View {
     /// World origin and direction of a pixel's ray; the parameter is z-depth.
-    pub fn ray(&self, pixel: u32) -> (Point3<f64>, Vector3<f64>) {
+    pub(crate) fn ray(&self, pixel: u32) -> (Point3<f64>, Vector3<f64>) {
         let (u, v) = (pixel as usize % self.intrinsics.width, pixel as usize / self.intrinsics.width);
         let direction = self.world_from_camera * self.intrinsics.ray(u as f64, v as f64);
         (Point3::from(self.world_from_camera.translation.vector), direction)
@@ -69,7 +69,7 @@ impl RayPool {
     ///
     /// # Errors
     /// [`FieldError::NoRays`], [`FieldError::TooManyFrames`].
-    pub fn new(
+    pub(crate) fn new(
         frames: &[RgbdFrame],
         occupancy: &Occupancy,
         config: &TrainConfig,

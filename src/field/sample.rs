@@ -33,7 +33,7 @@ pub(super) struct Sampler<'a> {
 pub(super) struct Stream(pub u64);
 
 impl Stream {
-    pub fn next(&mut self) -> f64 {
+    pub(crate) fn next(&mut self) -> f64 {
         let bits = mix(self.0);
         self.0 = self.0.wrapping_add(STREAM_STEP);
         unit_of(bits)
@@ -53,7 +53,7 @@ struct RaySlot<'a> {
 impl Sampler<'_> {
     /// The batch of a step, whose random key is `key`. Rays are stratified over the pool: the k-th of n comes
     /// from the k-th n-th of the pool, so that every batch sees all views and all parts of the images.
-    pub fn batch(&self, key: u64) -> SampleBatch {
+    pub(crate) fn batch(&self, key: u64) -> SampleBatch {
         let c = self.config;
         let (rays, per_ray) = (c.rays, c.free_samples + c.band_samples);
         let with_background = c.background != BackgroundLoss::Off && !self.pool.background.is_empty();

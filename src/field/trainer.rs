@@ -19,7 +19,7 @@ use geometry::{Grid3, SceneBox};
 use numeric::random::stage_rng;
 
 /// Makes an engine that continues from a state.
-pub type EngineFactory<'a> = &'a dyn Fn(EngineState) -> Box<dyn FieldEngine>;
+pub(crate) type EngineFactory<'a> = &'a dyn Fn(EngineState) -> Box<dyn FieldEngine>;
 
 /// What a field is trained on.
 #[derive(Clone, Copy)]

@@ -28,7 +28,7 @@ use run::{self, DiagnoseOutcome, DiagnoseRequest, Event, RunError};
 const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 
 /// Diagnoses twins.
-pub struct Diagnoser {
+pub(crate) struct Diagnoser {
     /// What the core shares.
     pub shared: Arc<Shared>,
     /// The twin that the node made last.

@@ -19,7 +19,7 @@ const STALE: u8 = 3;
 
 /// Makes diagnostics, with rates since the last ones.
 #[derive(Debug)]
-pub struct Diagnostics {
+pub(crate) struct Diagnostics {
     node: String,
     inputs: Vec<Input>,
     last: Vec<InputSnapshot>,
@@ -28,13 +28,13 @@ pub struct Diagnostics {
 impl Diagnostics {
     /// Diagnostics of a node with these inputs.
     #[must_use]
-    pub fn new(node: &str, inputs: Vec<Input>) -> Self {
+    pub(crate) fn new(node: &str, inputs: Vec<Input>) -> Self {
         let last = vec![InputSnapshot::default(); inputs.len()];
         Self { node: node.to_owned(), inputs, last }
     }
 
     /// The present state, `elapsed` after the last.
-    pub fn array(&mut self, stamp: Time, elapsed: Duration, snapshot: &Snapshot) -> DiagnosticArray {
+    pub(crate) fn array(&mut self, stamp: Time, elapsed: Duration, snapshot: &Snapshot) -> DiagnosticArray {
         // Two reports may come at once after the machine was busy.
         let seconds = elapsed.as_secs_f64().max(1e-3);
         let mut status = Vec::new();
@@ -176,7 +176,7 @@ fn status(node: &str, part: &str, level: u8, message: String, values: &[(&str, S
 
 /// Memory that the process holds.
 #[must_use]
-pub fn resident_bytes() -> Option<u64> {
+pub(crate) fn resident_bytes() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = text.lines().find_map(|l| l.strip_prefix("VmRSS:"))?;
     line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)

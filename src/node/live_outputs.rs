@@ -33,7 +33,7 @@ const AGAIN: Duration = Duration::from_secs(10);
 const DELAY_KEPT: Duration = Duration::from_secs(1);
 
 /// All publishers of the map.
-pub struct LiveOutputs {
+pub(crate) struct LiveOutputs {
     mesh: Publisher<MarkerArray>,
     unseen: Publisher<MarkerArray>,
     next_view: Publisher<PoseStamped>,
@@ -58,7 +58,7 @@ impl LiveOutputs {
     ///
     /// # Errors
     /// If a name cannot be used or the network refuses.
-    pub fn new(participant: &mut Participant) -> Result<Self, NodeError> {
+    pub(crate) fn new(participant: &mut Participant) -> Result<Self, NodeError> {
         Ok(Self {
             mesh: participant.publisher("~/live_mesh", &reliable(4))?,
             unseen: participant.publisher("~/unseen", &reliable(1))?,
@@ -68,7 +68,7 @@ impl LiveOutputs {
     }
 
     /// Publishes until the node ends.
-    pub async fn run(self, results: LiveResults) {
+    pub(crate) async fn run(self, results: LiveResults) {
         let mut tick = tokio::time::interval(TICK);
         tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         let mut sent = Sent::default();

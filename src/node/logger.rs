@@ -50,7 +50,7 @@ impl Log for Logger {
 
 /// Starts the log of a node; `level` is `debug`, `info`, `warn`, `error` or `fatal`, and `silent` shows
 /// errors only.
-pub fn start(name: &str, level: Option<&str>, silent: bool) {
+pub(crate) fn start(name: &str, level: Option<&str>, silent: bool) {
     let level = match level {
         _ if silent => LevelFilter::Error,
         Some("debug") => LevelFilter::Debug,

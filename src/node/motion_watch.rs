@@ -27,7 +27,7 @@ const CONFIRM: usize = 2;
 
 /// What is to be done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Turn {
+pub(crate) enum Turn {
     /// Nothing.
     None,
     /// Begin this state.
@@ -40,7 +40,7 @@ pub enum Turn {
 
 /// Settings of the watch.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct WatchRule {
+pub(crate) struct WatchRule {
     /// The object counts as still after this time without motion, nanoseconds.
     pub still_nanos: i64,
     /// Views that a state needs before it may end.
@@ -75,7 +75,7 @@ enum Stage {
 
 /// Watches the object.
 #[derive(Clone, Debug)]
-pub struct MotionWatch {
+pub(crate) struct MotionWatch {
     rule: WatchRule,
     stage: Stage,
     references: VecDeque<Small>,
@@ -87,7 +87,7 @@ pub struct MotionWatch {
 impl MotionWatch {
     /// A watch that has seen nothing.
     #[must_use]
-    pub fn new(rule: WatchRule) -> Self {
+    pub(crate) fn new(rule: WatchRule) -> Self {
         Self {
             rule,
             stage: Stage::Fresh,
@@ -100,25 +100,25 @@ impl MotionWatch {
 
     /// The same watch from the beginning.
     #[must_use]
-    pub fn renewed(self) -> Self {
+    pub(crate) fn renewed(self) -> Self {
         Self::new(self.rule)
     }
 
     /// The same watch where poses are those of another map from now on: nothing that was seen can be held
     /// against them.
     #[must_use]
-    pub fn in_another_map(self) -> Self {
+    pub(crate) fn in_another_map(self) -> Self {
         Self { references: VecDeque::new(), ..self }
     }
 
     /// Whether the object is being moved between the states.
     #[must_use]
-    pub fn is_moving(&self) -> bool {
+    pub(crate) fn is_moving(&self) -> bool {
         matches!(self.stage, Stage::Moving(_))
     }
 
     /// Takes a view; `kept` are the views kept of each state.
-    pub fn see(
+    pub(crate) fn see(
         &mut self,
         stamp_nanos: i64,
         pixels: &Pixels,

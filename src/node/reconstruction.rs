@@ -17,7 +17,7 @@ use io::{Ahead, SummaryJoint, read_run_summary};
 use run::{self, Outcome, ReconstructRequest, RunError, RunProgress};
 
 /// Makes twins.
-pub struct Reconstructor {
+pub(crate) struct Reconstructor {
     /// Settings but for what a goal gives.
     pub config: Config,
     /// Where they come from.

@@ -18,7 +18,7 @@ const DEPTH: usize = 10;
 
 /// What the services need.
 #[derive(Clone)]
-pub struct ServiceContext {
+pub(crate) struct ServiceContext {
     /// To the core.
     pub commands: mpsc::Sender<Command>,
     /// What the core shares.
@@ -94,7 +94,7 @@ fn trigger(done: Result<String, CollectError>) -> TriggerResponse {
 ///
 /// # Errors
 /// If a name cannot be used or the network refuses.
-pub fn offer(
+pub(crate) fn offer(
     participant: &mut Participant,
     mapping: ServiceMapping,
     context: &ServiceContext,

@@ -4,7 +4,7 @@ use io::RunSummary;
 
 /// A finished twin, as it is published.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Twin {
+pub(crate) struct Twin {
     /// What its run folder says.
     pub summary: RunSummary,
     /// The observed state that is shown.

@@ -27,7 +27,7 @@ const SIGMAS: f64 = 3.0;
 
 /// The joints at the positions of an observed state.
 #[must_use]
-pub fn joint_state(twin: &RunSummary, state: usize, stamp: Time) -> JointState {
+pub(crate) fn joint_state(twin: &RunSummary, state: usize, stamp: Time) -> JointState {
     JointState {
         // JointState has no frame.
         header: Header { stamp, frame_id: String::new() },
@@ -39,7 +39,7 @@ pub fn joint_state(twin: &RunSummary, state: usize, stamp: Time) -> JointState {
 
 /// Frames of the moving links, each in its parent's, and with `fixed` that of the root in the world frame.
 #[must_use]
-pub fn link_transforms(twin: &RunSummary, state: usize, stamp: Time, prefix: &str) -> TfMessage {
+pub(crate) fn link_transforms(twin: &RunSummary, state: usize, stamp: Time, prefix: &str) -> TfMessage {
     let transform = |(joint, position): (&SummaryJoint, f64)| TransformStamped {
         header: Header { stamp, frame_id: format!("{prefix}{}", joint.parent) },
         child_frame_id: format!("{prefix}{}", joint.child),
@@ -50,7 +50,7 @@ pub fn link_transforms(twin: &RunSummary, state: usize, stamp: Time, prefix: &st
 
 /// The root link's frame is the world frame of the recording. `None` where both have one name.
 #[must_use]
-pub fn root_transform(
+pub(crate) fn root_transform(
     twin: &RunSummary,
     world_frame: &str,
     stamp: Time,
@@ -67,7 +67,7 @@ pub fn root_transform(
 /// Axes, ranges and uncertainty of all joints in the world frame, as they stand in an observed state, and the
 /// box about what was taken for the object. Old markers go.
 #[must_use]
-pub fn joint_markers(twin: &RunSummary, state: usize, world_frame: &str, stamp: Time) -> MarkerArray {
+pub(crate) fn joint_markers(twin: &RunSummary, state: usize, world_frame: &str, stamp: Time) -> MarkerArray {
     let header = Header { stamp, frame_id: world_frame.to_owned() };
     // RViz keeps markers until they are deleted: those of an earlier twin with more joints would stay.
     let clear = Marker {

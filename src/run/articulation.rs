@@ -32,7 +32,7 @@ pub(super) struct PartsOfState {
 
 impl Articulation {
     /// Of motions to every state behind state 0, and labels in every state.
-    pub fn new(motions: Vec<Vec<Pose>>, labels: Vec<Vec<u8>>, starts: Vec<Pose>) -> Self {
+    pub(crate) fn new(motions: Vec<Vec<Pose>>, labels: Vec<Vec<u8>>, starts: Vec<Pose>) -> Self {
         let at_rest = vec![Pose::identity(); motions.first().map_or(1, Vec::len)];
         let motions = std::iter::once(at_rest).chain(motions);
         let states = motions.zip(labels).map(|(motions, labels)| PartsOfState { motions, labels });
@@ -40,7 +40,7 @@ impl Articulation {
     }
 
     /// Number of parts, the static one included.
-    pub fn parts(&self) -> usize {
+    pub(crate) fn parts(&self) -> usize {
         self.states.first().map_or(1, |s| s.motions.len())
     }
 }

@@ -6,7 +6,7 @@ use surface::SurfaceConfig;
 
 /// What one state's recording says about scale and noise.
 #[derive(Clone, Copy, Debug)]
-pub struct Band {
+pub(crate) struct Band {
     /// Truncation distance, meters.
     pub truncation_m: f64,
     /// Observation weight from which a node counts.
@@ -16,7 +16,7 @@ pub struct Band {
 impl Band {
     /// From the median depth of the object's pixels in all states.
     #[must_use]
-    pub fn of(
+    pub(crate) fn of(
         states: &[&[RgbdFrame]],
         scene: &SceneBox,
         noise: &NoiseConfig,

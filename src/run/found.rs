@@ -33,7 +33,7 @@ pub(super) struct Found {
 
 impl Found {
     /// Nothing but where the motions of the moving parts start.
-    pub fn of_starts(starts: &[Pose]) -> Self {
+    pub(crate) fn of_starts(starts: &[Pose]) -> Self {
         let starts = std::iter::once(Pose::identity()).chain(starts.iter().copied()).collect();
         let articulation = Articulation::new(Vec::new(), Vec::new(), starts);
         let (registered, curve) = (Vec::new(), Vec::new());

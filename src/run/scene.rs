@@ -17,7 +17,7 @@ pub(super) struct Scene<'a> {
 
 impl<'a> Scene<'a> {
     /// Of states that stand in one world frame, in which `bounds` is around the object.
-    pub fn of(capture: &Capture, bounds: SceneBox, config: &'a Config) -> Self {
+    pub(crate) fn of(capture: &Capture, bounds: SceneBox, config: &'a Config) -> Self {
         let band = Band::of(&capture.frames(), &bounds, &capture.noise, &config.surface);
         Self { config, noise: capture.noise, bounds, band }
     }

@@ -62,7 +62,7 @@ impl StageFile<'_> {
     /// # Errors
     /// If the value is too large, the disk refuses, or would have no room for the result of the run; an
     /// earlier result stays as it was then.
-    pub fn save<T: Serialize>(&self, value: &T) -> Result<(), CheckpointError> {
+    pub(crate) fn save<T: Serialize>(&self, value: &T) -> Result<(), CheckpointError> {
         let folder = self.path.parent().unwrap_or(Path::new("."));
         let mut too_large = false;
         let written = write_whole(&self.path, |file| {
@@ -89,7 +89,7 @@ impl StageFile<'_> {
     }
 
     /// The result, if there is a whole one. Damage is reported to `monitor`.
-    pub fn load<T: DeserializeOwned>(&self, monitor: &Monitor) -> Option<T> {
+    pub(crate) fn load<T: DeserializeOwned>(&self, monitor: &Monitor) -> Option<T> {
         match self.read() {
             Ok(value) => Some(value),
             Err(error) if error.kind() == io::ErrorKind::NotFound => None,
@@ -103,7 +103,7 @@ impl StageFile<'_> {
     }
 
     /// The checksum starts with what the bytes belong to, so that a renamed file is found out.
-    pub fn sum(&self) -> XxHash64 {
+    pub(crate) fn sum(&self) -> XxHash64 {
         let mut sum = XxHash64::default();
         sum.write(&self.digest.to_le_bytes());
         sum.write(self.stage.as_bytes());

@@ -26,12 +26,12 @@ pub(super) struct State<'a> {
 
 impl State<'_> {
     /// Its field, where one was trained.
-    pub fn field(&self) -> Option<&ObjectField> {
+    pub(crate) fn field(&self) -> Option<&ObjectField> {
         self.field.as_ref().map(|f| &f.field)
     }
 
     /// What the estimation of joints sees of it.
-    pub fn observed<'a>(&'a self, labels: &'a [u8], draws: &'a SurfaceDraws) -> ObservedState<'a> {
+    pub(crate) fn observed<'a>(&'a self, labels: &'a [u8], draws: &'a SurfaceDraws) -> ObservedState<'a> {
         ObservedState {
             frames: self.frames,
             samples: &self.surface.samples,

@@ -19,7 +19,7 @@ const NEAR: f64 = 0.05;
 
 /// Everything later stages need of one state.
 #[derive(Serialize, Deserialize)]
-pub struct StateSurface {
+pub(crate) struct StateSurface {
     /// Truncated signed distance, meters, NaN where unobserved.
     pub tsdf: Grid3<f32>,
     /// Observation weight at the same nodes.

@@ -13,19 +13,19 @@ pub(crate) fn sides_by_vertex(mesh: &TriangleMesh) -> Lists<u32> {
 pub(crate) struct Edges(Lists<(u32, u32)>);
 
 impl Edges {
-    pub fn of(mesh: &TriangleMesh) -> Self {
+    pub(crate) fn of(mesh: &TriangleMesh) -> Self {
         let sides = mesh.sides().zip(0..).map(|((p, q, _), side)| (p.min(q), (p.max(q), side)));
         Self(Lists::of(mesh.vertices.len(), sides))
     }
 
     /// Lower end of each edge, and its other end with each of its sides; ascending.
-    pub fn all(&self) -> impl Iterator<Item = (u32, &[(u32, u32)])> {
+    pub(crate) fn all(&self) -> impl Iterator<Item = (u32, &[(u32, u32)])> {
         self.0.all().flat_map(|(a, ends)| ends.chunk_by(|p, q| p.0 == q.0).map(move |same| (a, same)))
     }
 
     /// Triangles that share an edge with each of so many triangles, of those that are `kept`; in the order of
     /// the edges.
-    pub fn neighbors(&self, triangles: usize, kept: impl Fn(u32) -> bool) -> Vec<Vec<u32>> {
+    pub(crate) fn neighbors(&self, triangles: usize, kept: impl Fn(u32) -> bool) -> Vec<Vec<u32>> {
         let mut near = vec![Vec::new(); triangles];
         for (_, same) in self.all() {
             let of_edge = || same.iter().map(|&(_, side)| side / 3).filter(|t| kept(*t));

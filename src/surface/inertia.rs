@@ -22,7 +22,7 @@ pub struct ShellInertia {
 /// n^T` across it; the inertia is `tr(C) I - C`. Together with an isotropic `1e-3` of the thickness term it
 /// is positive definite and fulfils the triangle inequality whatever the triangles.
 #[must_use]
-pub fn plates_inertia(
+pub(crate) fn plates_inertia(
     plates: impl Iterator<Item = ([Vector3<f64>; 3], f64)>,
     density_kg_m3: f64,
 ) -> Option<ShellInertia> {

@@ -3,12 +3,12 @@
 use nalgebra::{SMatrix, SVector, Vector3};
 
 /// Terms of the series.
-pub const TERMS: usize = 8;
+pub(crate) const TERMS: usize = 8;
 
 /// Real spherical harmonics of order 1 and 2 at a unit direction, each with mean square 1: they hold 99 % of
 /// what a matt surface makes of distant light (Ramamoorthi and Hanrahan 2001).
 #[must_use]
-pub fn harmonics(n: &Vector3<f64>) -> SVector<f64, TERMS> {
+pub(crate) fn harmonics(n: &Vector3<f64>) -> SVector<f64, TERMS> {
     let ([one, pair, zonal], mixed) = ([3.0_f64, 15.0, 1.25].map(f64::sqrt), 3.75_f64.sqrt());
     SVector::from([
         one * n.x,

@@ -27,7 +27,7 @@ pub fn hull_2d(points: &[Point2<f64>]) -> Vec<Point2<f64>> {
 }
 
 /// Area of a polygon, positive if counter-clockwise.
-pub fn area(polygon: &[Point2<f64>]) -> f64 {
+pub(crate) fn area(polygon: &[Point2<f64>]) -> f64 {
     (0..polygon.len()).map(|k| polygon[k].coords.perp(&polygon[(k + 1) % polygon.len()].coords)).sum::<f64>()
         * 0.5
 }
@@ -39,7 +39,7 @@ fn extent(polygon: &[Point2<f64>], direction: &Vector2<f64>) -> f64 {
 }
 
 /// Direction of the side on which the smallest rectangle around a convex polygon stands.
-pub fn rectangle_direction(polygon: &[Point2<f64>]) -> Vector2<f64> {
+pub(crate) fn rectangle_direction(polygon: &[Point2<f64>]) -> Vector2<f64> {
     let sides = (0..polygon.len())
         .filter_map(|k| (polygon[(k + 1) % polygon.len()] - polygon[k]).try_normalize(1e-12));
     // The smallest rectangle has a side along one of the polygon's (Freeman and Shapira 1975).

@@ -12,7 +12,7 @@ const MIN_COSINE: f64 = 0.82;
 
 /// Triangles near one plane; joined by sides.
 #[derive(Clone, Debug)]
-pub struct Patch {
+pub(crate) struct Patch {
     /// Triangles, ascending.
     pub triangles: Vec<u32>,
     /// Mean normal, out of the object.
@@ -42,7 +42,7 @@ impl Sums {
 
 /// Patches that grow from the largest triangle that is left over triangles whose corners lie within
 /// `tolerance_m` of the patch's plane; largest area first.
-pub fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
+pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
     let count = mesh.triangles.len();
     let corners: Vec<[Point3<f64>; 3]> = (0..count).map(|t| mesh.corners(t).map(|p| p.cast())).collect();
     let normals: Vec<Vector3<f64>> = corners.iter().map(|[a, b, c]| (b - a).cross(&(c - a))).collect();

@@ -11,7 +11,7 @@ const NEAR_M: f32 = 0.01;
 /// Image rows that one task fills.
 const ROWS_PER_TASK: usize = 16;
 /// Color of pixels without a surface.
-pub const BACKGROUND: [u8; 3] = [255; 3];
+pub(crate) const BACKGROUND: [u8; 3] = [255; 3];
 /// Color of vertices without one.
 const PLAIN: [u8; 3] = [180; 3];
 /// Brightness of a surface seen edge-on, against one facing the camera. chosen: for the eye

@@ -29,7 +29,7 @@ pub enum PixelRole {
 /// The roles for a whole object: object pixels with a positive weight are its surface, pixels off the mask
 /// are free space, object pixels without a usable depth are skipped.
 #[must_use]
-pub fn object_roles(frame: &RgbdFrame, weights: &[f32]) -> Vec<PixelRole> {
+pub(crate) fn object_roles(frame: &RgbdFrame, weights: &[f32]) -> Vec<PixelRole> {
     let role = |(pixel, &weight): (usize, &f32)| match (
         frame.is_object(pixel),
         weight > 0.0 && frame.depth_m[pixel] > 0.0,
@@ -53,33 +53,33 @@ pub(super) struct Reading {
 
 impl Reading {
     /// It says nothing.
-    pub const NOTHING: Self = Self { depth_m: 0.0, signed_weight: 0.0 };
+    pub(crate) const NOTHING: Self = Self { depth_m: 0.0, signed_weight: 0.0 };
 
     /// A surface of the volume's object.
-    pub fn surface(depth_m: f32, weight: f32) -> Self {
+    pub(crate) fn surface(depth_m: f32, weight: f32) -> Self {
         Self { depth_m, signed_weight: weight }
     }
 
     /// Empty space up to a depth, which may be infinite.
-    pub fn free(depth_m: f32, weight: f32) -> Self {
+    pub(crate) fn free(depth_m: f32, weight: f32) -> Self {
         Self { depth_m, signed_weight: -weight }
     }
 
     /// Its weight, negative where it is no surface.
     #[inline(always)]
-    pub fn signed_weight(self) -> f32 {
+    pub(crate) fn signed_weight(self) -> f32 {
         self.signed_weight
     }
 
     /// Its weight, at least 0.
     #[inline(always)]
-    pub fn weight(self) -> f32 {
+    pub(crate) fn weight(self) -> f32 {
         self.signed_weight.abs()
     }
 
     /// Whether it says that a surface of the volume's object is there.
     #[inline(always)]
-    pub fn is_surface(self) -> bool {
+    pub(crate) fn is_surface(self) -> bool {
         self.signed_weight > 0.0
     }
 }

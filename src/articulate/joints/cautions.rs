@@ -10,7 +10,7 @@ use model::{Deviations, JointFamily, JointKind, TypeScores};
 const COARSE_DIRECTION_RAD: f64 = 0.02;
 
 /// What a joint is judged by.
-pub struct Judged<'a> {
+pub(crate) struct Judged<'a> {
     pub kind: JointKind,
     /// Farthest from state 0, positive.
     pub motion: f64,
@@ -21,7 +21,7 @@ pub struct Judged<'a> {
 
 /// What speaks against trusting a joint, in words; [`vagueness`] adds what its deviations say, once they are
 /// final.
-pub fn cautions(joint: &Judged<'_>) -> Vec<Note> {
+pub(crate) fn cautions(joint: &Judged<'_>) -> Vec<Note> {
     let Judged { kind, motion, scores, agreement: [agree, tried] } = *joint;
     let mut cautions = Vec::new();
     let [p, r] = [JointFamily::Prismatic, JointFamily::Revolute].map(|t| scores.of(t));
@@ -53,7 +53,7 @@ pub fn cautions(joint: &Judged<'_>) -> Vec<Note> {
 }
 
 /// What some states of a part cannot show.
-pub fn not_observable(kind: JointKind, states: usize) -> Vec<Note> {
+pub(crate) fn not_observable(kind: JointKind, states: usize) -> Vec<Note> {
     let count = if states == 2 { "two".to_owned() } else { states.to_string() };
     let mut open = vec![Note::new(
         NoteCode::LimitsNotObserved,
@@ -77,7 +77,7 @@ pub fn not_observable(kind: JointKind, states: usize) -> Vec<Note> {
 
 /// What the deviations say of a joint of an object whose longest side is `extent_m`; none where all
 /// are small.
-pub fn vagueness(joint: &JointEstimate, extent_m: f64) -> Vec<Note> {
+pub(crate) fn vagueness(joint: &JointEstimate, extent_m: f64) -> Vec<Note> {
     let turns = joint.kind.turns();
     let motion = joint.motion().abs();
     let amount =

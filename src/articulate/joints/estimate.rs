@@ -38,7 +38,7 @@ pub struct JointChoice {
 /// The motions must share the side of their blocks
 /// ([`MotionEvidence::block_m`](super::motion_evidence::MotionEvidence::block_m)).
 #[must_use]
-pub fn estimate_joint(
+pub(crate) fn estimate_joint(
     motions: &[JointMotion],
     place: PartPlace,
     choice: JointChoice,

@@ -26,7 +26,7 @@ const TRIED: usize = 300;
 const STD_DEG: f64 = 0.15;
 
 /// The directions of large flat faces, largest first, those of opposite faces as one.
-pub fn flat_faces(surface: &SurfaceSamples) -> Vec<SeenDirection> {
+pub(crate) fn flat_faces(surface: &SurfaceSamples) -> Vec<SeenDirection> {
     let [near, ring] = [NEAR_DEG, 2.0 * NEAR_DEG].map(|d| d.to_radians().cos());
     let normals = &surface.normals;
     // Without a sign: opposite faces of a body show one direction.

@@ -17,7 +17,7 @@ const SIGMA_FLOOR: f64 = 0.02;
 /// Degrees of freedom of a rigid motion.
 ///
 /// derived: three of translation, three of rotation
-pub const FREEDOMS: f64 = 6.0;
+pub(crate) const FREEDOMS: f64 = 6.0;
 
 /// What a joint's parent did between the states.
 #[derive(Clone, Debug)]
@@ -48,7 +48,7 @@ impl ParentMotion {
 
 /// The fit of a rigid motion.
 #[derive(Clone, Debug)]
-pub struct FreeFit {
+pub(crate) struct FreeFit {
     pub motion: Pose,
     /// Quadratic model of the cost at the end.
     pub quadratic: Quadratic,
@@ -61,7 +61,7 @@ pub struct FreeFit {
 impl FreeFit {
     /// Fits a rigid motion to evidence: once with the surface residuals' deviation at the start, once with
     /// that at the motion found.
-    pub fn new(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> Self {
+    pub(crate) fn new(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> Self {
         // Away from the true motion residuals are large; their scale is that of the errors only near it.
         let (near, _) = fit(start, evidence, surface_sigma_m(evidence, start), config);
         let sigma_m = surface_sigma_m(evidence, &near);
@@ -73,13 +73,13 @@ impl FreeFit {
     }
 
     /// Independent residuals.
-    pub fn independent(&self) -> f64 {
+    pub(crate) fn independent(&self) -> f64 {
         self.quadratic.independent.max(2.0)
     }
 }
 
 /// Standard deviation of the surface residuals at a motion, meters, no smaller than the systematic error.
-pub fn surface_sigma_m(evidence: &MotionEvidence, motion: &Pose) -> f64 {
+pub(crate) fn surface_sigma_m(evidence: &MotionEvidence, motion: &Pose) -> f64 {
     evidence.surface_sigma_m(motion, evidence.reach_m * SIGMA_FLOOR)
 }
 
@@ -102,7 +102,7 @@ fn fit(start: &Pose, evidence: &MotionEvidence, sigma_m: f64, config: &RefineCon
 
 /// The motion of a part without a joint, with its covariance; zero where some direction is not observed.
 #[must_use]
-pub fn free_motion(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> ParentMotion {
+pub(crate) fn free_motion(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> ParentMotion {
     let free = FreeFit::new(start, evidence, config);
     let displacements = free.quadratic.displacements();
     let inverse = free.quadratic.information.cholesky().map(|c| c.inverse());

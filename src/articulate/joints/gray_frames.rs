@@ -15,7 +15,7 @@ const DEPTH_SHARE: f64 = 0.002;
 const LEAST_COSINE: f64 = 0.35;
 
 /// A square on a surface: center, unit normal, two unit tangents, spacing of samples.
-pub struct Tangent {
+pub(crate) struct Tangent {
     pub center: Point3<f64>,
     pub normal: Vector3<f64>,
     pub axes: [Vector3<f64>; 2],
@@ -23,7 +23,7 @@ pub struct Tangent {
 }
 
 /// Gray frames of one state.
-pub struct GrayFrames<'a> {
+pub(crate) struct GrayFrames<'a> {
     frames: &'a [RgbdFrame],
     /// Where the world stands before each camera: matrices turn many points sooner than quaternions.
     camera_from_world: Vec<IsometryMatrix3<f64>>,
@@ -32,7 +32,7 @@ pub struct GrayFrames<'a> {
 }
 
 impl<'a> GrayFrames<'a> {
-    pub fn new(frames: &'a [RgbdFrame], noise: &'a NoiseConfig) -> Self {
+    pub(crate) fn new(frames: &'a [RgbdFrame], noise: &'a NoiseConfig) -> Self {
         let gray = frames.par_iter().map(|f| f.rgb.iter().map(|c| luma(*c)).collect()).collect();
         let camera_from_world =
             frames.iter().map(|f| nalgebra::convert(f.world_from_camera.inverse())).collect();
@@ -66,7 +66,7 @@ impl<'a> GrayFrames<'a> {
 
     /// Frames that see a point best: most pixels per area, at most `count`, in a fixed order; with the meters
     /// per pixel of the best one.
-    pub fn best(&self, point: &Point3<f64>, normal: &Vector3<f64>, count: usize) -> (Vec<usize>, f64) {
+    pub(crate) fn best(&self, point: &Point3<f64>, normal: &Vector3<f64>, count: usize) -> (Vec<usize>, f64) {
         let mut scored: Vec<(f64, usize, f64)> = (0..self.frames.len())
             .filter_map(|i| {
                 let f = &self.frames[i];
@@ -88,7 +88,7 @@ impl<'a> GrayFrames<'a> {
     }
 
     /// The mean patch of the given frames on a tangent square.
-    pub fn patch(&self, tangent: &Tangent, frames: &[usize], radius: i32) -> Patch {
+    pub(crate) fn patch(&self, tangent: &Tangent, frames: &[usize], radius: i32) -> Patch {
         let mut values = Vec::with_capacity(((2 * radius + 1) * (2 * radius + 1)) as usize);
         for v in -radius..=radius {
             for u in -radius..=radius {

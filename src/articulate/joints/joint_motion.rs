@@ -151,7 +151,7 @@ impl PlacedJoint {
 }
 
 /// Two unit vectors that span the plane across a direction, a fixed choice for each direction.
-pub fn frame_across(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vector3<f64>) {
+pub(crate) fn frame_across(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vector3<f64>) {
     let d = direction.into_inner();
     let helper = if d.x.abs() < HELPER_COSINE { Vector3::x() } else { Vector3::y() };
     let a = d.cross(&helper).normalize();
@@ -159,7 +159,7 @@ pub fn frame_across(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vector3<f6
 }
 
 /// The point of a line nearest to another point.
-pub fn foot(point: &Point3<f64>, direction: &Unit<Vector3<f64>>, near: &Point3<f64>) -> Point3<f64> {
+pub(crate) fn foot(point: &Point3<f64>, direction: &Unit<Vector3<f64>>, near: &Point3<f64>) -> Point3<f64> {
     point + direction.into_inner() * direction.dot(&(near - point))
 }
 

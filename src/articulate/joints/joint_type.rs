@@ -17,10 +17,10 @@ use model::{JointFamily, JointKind, TypeScores};
 /// the log likelihood.
 ///
 /// chosen: the limit of very strong evidence of Kass and Raftery (1995), section 3.2
-pub const DECISIVE: f64 = 10.0;
+pub(crate) const DECISIVE: f64 = 10.0;
 
 /// The best joint of every type, with the scores of all.
-pub struct TypeFits {
+pub(crate) struct TypeFits {
     slide: JointFit,
     turn: Option<JointFit>,
     helix: Option<JointFit>,
@@ -28,7 +28,7 @@ pub struct TypeFits {
 }
 
 impl TypeFits {
-    pub fn new(found: &FreeFits) -> Self {
+    pub(crate) fn new(found: &FreeFits) -> Self {
         let (slide, turn, helix) = (found.slide(), found.turn(), found.helix());
         let score = |cost: f64, parameters: f64| cost / found.dispersion + parameters * found.count.ln();
         // A part at rest is scored for the report alone: no choice rests on it.
@@ -54,7 +54,7 @@ impl TypeFits {
     }
 
     /// The joint of the best type, or of a known kind.
-    pub fn chosen(self, known: Option<JointKind>) -> (JointFit, TypeScores) {
+    pub(crate) fn chosen(self, known: Option<JointKind>) -> (JointFit, TypeScores) {
         let best = match known.map_or_else(|| best_type(&self.scores), JointKind::family) {
             JointFamily::Revolute => self.turn,
             JointFamily::Screw => self.helix,
@@ -81,7 +81,7 @@ fn best_type(scores: &TypeScores) -> JointFamily {
 /// Score of the best joint with one freedom against that of the free motion; a screw, which is one of any
 /// motion, pays as in the choice of the type, and counts only where it is `threaded`.
 /// See docs/method.md (8.15).
-pub fn excess(scores: &TypeScores, threaded: bool) -> f64 {
+pub(crate) fn excess(scores: &TypeScores, threaded: bool) -> f64 {
     let screw = if threaded { scores.of(JointFamily::Screw) + DECISIVE } else { f64::INFINITY };
     let simple = scores.of(JointFamily::Prismatic).min(scores.of(JointFamily::Revolute));
     simple.min(screw) - scores.of(JointFamily::Free)

@@ -30,7 +30,7 @@ fn lifted_covariance(
 /// were matched; each of the `m` pairs (variance `2 sigma^2`) gets the share of an observation that adds up
 /// to that.
 #[must_use]
-pub fn match_evidence(
+pub(crate) fn match_evidence(
     matches: &[LiftedMatch],
     states: [&[RgbdFrame]; 2],
     noise: &NoiseConfig,

@@ -28,7 +28,7 @@ const LEAST_GAIN: f64 = 1e-9;
 
 /// The model of a lower cost that steps lead to, with its linearization. `equations` gives information and
 /// half the gradient in the model's parameters.
-pub fn minimise<M, Q>(
+pub(crate) fn minimise<M, Q>(
     mut model: M,
     iterations: usize,
     linearise: impl Fn(&M) -> Q,
@@ -65,9 +65,9 @@ pub fn minimise<M, Q>(
 /// Step of central differences of motions by parameters of about one: radians, meters.
 ///
 /// chosen: near the cube root of the rounding of a double, which balances rounding and curvature
-pub const DIFFERENCE: f64 = 1e-6;
+pub(crate) const DIFFERENCE: f64 = 1e-6;
 
 /// Left perturbation (translation 3, rotation 3) that leads from a motion to one near it.
-pub fn left_difference(to: &Pose, from: &Pose) -> Vector6<f64> {
+pub(crate) fn left_difference(to: &Pose, from: &Pose) -> Vector6<f64> {
     shift_and_turn(&(to * from.inverse()))
 }

@@ -10,7 +10,7 @@ use crate::joints::{
 
 /// Two metrics of a change of all free motions, 6 K x 6 K each, in squared standard deviations times the
 /// dispersion.
-pub struct Misfit {
+pub(crate) struct Misfit {
     /// By the residuals alone: their information.
     by_residuals: DMatrix<f64>,
     /// By residuals and those errors together.
@@ -19,7 +19,7 @@ pub struct Misfit {
 
 impl Misfit {
     /// None where the residuals leave some direction of a motion open.
-    pub fn new(found: &FreeFits) -> Option<Self> {
+    pub(crate) fn new(found: &FreeFits) -> Option<Self> {
         let size = 6 * found.free.len();
         let mut by_residuals = DMatrix::zeros(size, size);
         let mut of_gradient = DMatrix::zeros(size, size);
@@ -44,7 +44,7 @@ impl Misfit {
 
     /// What is left of a joint's misfit, by which its cost exceeds that of the free motions, when those
     /// errors explain what they can.
-    pub fn left(&self, misfit: f64, fit: &JointFit, found: &FreeFits) -> f64 {
+    pub(crate) fn left(&self, misfit: f64, fit: &JointFit, found: &FreeFits) -> f64 {
         let differences = found.free.iter().enumerate().map(|(k, free)| -> Vector6<f64> {
             left_difference(&fit.joint.motion(k, &found.parent(k).state1_from_state0), &free.motion)
         });

@@ -20,7 +20,7 @@ use model::{JointKind, ParentScore, link_name};
 
 /// How well a part would hang on another.
 #[derive(Clone, Debug)]
-pub struct Candidate {
+pub(crate) struct Candidate {
     /// 0 is the static part, k the k-th moving part.
     pub parent: usize,
     joint: JointEstimate,
@@ -34,7 +34,7 @@ pub struct Candidate {
 }
 
 /// All parents that a part could have.
-pub struct Candidates {
+pub(crate) struct Candidates {
     all: Vec<Candidate>,
     /// Parts that are closer touch, meters.
     contact_m: f64,
@@ -50,7 +50,7 @@ impl Candidates {
 
     /// The candidates that touch a part and against which it moves no less simply, decisively, than against
     /// any other of them; where some of these turns run by both parts, as hinges do, only those.
-    pub fn qualified(&self) -> Vec<&Candidate> {
+    pub(crate) fn qualified(&self) -> Vec<&Candidate> {
         let simple: Vec<&Candidate> =
             self.all.iter().filter(|c| c.gap_m < self.contact_m && self.as_simple(c)).collect();
         let hinged: Vec<&Candidate> = simple.iter().copied().filter(|c| c.off_m < self.contact_m).collect();
@@ -58,7 +58,7 @@ impl Candidates {
     }
 
     /// Writes down what speaks against the parent of part number `part` and which others would do.
-    pub fn explain(&self, joint: &mut JointEstimate, part: usize, parent: usize) {
+    pub(crate) fn explain(&self, joint: &mut JointEstimate, part: usize, parent: usize) {
         let all = if joint.positions.len() == 1 { "both" } else { "all" };
         let scores =
             self.all.iter().map(|c| (link_name(c.parent), ParentScore { excess: c.excess, gap_m: c.gap_m }));
@@ -136,7 +136,7 @@ impl<'a> Body<'a> {
 
 /// The parents that every part could have. `root` are the motions of the static part, `still` its surface in
 /// every state; parts closer than `contact_m` touch.
-pub fn candidates(
+pub(crate) fn candidates(
     root: &[ParentMotion],
     parts: &[PartEvidence],
     still: &[SurfaceSamples],

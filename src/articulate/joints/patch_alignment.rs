@@ -15,9 +15,9 @@ const FOUND_SAMPLES: f64 = 0.02;
 /// chosen: a tenth of a sample
 const TO_AND_FRO_SAMPLES: f64 = 0.1;
 /// Samples on each side of a patch's center.
-pub const RADIUS: i32 = 4;
+pub(crate) const RADIUS: i32 = 4;
 /// Largest shift that is looked for, in patch samples.
-pub const REACH: i32 = 4;
+pub(crate) const REACH: i32 = 4;
 /// Lucas-Kanade iterations.
 const ITERATIONS: usize = 12;
 /// Share of a patch that must be seen.
@@ -26,7 +26,7 @@ const ITERATIONS: usize = 12;
 const MIN_SEEN: f64 = 0.9;
 
 /// Gray values on a square of `2 radius + 1` samples a side; NaN where no frame saw the surface.
-pub struct Patch {
+pub(crate) struct Patch {
     pub radius: i32,
     pub values: Vec<f32>,
 }
@@ -52,7 +52,7 @@ impl Patch {
 impl Patch {
     /// Whether too little of a reference is seen, or it is too plain, for [`align`] to find it anywhere. That
     /// compares [`MIN_SEEN`] of it or more, whose squared deviations sum to no more than those of all.
-    pub fn is_lost(&self, min_contrast: f64) -> bool {
+    pub(crate) fn is_lost(&self, min_contrast: f64) -> bool {
         let seen = || self.values.iter().filter(|v| v.is_finite()).map(|v| f64::from(*v));
         let (count, least) = (seen().count() as f64, MIN_SEEN * self.values.len() as f64);
         let mean = seen().sum::<f64>() / count;
@@ -62,7 +62,7 @@ impl Patch {
 }
 
 /// A patch found in a larger one.
-pub struct Shift {
+pub(crate) struct Shift {
     /// Patch samples along the two tangents.
     pub shift: Vector2<f64>,
     pub covariance: Matrix2<f64>,
@@ -75,7 +75,7 @@ type Row = (f64, f64, Vector2<f64>);
 
 /// Looks for a patch in a larger one (Lucas and Kanade 1981). `None` without contrast, outside the reach, or
 /// if the search does not converge. See docs/method.md (8.6).
-pub fn align(reference: &Patch, target: &Patch, min_contrast: f64) -> Option<Shift> {
+pub(crate) fn align(reference: &Patch, target: &Patch, min_contrast: f64) -> Option<Shift> {
     let mut shift = Vector2::zeros();
     let mut last: Option<Shift> = None;
     for _ in 0..ITERATIONS {

@@ -167,7 +167,7 @@ fn log_sum(a: f64, b: f64) -> f64 {
 /// What the other axes and the faces say about each axis; `None` where it is likelier to run anywhere, or is
 /// not known at all.
 #[must_use]
-pub fn square_priors(
+pub(crate) fn square_priors(
     axes: &[Option<SeenDirection>],
     faces: &[SeenDirection],
     config: &SquareConfig,

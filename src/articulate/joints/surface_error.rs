@@ -15,13 +15,13 @@ use geometry::Pose;
 
 /// Heights of the readings over the surfaces of a part, averaged over some radius, meters; `None` where no
 /// frame shows one.
-pub struct ReadingHeights {
+pub(crate) struct ReadingHeights {
     of: [Vec<Option<f64>>; 2],
 }
 
 impl ReadingHeights {
     /// Readings further from a surface than `reach_m` and their noise are of another one.
-    pub fn new(
+    pub(crate) fn new(
         surfaces: [&SurfaceSamples; 2],
         frames: [&[RgbdFrame]; 2],
         noise: &NoiseConfig,
@@ -34,7 +34,7 @@ impl ReadingHeights {
     /// For every sample of each state by how much the readings lie further above it than those of the other
     /// state above the surface that a motion brings to it, found within `radius_m`: the distance from that
     /// surface is too small by so much, meters; 0 where either is not known.
-    pub fn offsets_m(
+    pub(crate) fn offsets_m(
         &self,
         surfaces: [&SurfaceSamples; 2],
         state1_from_state0: &Pose,
@@ -54,12 +54,12 @@ impl ReadingHeights {
 
 /// Offsets that are clearly those of a displaced surface: those smaller than `noise_m`, as heights of
 /// averaged readings have them by chance, shrink to nothing. See docs/method.md (8.7).
-pub fn clear(offsets_m: Vec<f64>, noise_m: f64) -> Vec<f64> {
+pub(crate) fn clear(offsets_m: Vec<f64>, noise_m: f64) -> Vec<f64> {
     offsets_m.into_iter().map(|o| o * o * o / (o * o + noise_m * noise_m)).collect()
 }
 
 /// Root mean square of the offsets of state 0's samples that are known, meters; 0 where none is.
-pub fn surface_error_m(offsets_m: &[f64]) -> f64 {
+pub(crate) fn surface_error_m(offsets_m: &[f64]) -> f64 {
     let (sum, count) =
         offsets_m.iter().filter(|d| **d != 0.0).fold((0.0, 0usize), |(sum, n), d| (sum + d * d, n + 1));
     (sum / count.max(1) as f64).sqrt()

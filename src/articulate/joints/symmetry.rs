@@ -28,7 +28,7 @@ const SEEN: f64 = 0.5;
 const CENTERINGS: usize = 10;
 
 /// Whether a part that makes a motion and, before it, any turn about a direction would fit as well.
-pub fn looks_alike_round(
+pub(crate) fn looks_alike_round(
     evidence: &MotionEvidence,
     motion: &Pose,
     direction: &Unit<Vector3<f64>>,

@@ -59,7 +59,7 @@ impl Default for TextureConfig {
 /// Dense matches of one part under a motion near the true one. `sdf` are the distance fields of both states,
 /// meters.
 #[must_use]
-pub fn texture_matches(
+pub(crate) fn texture_matches(
     surfaces: [&SurfaceSamples; 2],
     states: [&[RgbdFrame]; 2],
     sdf: [&Grid3<f32>; 2],

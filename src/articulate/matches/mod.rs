@@ -1,6 +1,6 @@
 //! Matches of two states, lifted to 3D.
 
-pub mod lift;
+pub(crate) mod lift;
 #[cfg(any(feature = "onnx", test))]
 pub mod model_image;
 

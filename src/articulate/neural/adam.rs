@@ -11,7 +11,7 @@ use field::{ADAM_BETAS, ADAM_EPSILON};
 
 /// Moments of a short vector and the steps taken.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Moments<T> {
+pub(crate) struct Moments<T> {
     first: Vec<T>,
     second: Vec<T>,
     taken: i32,
@@ -19,12 +19,12 @@ pub struct Moments<T> {
 
 impl Moments<f64> {
     /// No history of a vector of `length`.
-    pub fn new(length: usize) -> Self {
+    pub(crate) fn new(length: usize) -> Self {
         Self { first: vec![0.0; length], second: vec![0.0; length], taken: 0 }
     }
 
     /// The change of every parameter for a gradient.
-    pub fn steps(&mut self, gradient: &[f64], rate: f64) -> Vec<f64> {
+    pub(crate) fn steps(&mut self, gradient: &[f64], rate: f64) -> Vec<f64> {
         self.taken += 1;
         let (b1, b2) = (f64::from(ADAM_BETAS.0), f64::from(ADAM_BETAS.1));
         let (c1, c2) = (1.0 - b1.powi(self.taken), 1.0 - b2.powi(self.taken));
@@ -45,7 +45,7 @@ impl Moments<f64> {
 /// Moments of a segmentation field. Grid nodes that never had a gradient are passed over: Adam would leave
 /// them as they are.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FieldMoments {
+pub(crate) struct FieldMoments {
     grid: Moments<f32>,
     layers: Vec<Moments<f32>>,
     touched: Vec<bool>,
@@ -82,7 +82,7 @@ impl Rule {
 
 impl FieldMoments {
     /// No history.
-    pub fn new(field: &SegmentationField) -> Self {
+    pub(crate) fn new(field: &SegmentationField) -> Self {
         let moments =
             |length: usize| Moments { first: vec![0.0; length], second: vec![0.0; length], taken: 0 };
         Self {
@@ -97,7 +97,7 @@ impl FieldMoments {
     }
 
     /// Whether these are moments of a field of this shape.
-    pub fn fits(&self, field: &SegmentationField) -> bool {
+    pub(crate) fn fits(&self, field: &SegmentationField) -> bool {
         let lengths = |m: &Moments<f32>| (m.first.len(), m.second.len());
         let layers: Vec<_> =
             field.layers.iter().flat_map(|l| [l.weights.len(), l.biases.len()]).map(|n| (n, n)).collect();
@@ -107,7 +107,12 @@ impl FieldMoments {
     }
 
     /// One step; clears the gradient.
-    pub fn step(&mut self, field: &mut SegmentationField, gradient: &mut SegmentationGradient, rate: f64) {
+    pub(crate) fn step(
+        &mut self,
+        field: &mut SegmentationField,
+        gradient: &mut SegmentationGradient,
+        rate: f64,
+    ) {
         self.grid.taken += 1;
         let rule = Rule::at(self.grid.taken, rate);
         // A node that had a gradient once still moves by its moments.
@@ -148,7 +153,7 @@ impl FieldMoments {
 }
 
 /// Exponential fall from the first to the last rate over a number of steps.
-pub fn rate_at(range: [f64; 2], step: usize, steps: usize) -> f64 {
+pub(crate) fn rate_at(range: [f64; 2], step: usize, steps: usize) -> f64 {
     range[0] * (range[1] / range[0]).powf(step as f64 / steps.max(1) as f64)
 }
 

@@ -17,7 +17,7 @@ use surface::ColorSample;
 const LOGIT_MARGIN: f32 = 1e-3;
 
 /// A batch of samples, the two states and the motions between them.
-pub struct Consistency<'a> {
+pub(crate) struct Consistency<'a> {
     pub batch: &'a RayBatch,
     pub source: &'a Volume<'a>,
     pub target: &'a Volume<'a>,
@@ -69,7 +69,7 @@ impl Consistency<'_> {
 
     /// `L_s = sum w v rho(sum_i P_i sdf'(y_i) - sdf(x)) / sum w`, on all samples; `probabilities` are those
     /// of the samples.
-    pub fn sdf_loss(&self, probabilities: &[f32]) -> LossTerm {
+    pub(crate) fn sdf_loss(&self, probabilities: &[f32]) -> LossTerm {
         // A batch without a sample near the surface has no loss, in place of NaN.
         let total: f64 = self.batch.weights.iter().sum::<f64>().max(1e-12);
         let parts = self.parts();
@@ -106,7 +106,7 @@ impl Consistency<'_> {
     /// `L_c = sum w v mean_rgb (sum_i P_i c'(y_i, R_i d) - c(x, d))^2 / sum w`, estimated by one sample a ray
     /// that carries the weight of the ray. Gradients take the view direction as given. `probabilities` are
     /// those of all samples.
-    pub fn color_loss(&self, probabilities: &[f32]) -> LossTerm {
+    pub(crate) fn color_loss(&self, probabilities: &[f32]) -> LossTerm {
         let (parts, samples) = (self.parts(), self.batch.samples_per_ray);
         let mut term = LossTerm::zero(self.batch.points.len(), parts);
         let ray_weights: Vec<f64> =

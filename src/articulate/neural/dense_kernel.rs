@@ -16,12 +16,12 @@ struct Product<'a> {
 }
 
 /// `c[m][n] += a[m][k] b[k][n]`, all row-major; `n` must be a multiple of 8.
-pub fn multiply(a: &[f32], k: usize, b: &[f32], n: usize, c: &mut [f32]) {
+pub(crate) fn multiply(a: &[f32], k: usize, b: &[f32], n: usize, c: &mut [f32]) {
     run(Product { a, row_stride: k, depth_stride: 1, depth: k, b, n }, c);
 }
 
 /// `c[k][n] += transpose(a[m][k]) b[m][n]`, all row-major; `n` must be a multiple of 8.
-pub fn multiply_transposed(a: &[f32], k: usize, b: &[f32], n: usize, c: &mut [f32]) {
+pub(crate) fn multiply_transposed(a: &[f32], k: usize, b: &[f32], n: usize, c: &mut [f32]) {
     run(Product { a, row_stride: 1, depth_stride: k, depth: a.len() / k, b, n }, c);
 }
 

@@ -1,11 +1,11 @@
 //! A dense node-aligned feature grid over the normalised cube `[-1, 1]^3` with trilinear interpolation.
 
 /// Features of a node of the segmentation grid (docs/method.md 12.7).
-pub const FEATURES: usize = 20;
+pub(crate) const FEATURES: usize = 20;
 
 /// Where a point lies in a grid of `nodes` nodes a side: x varies fastest, then y, then z.
 #[derive(Clone, Copy)]
-pub struct Cell {
+pub(crate) struct Cell {
     base: usize,
     nodes: usize,
     fraction: [f32; 3],
@@ -15,7 +15,7 @@ pub struct Cell {
 
 impl Cell {
     /// The cell of a normalised point; one outside the cube takes the values at the nearest border.
-    pub fn of(nodes: usize, point: [f32; 3]) -> Self {
+    pub(crate) fn of(nodes: usize, point: [f32; 3]) -> Self {
         let scale = 0.5 * (nodes - 1) as f32;
         let (mut corner, mut fraction, mut slope) = ([0; 3], [0.0; 3], [scale; 3]);
         for k in 0..3 {
@@ -33,7 +33,7 @@ impl Cell {
     }
 
     /// Node index and weight of the eight corners.
-    pub fn corners(&self) -> [(usize, f32); 8] {
+    pub(crate) fn corners(&self) -> [(usize, f32); 8] {
         let [a, b, c] = self.fraction;
         std::array::from_fn(|k| {
             let pick = |bit: usize, t: f32| if k >> bit & 1 == 1 { t } else { 1.0 - t };
@@ -46,7 +46,7 @@ impl Cell {
     }
 
     /// Interpolates the features into `out` ([`FEATURES`] values).
-    pub fn gather(&self, grid: &[f32], out: &mut [f32]) {
+    pub(crate) fn gather(&self, grid: &[f32], out: &mut [f32]) {
         let mut sum = [0.0f32; FEATURES];
         for (node, weight) in self.corners() {
             for (s, g) in sum.iter_mut().zip(&grid[node * FEATURES..(node + 1) * FEATURES]) {
@@ -57,7 +57,7 @@ impl Cell {
     }
 
     /// Adds a gradient by the interpolated features to the gradient by the grid, and marks the nodes touched.
-    pub fn scatter(&self, by_features: &[f32], by_grid: &mut [f32], touched: &mut [bool]) {
+    pub(crate) fn scatter(&self, by_features: &[f32], by_grid: &mut [f32], touched: &mut [bool]) {
         for (node, weight) in self.corners() {
             touched[node] = true;
             for (s, g) in by_grid[node * FEATURES..(node + 1) * FEATURES].iter_mut().zip(by_features) {
@@ -67,7 +67,7 @@ impl Cell {
     }
 
     /// Turns a gradient by the interpolated features into one by the normalised position.
-    pub fn by_position(&self, grid: &[f32], by_features: &[f32]) -> [f32; 3] {
+    pub(crate) fn by_position(&self, grid: &[f32], by_features: &[f32]) -> [f32; 3] {
         // The features are contracted first: one number a corner is left to differentiate.
         let corner: [f32; 8] = std::array::from_fn(|k| {
             let node = self.node(k);

@@ -7,7 +7,7 @@ use crate::neural::segmentation::{SegmentationField, SegmentationGradient, softm
 use numeric::random::{below, unit};
 
 /// Labelled points of one state, normalised.
-pub struct LabelSet {
+pub(crate) struct LabelSet {
     pub points: Vec<Point3<f64>>,
     pub labels: Vec<u8>,
 }
@@ -15,7 +15,7 @@ pub struct LabelSet {
 impl LabelSet {
     /// Mean cross-entropy (nats) of `count` random points, each moved by up to `reach` (normalised) along
     /// every axis so that the space around the surface takes its label too. Adds to the gradient.
-    pub fn loss(
+    pub(crate) fn loss(
         &self,
         field: &SegmentationField,
         (count, reach): (usize, f64),

@@ -3,10 +3,10 @@
 use crate::neural::motion_params::MotionGradient;
 
 /// Points of a parallel work item. Fixed, so that sums have the same order for every number of threads.
-pub const CHUNK: usize = 256;
+pub(crate) const CHUNK: usize = 256;
 
 /// Value and gradients of a loss.
-pub struct LossTerm {
+pub(crate) struct LossTerm {
     /// Not multiplied by the weight of the term.
     pub value: f64,
     /// By the part probabilities of the points that the loss was given, `parts` a point.
@@ -17,7 +17,7 @@ pub struct LossTerm {
 
 impl LossTerm {
     /// No loss on a number of points.
-    pub fn zero(points: usize, parts: usize) -> Self {
+    pub(crate) fn zero(points: usize, parts: usize) -> Self {
         Self {
             value: 0.0,
             by_probabilities: vec![0.0; points * parts],
@@ -26,7 +26,7 @@ impl LossTerm {
     }
 
     /// Joins the terms of consecutive chunks of points.
-    pub fn concat(chunks: Vec<Self>, parts: usize) -> Self {
+    pub(crate) fn concat(chunks: Vec<Self>, parts: usize) -> Self {
         let mut all = Self::zero(0, parts);
         // In the order of the points, whichever thread was first.
         for chunk in chunks {

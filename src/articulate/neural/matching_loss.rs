@@ -17,7 +17,7 @@ use crate::{
 const LEAST_SIGMA: f64 = 1e-6;
 
 /// Some matches, the state they end in and the motions.
-pub struct Matching<'a> {
+pub(crate) struct Matching<'a> {
     pub matches: &'a [LiftedMatch],
     /// The state that the points are moved to.
     pub target: &'a Volume<'a>,
@@ -27,7 +27,7 @@ pub struct Matching<'a> {
 
 impl Matching<'_> {
     /// World point of a match in the state it is moved from.
-    pub fn start(pair: &LiftedMatch, way: Way) -> Point3<f64> {
+    pub(crate) fn start(pair: &LiftedMatch, way: Way) -> Point3<f64> {
         if way == Way::Forward { pair.point0 } else { pair.point1 }
     }
 
@@ -46,7 +46,7 @@ impl Matching<'_> {
 
     /// Mean L1 distance in pixels between projection and matched pixel, in image heights. Points behind the
     /// camera, or within a truncation distance of it, are left out.
-    pub fn pixel_loss(&self, probabilities: &[f32]) -> LossTerm {
+    pub(crate) fn pixel_loss(&self, probabilities: &[f32]) -> LossTerm {
         let parts = self.motions.parts.len();
         let mut valid = 0usize;
         let mut term = self.sum(probabilities, |pair, blend| {
@@ -81,7 +81,7 @@ impl Matching<'_> {
     }
 
     /// Mean of `(sqrt(distance^2 + sigma^2) - sigma) / truncation` between moved and lifted point.
-    pub fn point_loss(&self, probabilities: &[f32]) -> LossTerm {
+    pub(crate) fn point_loss(&self, probabilities: &[f32]) -> LossTerm {
         let count = self.matches.len().max(1) as f64;
         self.sum(probabilities, |pair, blend| {
             let target =

@@ -12,7 +12,7 @@ use geometry::{Pose, SceneBox, exp_so3};
 
 /// Which way points are taken by a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Way {
+pub(crate) enum Way {
     /// State 0 to state 1.
     Forward,
     /// State 1 to state 0.
@@ -21,19 +21,19 @@ pub enum Way {
 
 impl Way {
     /// The way out of a state.
-    pub fn from_state(state: usize) -> Self {
+    pub(crate) fn from_state(state: usize) -> Self {
         if state == 0 { Self::Forward } else { Self::Backward }
     }
 
     /// The other way.
-    pub fn reverse(self) -> Self {
+    pub(crate) fn reverse(self) -> Self {
         if self == Self::Forward { Self::Backward } else { Self::Forward }
     }
 }
 
 /// Rigid motions of all parts in normalised coordinates (about the center of the scene cube).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Motions {
+pub(crate) struct Motions {
     /// `state1_from_state0` in normalised coordinates, one a part; the first is the identity.
     pub parts: Vec<Pose>,
     moments: Moments<f64>,
@@ -41,14 +41,14 @@ pub struct Motions {
 
 /// Gradient by the motions: torque and force a part.
 #[derive(Clone, Debug, PartialEq)]
-pub struct MotionGradient {
+pub(crate) struct MotionGradient {
     /// By the left rotation step and by the translation.
     pub parts: Vec<[Vector3<f64>; 2]>,
 }
 
 impl Motions {
     /// Motions from world transforms `state1_from_state0`.
-    pub fn from_world(world: &[Pose], scene: &SceneBox) -> Self {
+    pub(crate) fn from_world(world: &[Pose], scene: &SceneBox) -> Self {
         let mut parts: Vec<Pose> = world.iter().map(|m| scene.normalised_motion(m)).collect();
         // Still to 1e-9 by the checks, and exactly from here on.
         parts[0] = Pose::identity();
@@ -57,12 +57,12 @@ impl Motions {
     }
 
     /// World transforms `state1_from_state0`, meters.
-    pub fn world(&self, scene: &SceneBox) -> Vec<Pose> {
+    pub(crate) fn world(&self, scene: &SceneBox) -> Vec<Pose> {
         self.parts.iter().map(|m| scene.world_motion(m)).collect()
     }
 
     /// Takes a normalised point along with a part.
-    pub fn apply(&self, part: usize, way: Way, point: &Point3<f64>) -> Point3<f64> {
+    pub(crate) fn apply(&self, part: usize, way: Way, point: &Point3<f64>) -> Point3<f64> {
         match way {
             Way::Forward => self.parts[part] * point,
             Way::Backward => self.parts[part].inverse_transform_point(point),
@@ -70,7 +70,7 @@ impl Motions {
     }
 
     /// Turns a direction along with a part.
-    pub fn turn(&self, part: usize, way: Way, direction: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn turn(&self, part: usize, way: Way, direction: &Vector3<f64>) -> Vector3<f64> {
         match way {
             Way::Forward => self.parts[part].rotation * direction,
             Way::Backward => self.parts[part].rotation.inverse_transform_vector(direction),
@@ -78,7 +78,7 @@ impl Motions {
     }
 
     /// One Adam step (rate in radians and normalised units); part 0 stays.
-    pub fn step(&mut self, gradient: &MotionGradient, rate: f64) {
+    pub(crate) fn step(&mut self, gradient: &MotionGradient, rate: f64) {
         let flat: Vec<f64> =
             gradient.parts.iter().flat_map(|[w, t]| [w.x, w.y, w.z, t.x, t.y, t.z]).collect();
         let change = self.moments.steps(&flat, rate);
@@ -93,12 +93,12 @@ impl Motions {
 
 impl MotionGradient {
     /// No gradient.
-    pub fn zero(parts: usize) -> Self {
+    pub(crate) fn zero(parts: usize) -> Self {
         Self { parts: vec![[Vector3::zeros(); 2]; parts] }
     }
 
     /// Adds a gradient `by_image` by the image of `point` under a part's motion.
-    pub fn add(
+    pub(crate) fn add(
         &mut self,
         motions: &Motions,
         part: usize,
@@ -121,7 +121,7 @@ impl MotionGradient {
     }
 
     /// Adds another gradient.
-    pub fn merge(&mut self, other: &Self) {
+    pub(crate) fn merge(&mut self, other: &Self) {
         for (a, b) in self.parts.iter_mut().zip(&other.parts) {
             a[0] += b[0];
             a[1] += b[1];
@@ -129,7 +129,7 @@ impl MotionGradient {
     }
 
     /// The gradient times a factor.
-    pub fn scaled(mut self, factor: f64) -> Self {
+    pub(crate) fn scaled(mut self, factor: f64) -> Self {
         self.parts.iter_mut().flatten().for_each(|v| *v *= factor);
         self
     }

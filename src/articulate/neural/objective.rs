@@ -62,7 +62,7 @@ impl ArticulationLosses {
 }
 
 /// The samples of one step for the losses of one state.
-pub struct StateBatch<'a> {
+pub(crate) struct StateBatch<'a> {
     /// Samples of this state's rays.
     pub rays: &'a RayBatch,
     /// Matches, moved out of this state.
@@ -77,7 +77,7 @@ pub struct StateBatch<'a> {
 
 /// One state's share of the problem: `source` is the state whose segmentation is asked, `target` the other
 /// one.
-pub struct Objective<'a> {
+pub(crate) struct Objective<'a> {
     pub source: &'a Volume<'a>,
     pub target: &'a Volume<'a>,
     /// From source to target.
@@ -130,7 +130,7 @@ impl Queries {
 
 impl Objective<'_> {
     /// Losses of a batch; adds to the gradient of the field and returns that by the motions.
-    pub fn evaluate(
+    pub(crate) fn evaluate(
         &self,
         field: &SegmentationField,
         batch: &StateBatch<'_>,

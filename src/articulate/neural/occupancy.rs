@@ -17,7 +17,7 @@ use crate::neural::{
 
 /// A candidate with occupancy: only these depend on the segmentation.
 #[derive(Clone, Copy)]
-pub struct Candidate {
+pub(crate) struct Candidate {
     /// Index of the point `x`.
     pub point: usize,
     /// Part.
@@ -29,7 +29,7 @@ pub struct Candidate {
 }
 
 /// Points of one state with their candidates in the other.
-pub struct BackwardFlow<'a> {
+pub(crate) struct BackwardFlow<'a> {
     points: &'a [Point3<f64>],
     /// Weight of every point; the mean over the points of `weight * f` estimates the mean of `f`.
     weights: Option<&'a [f64]>,
@@ -42,7 +42,7 @@ pub struct BackwardFlow<'a> {
 
 impl<'a> BackwardFlow<'a> {
     /// Finds the candidates of points; `way` leads from their state to `other`.
-    pub fn gather(
+    pub(crate) fn gather(
         points: &'a [Point3<f64>],
         weights: Option<&'a [f64]>,
         other: &Volume<'_>,
@@ -75,7 +75,7 @@ impl<'a> BackwardFlow<'a> {
     }
 
     /// `O(x)` of every point; `probabilities` are those of the candidates' images, `parts` a candidate.
-    pub fn occupancy(&self, probabilities: &[f32]) -> Vec<f64> {
+    pub(crate) fn occupancy(&self, probabilities: &[f32]) -> Vec<f64> {
         let mut sums = vec![0.0; self.points.len()];
         for (c, p) in self.candidates.iter().zip(probabilities.chunks_exact(self.motions.parts.len())) {
             sums[c.point] += f64::from(p[c.part]) * c.occupancy;
@@ -84,7 +84,11 @@ impl<'a> BackwardFlow<'a> {
     }
 
     /// Mean over the points of a loss of `O(x)`, given with its derivative.
-    pub fn loss(&self, probabilities: &[f32], loss: impl Fn(usize, f64) -> (f64, f64) + Sync) -> LossTerm {
+    pub(crate) fn loss(
+        &self,
+        probabilities: &[f32],
+        loss: impl Fn(usize, f64) -> (f64, f64) + Sync,
+    ) -> LossTerm {
         let parts = self.motions.parts.len();
         let share = 1.0 / self.points.len().max(1) as f64;
         let predicted = self.occupancy(probabilities);
@@ -102,7 +106,7 @@ impl<'a> BackwardFlow<'a> {
     }
 
     /// Gradient by the motions through the images at which the segmentation was evaluated.
-    pub fn by_motions(&self, by_images: &[[f32; 3]]) -> MotionGradient {
+    pub(crate) fn by_motions(&self, by_images: &[[f32; 3]]) -> MotionGradient {
         let mut total = MotionGradient::zero(self.motions.parts.len());
         for (c, g) in self.candidates.iter().zip(by_images) {
             let by_image = Vector3::new(g[0], g[1], g[2]).cast();
@@ -115,7 +119,7 @@ impl<'a> BackwardFlow<'a> {
 /// Occupancy consistency, mean of `v (O(x) - target(x))^2`, with `v` 1 where the point was seen here and one
 /// of its candidates in the other state, else the unseen weight. The target is the occupancy of the state
 /// that the points lie in; the released program takes that of the other state at the same place.
-pub fn occupancy_loss(
+pub(crate) fn occupancy_loss(
     flow: &BackwardFlow<'_>,
     probabilities: &[f32],
     (here, other): (&Volume<'_>, &Volume<'_>),

@@ -21,7 +21,7 @@ const RELEASED_CUT: f64 = 0.05;
 const RELEASED_SCALE: f64 = 0.03;
 
 /// Samples of some rays, ray-major.
-pub struct RayBatch {
+pub(crate) struct RayBatch {
     /// Samples on every ray.
     pub samples_per_ray: usize,
     /// Normalised positions.
@@ -43,7 +43,7 @@ pub struct RayBatch {
 impl RayBatch {
     /// Draws rays with replacement, and stratified samples within one truncation distance of their depth.
     /// `typical_sigma_m` is the depth noise of a ray of weight 1.
-    pub fn draw(
+    pub(crate) fn draw(
         volume: &Volume<'_>,
         config: &ArticulationConfig,
         typical_sigma_m: f64,

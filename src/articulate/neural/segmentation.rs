@@ -22,7 +22,7 @@ const CHUNK: usize = 256;
 /// A dense layer, weights input-major: `y[o] = biases[o] + sum_i x[i] weights[i * outputs + o]`. The output
 /// width is a multiple of 8.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Dense {
+pub(crate) struct Dense {
     /// Input width.
     pub inputs: usize,
     /// Output width.
@@ -88,7 +88,7 @@ impl Dense {
 
 /// Parameters of the segmentation field of one state, over the normalised cube `[-1, 1]^3`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SegmentationField {
+pub(crate) struct SegmentationField {
     /// Number of parts; part 0 is the static one.
     pub parts: usize,
     /// Grid nodes along each side of the cube.
@@ -101,7 +101,7 @@ pub struct SegmentationField {
 
 /// What the backward pass needs of a forward pass.
 #[derive(Default)]
-pub struct Activations {
+pub(crate) struct Activations {
     inputs: Vec<f32>,
     hidden: [Vec<f32>; 2],
     /// `stride` logits a point, of which the first `parts` count.
@@ -112,7 +112,7 @@ pub struct Activations {
 
 /// Gradients by the parameters of one field. The grid's part is accumulated; see
 /// [`SegmentationField::backward`].
-pub struct SegmentationGradient {
+pub(crate) struct SegmentationGradient {
     /// By the grid features.
     pub grid: Vec<f32>,
     /// Nodes that ever had a gradient.
@@ -125,7 +125,7 @@ pub struct SegmentationGradient {
 
 impl SegmentationField {
     /// A fresh field: grid features zero, layers uniform in `+-1/sqrt(inputs)`.
-    pub fn init(parts: usize, nodes: usize, rng: &mut impl Rng) -> Self {
+    pub(crate) fn init(parts: usize, nodes: usize, rng: &mut impl Rng) -> Self {
         // Whole vector registers: the unused outputs stay zero.
         let outputs = parts.next_multiple_of(8);
         let layers = [
@@ -137,7 +137,7 @@ impl SegmentationField {
     }
 
     /// Whether another field has the same number of parts, nodes and units.
-    pub fn same_shape(&self, other: &Self) -> bool {
+    pub(crate) fn same_shape(&self, other: &Self) -> bool {
         let shape = |f: &Self| {
             (f.parts, f.nodes, f.grid.len(), f.layers.each_ref().map(|l| (l.weights.len(), l.biases.len())))
         };
@@ -145,7 +145,7 @@ impl SegmentationField {
     }
 
     /// A gradient of this field's shape, all zero.
-    pub fn zero_gradient(&self) -> SegmentationGradient {
+    pub(crate) fn zero_gradient(&self) -> SegmentationGradient {
         SegmentationGradient {
             grid: vec![0.0; self.grid.len()],
             touched: vec![false; self.grid.len() / FEATURES],
@@ -159,7 +159,7 @@ impl SegmentationField {
     }
 
     /// Logits at normalised points, with what the backward pass needs; `spare` lends its memory.
-    pub fn forward(&self, points: &[[f32; 3]], spare: Activations) -> Activations {
+    pub(crate) fn forward(&self, points: &[[f32; 3]], spare: Activations) -> Activations {
         let (n, stride) = (points.len(), self.layers[2].outputs);
         let Activations { mut inputs, mut hidden, mut logits, .. } = spare;
         for (buffer, width) in [(&mut inputs, INPUTS), (&mut logits, stride)]
@@ -195,7 +195,7 @@ impl SegmentationField {
 
     /// Back-propagates `by_logits` (row width `activations.stride`, zero beyond the parts): adds to
     /// `gradient` and returns the gradient by every normalised point. Uses the activations up.
-    pub fn backward(
+    pub(crate) fn backward(
         &self,
         points: &[[f32; 3]],
         activations: Activations,
@@ -245,7 +245,7 @@ impl SegmentationField {
     }
 
     /// Noiseless part probabilities at normalised points, `parts` a point.
-    pub fn probabilities(&self, points: &[[f32; 3]]) -> Vec<f32> {
+    pub(crate) fn probabilities(&self, points: &[[f32; 3]]) -> Vec<f32> {
         let mut all = Vec::with_capacity(points.len() * self.parts);
         // Blocks keep the activations of a large query small.
         let mut spare = Activations::default();
@@ -266,7 +266,7 @@ fn through_relu(by_y: &[f32], outputs: usize, transposed: &[f32], x: &[f32]) -> 
 }
 
 /// Softmax of the logits, plus noise (`parts` a point) if given; `parts` probabilities a point.
-pub fn softmax(activations: &Activations, parts: usize, noise: Option<&[f32]>) -> Vec<f32> {
+pub(crate) fn softmax(activations: &Activations, parts: usize, noise: Option<&[f32]>) -> Vec<f32> {
     let mut p = Vec::with_capacity(activations.logits.len() / activations.stride * parts);
     for (i, row) in activations.logits.chunks_exact(activations.stride).enumerate() {
         let start = p.len();
@@ -286,7 +286,7 @@ pub fn softmax(activations: &Activations, parts: usize, noise: Option<&[f32]>) -
 
 /// Turns a gradient by probabilities (`parts` a point) into one by logits (`stride` a point, zero beyond the
 /// parts).
-pub fn softmax_backward(
+pub(crate) fn softmax_backward(
     probabilities: &[f32],
     by_probabilities: &[f32],
     parts: usize,
@@ -305,14 +305,14 @@ pub fn softmax_backward(
 
 /// Gumbel(0, 1) noise that is a function of what it is for, so that it does not depend on what else is asked.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GumbelNoise {
+pub(crate) struct GumbelNoise {
     /// Changes all of it; `None` is no noise.
     pub key: Option<u64>,
 }
 
 impl GumbelNoise {
     /// Noise of a logit, named by a group of points and an index in it.
-    pub fn at(self, group: u64, index: u64) -> f32 {
+    pub(crate) fn at(self, group: u64, index: u64) -> f32 {
         let Some(key) = self.key else { return 0.0 };
         // SplitMix64 at position `index` of the stream of the group.
         let x = mix(key.wrapping_add((group << 48 | index).wrapping_mul(STREAM_STEP)));

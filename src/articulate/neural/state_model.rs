@@ -40,7 +40,7 @@ pub struct StateModel<'a> {
 
 /// A state in normalised coordinates and truncation distances.
 #[derive(Clone, Copy)]
-pub struct Volume<'a> {
+pub(crate) struct Volume<'a> {
     pub model: StateModel<'a>,
     pub scene: SceneBox,
     pub truncation_m: f64,
@@ -51,14 +51,14 @@ pub struct Volume<'a> {
 
 impl Volume<'_> {
     /// Signed distance in truncation distances, and its gradient per normalised unit.
-    pub fn sdf(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
+    pub(crate) fn sdf(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
         let (d, g) = self.sdf_m(point);
         (d / self.truncation_m, g / self.truncation_m)
     }
 
     /// Occupancy (docs/method.md 12.7: 1 inside, 0 outside, a ramp of width `ramp_m` between), and its
     /// gradient per normalised unit.
-    pub fn occupancy(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
+    pub(crate) fn occupancy(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
         let (d, g) = self.sdf_m(point);
         // docs/method.md (12.13).
         let value = 0.5 - d / self.ramp_m;
@@ -72,7 +72,7 @@ impl Volume<'_> {
     }
 
     /// Whether the point was seen in this state.
-    pub fn visible(&self, point: &Point3<f64>) -> bool {
+    pub(crate) fn visible(&self, point: &Point3<f64>) -> bool {
         self.model.visible.nearest(&self.scene.world(point)).is_some_and(|i| self.model.visible.values[i])
     }
 

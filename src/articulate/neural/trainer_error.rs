@@ -1,9 +1,9 @@
 //! What the articulation trainer refuses to work with.
 
 /// Fewest parts: a static and a moving one.
-pub const MIN_PARTS: usize = 2;
+pub(crate) const MIN_PARTS: usize = 2;
 /// Most parts that a segmentation can have.
-pub const MAX_PARTS: usize = 64;
+pub(crate) const MAX_PARTS: usize = 64;
 /// The articulation trainer cannot work with what it was given.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TrainerError {

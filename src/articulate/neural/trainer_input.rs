@@ -12,10 +12,10 @@ use crate::{
 use geometry::Pose;
 
 /// Labelled surface points of a state: world points in meters, one part index each.
-pub type LabelledPoints = (Vec<Point3<f64>>, Vec<u8>);
+pub(crate) type LabelledPoints = (Vec<Point3<f64>>, Vec<u8>);
 
 /// Refuses a number of parts or a scale that cannot be worked with.
-pub fn check_scale(parts: usize, truncation_m: f64) -> Result<(), TrainerError> {
+pub(crate) fn check_scale(parts: usize, truncation_m: f64) -> Result<(), TrainerError> {
     if !(MIN_PARTS..=MAX_PARTS).contains(&parts) {
         return Err(TrainerError::Parts { parts });
     }
@@ -28,7 +28,7 @@ pub fn check_scale(parts: usize, truncation_m: f64) -> Result<(), TrainerError> 
 }
 
 /// Refuses a state that cannot be sampled.
-pub fn check_state(state: usize, model: &StateModel<'_>) -> Result<(), TrainerError> {
+pub(crate) fn check_state(state: usize, model: &StateModel<'_>) -> Result<(), TrainerError> {
     let mismatch = |what, problem: String| Err(TrainerError::Mismatch { what, state, problem });
     if model.rays.is_empty() {
         return Err(TrainerError::NoRays { state });
@@ -75,7 +75,10 @@ pub fn check_state(state: usize, model: &StateModel<'_>) -> Result<(), TrainerEr
 }
 
 /// Refuses matches that name a frame that is not there, or are not finite.
-pub fn check_matches(states: &[StateModel<'_>; 2], matches: &[LiftedMatch]) -> Result<(), TrainerError> {
+pub(crate) fn check_matches(
+    states: &[StateModel<'_>; 2],
+    matches: &[LiftedMatch],
+) -> Result<(), TrainerError> {
     for (index, pair) in matches.iter().enumerate() {
         for (state, point) in [pair.point0, pair.point1].into_iter().enumerate() {
             let (frame, frames) = (pair.frames[state], states[state].cameras.len());
@@ -94,7 +97,7 @@ pub fn check_matches(states: &[StateModel<'_>; 2], matches: &[LiftedMatch]) -> R
 }
 
 /// Refuses motions that do not fit.
-pub fn check_motions(init: Option<&[Pose]>, parts: usize) -> Result<(), TrainerError> {
+pub(crate) fn check_motions(init: Option<&[Pose]>, parts: usize) -> Result<(), TrainerError> {
     let Some(init) = init else { return Ok(()) };
     let finite = |m: &Pose| m.to_homogeneous().iter().all(|v| v.is_finite());
     // All motions are against part 0, so that it cannot have one.
@@ -107,7 +110,7 @@ pub fn check_motions(init: Option<&[Pose]>, parts: usize) -> Result<(), TrainerE
 }
 
 /// Refuses labels that do not fit.
-pub fn check_labels(labels: Option<[&LabelledPoints; 2]>, parts: usize) -> Result<(), TrainerError> {
+pub(crate) fn check_labels(labels: Option<[&LabelledPoints; 2]>, parts: usize) -> Result<(), TrainerError> {
     for (state, (points, labels)) in labels.into_iter().flatten().enumerate() {
         let fits = points.len() == labels.len()
             && !points.is_empty()

@@ -20,7 +20,7 @@ const CUBE_SHARE: f64 = 0.25;
 const STATE_SHARE: f64 = 0.375;
 
 /// The voxels (cubes around grid nodes) of a state in which occupancy is not zero everywhere.
-pub struct OccupiedVoxels {
+pub(crate) struct OccupiedVoxels {
     member: Vec<bool>,
     indices: Vec<u32>,
     /// Share of the scene cube.
@@ -29,7 +29,7 @@ pub struct OccupiedVoxels {
 
 impl OccupiedVoxels {
     /// Finds the voxels; a signed distance changes by at most the distance to the node.
-    pub fn of(volume: &Volume<'_>) -> Self {
+    pub(crate) fn of(volume: &Volume<'_>) -> Self {
         let grid = volume.model.sdf;
         // Half the ramp, and half the diagonal of a voxel.
         let reach = 0.5 * volume.ramp_m + 0.5 * 3.0f64.sqrt() * grid.spacing_m;
@@ -52,7 +52,7 @@ impl OccupiedVoxels {
 
 /// Points of the scene cube with weights: the mean of a function over the cube is the mean of `weight *
 /// f(point)`.
-pub struct UniformBatch {
+pub(crate) struct UniformBatch {
     /// Normalised positions, in the state that points are warped *out of*.
     pub points: Vec<Point3<f64>>,
     /// Ratio of uniform to proposal density.
@@ -63,7 +63,7 @@ impl UniformBatch {
     /// Draws `count` points of the `here` state: a quarter uniform, the rest from its occupied voxels and
     /// from those of the `other` state moved here by a random part (`way` leads from `here` to `other`).
     /// Weights are those of the whole mixture.
-    pub fn draw(
+    pub(crate) fn draw(
         count: usize,
         here: (&Volume<'_>, &OccupiedVoxels),
         other: (&Volume<'_>, &OccupiedVoxels),

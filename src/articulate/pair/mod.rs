@@ -1,7 +1,7 @@
 //! Two surfaces and a motion between them: where samples reproject, what that costs, and the motion refined.
 
-pub mod point_to_plane;
-pub mod recent;
-pub mod reprojection;
-pub mod surface_pair;
-pub mod unexplained;
+pub(crate) mod point_to_plane;
+pub(crate) mod recent;
+pub(crate) mod reprojection;
+pub(crate) mod surface_pair;
+pub(crate) mod unexplained;

@@ -16,7 +16,7 @@ const SURFACE_SIGMAS: f64 = 2.9;
 const MATCH_SIGMAS: f64 = 2.0;
 /// Samples of a smooth surface repeat each other's errors: this many count as one.
 /// tuned: shared/bags
-pub const SAMPLES_PER_READING: f64 = 12.0;
+pub(crate) const SAMPLES_PER_READING: f64 = 12.0;
 /// Gauss-Newton steps against one set of correspondences.
 const STEPS: usize = 3;
 /// Damping relative to the mean diagonal: holds directions that nothing observes.
@@ -24,7 +24,7 @@ const STEPS: usize = 3;
 const DAMPING: f64 = 1e-5;
 
 /// A residual `normal . (point - T source)` in the frame of state 1, or its three components for a match.
-pub struct Plane {
+pub(crate) struct Plane {
     /// Point that the motion takes along, state 0.
     pub source: Point3<f64>,
     /// Where it should be, state 1.
@@ -36,7 +36,7 @@ pub struct Plane {
 
 impl Plane {
     /// Where a motion takes the point, the surface normal there, in the frame of state 1, and the residual.
-    pub fn under(&self, motion: &Pose) -> (Point3<f64>, Vector3<f64>, f64) {
+    pub(crate) fn under(&self, motion: &Pose) -> (Point3<f64>, Vector3<f64>, f64) {
         let moved = motion * self.source;
         let normal = if self.normal_moves { motion * self.normal } else { self.normal };
         (moved, normal, normal.dot(&(moved - self.target)))
@@ -44,7 +44,12 @@ impl Plane {
 }
 
 /// Correspondences of the samples that carry a motion's label, from both states.
-pub fn correspondences(pair: &SurfacePair<'_>, labels: [&[u8]; 2], motion: &Pose, label: u8) -> Vec<Plane> {
+pub(crate) fn correspondences(
+    pair: &SurfacePair<'_>,
+    labels: [&[u8]; 2],
+    motion: &Pose,
+    label: u8,
+) -> Vec<Plane> {
     let mut all = Vec::new();
     for state in 0..2 {
         let (these, others) = (pair.samples[state], pair.samples[1 - state]);
@@ -111,14 +116,14 @@ impl System {
 }
 
 /// The small motion by a rotation vector about a center and a shift.
-pub fn step(center: &Point3<f64>, turn: &Vector3<f64>, shift_m: &Vector3<f64>) -> Pose {
+pub(crate) fn step(center: &Point3<f64>, turn: &Vector3<f64>, shift_m: &Vector3<f64>) -> Pose {
     let rotation = exp_so3(turn);
     Pose::from_parts((center.coords - rotation * center.coords + shift_m).into(), rotation)
 }
 
 /// Refines one motion. Residual deviations are those of `pair`, `matches` are the ones that follow the
 /// motion. The motion is returned unchanged where too little supports it.
-pub fn refine(
+pub(crate) fn refine(
     pair: &SurfacePair<'_>,
     labels: [&[u8]; 2],
     matches: &[LiftedMatch],

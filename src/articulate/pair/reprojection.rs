@@ -1,37 +1,37 @@
 //! Where a surface sample goes in the other state, and what that costs: a robust negative log-likelihood in
 //! units of the 3 nats that a correspondence at the edge of the reach loses. See docs/method.md (6.5).
 
-pub use crate::samples::place_costs::{ALL_FREE, HIDDEN};
+pub(crate) use crate::samples::place_costs::{ALL_FREE, HIDDEN};
 
 /// Additional cost of a surface that follows another motion, and what a correspondence under another motion
 /// says against a motion that hid the sample.
 /// tuned: shared/bags
-pub const TAKEN: f32 = 0.4;
+pub(crate) const TAKEN: f32 = 0.4;
 /// Cost of a place in space seen to be empty.
 /// tuned: shared/bags
-pub const FREE: f32 = 1.6;
+pub(crate) const FREE: f32 = 1.6;
 /// Squared mismatch in standard deviations at which half the cost of a missing surface is reached: half of it
 /// are the 3 nats of a unit of cost.
 /// derived: 2 * 3 nats, so that small deviations cost `z^2 / 2` nats (Geman-McClure)
-pub const HALF_COST: f64 = 6.0;
+pub(crate) const HALF_COST: f64 = 6.0;
 /// A sample is explained by a motion of a lower cost: it is nearer than [`HALF_COST`].
 /// derived: `HALF_COST / (HALF_COST + HALF_COST)`
-pub const EXPLAINED: f32 = 0.5;
+pub(crate) const EXPLAINED: f32 = 0.5;
 /// What a sample says for its motion where another takes it into space seen empty, beyond its own cost,
 /// as one in fifty true points is there.
 /// derived: `-ln ASTRAY / 3`, 3 nats being the unit of cost
-pub const MISSED: f64 = 1.3;
+pub(crate) const MISSED: f64 = 1.3;
 /// Cost of a sample that a motion takes into space seen empty, in samples that it takes onto planes, of which
 /// a sixth counts.
 /// tuned: shared/bags
-pub const CONTRADICTED: f64 = 2.0;
+pub(crate) const CONTRADICTED: f64 = 2.0;
 /// Share of true points that errors of depth and pose take into space seen empty.
 /// tuned: shared/bags
-pub const ASTRAY: f64 = 0.02;
+pub(crate) const ASTRAY: f64 = 0.02;
 
 /// What is asked of a reprojection.
 #[derive(Clone, Copy)]
-pub struct Look<'a> {
+pub(crate) struct Look<'a> {
     /// The motion's label.
     pub label: u8,
     /// Labels of the other state's samples, where known, and what a partner that carries another one costs
@@ -43,7 +43,7 @@ pub struct Look<'a> {
 
 /// Where a sample goes in the other state.
 #[derive(Clone, Copy)]
-pub struct Reprojection {
+pub(crate) struct Reprojection {
     /// The sample nearest to it there, with the squared deviations of shape and of color.
     pub partner: Option<(u32, f64, f64)>,
     /// Whether its place was seen empty, where that is known.
@@ -54,7 +54,7 @@ impl Reprojection {
     /// Agreement with the surface: 0 for a perfect partner, towards 1 for none; [`HIDDEN`] or [`FREE`] where
     /// there is no surface and empty space is known. A partner that follows another motion by `other_labels`
     /// hides the sample at best.
-    pub fn cost(&self, look: Look<'_>) -> f32 {
+    pub(crate) fn cost(&self, look: Look<'_>) -> f32 {
         let Look { label, other_labels, colored } = look;
         let partner = self.partner.map(|(j, shape, color)| {
             let squared = if colored { shape + color } else { shape };
@@ -76,7 +76,7 @@ impl Reprojection {
 /// Log-likelihood ratio of the first of two motions of these costs, by one sample: that it reaches a surface,
 /// where the other takes it into space seen empty or reaches one worse. A sample that was hidden under either
 /// motion says nothing for it. See docs/method.md (7.2).
-pub fn log_ratio(own: f32, rival: f32) -> f64 {
+pub(crate) fn log_ratio(own: f32, rival: f32) -> f64 {
     match (own, rival) {
         // The order of the arms is that of docs/method.md (7.2): its own motion hid the sample, then what the
         // rival does with it.

@@ -46,11 +46,11 @@ const DEPTH_ERROR: f64 = 2.5;
 const ERROR: f64 = 0.5;
 /// Samples beyond an edge by more than this many times their mean distance have no partner.
 /// derived: the diagonal of a square of samples
-pub const EDGE: f64 = std::f64::consts::SQRT_2;
+pub(crate) const EDGE: f64 = std::f64::consts::SQRT_2;
 
 /// Deviations of corresponding samples of a static surface.
 #[derive(Clone, Copy, Debug)]
-pub struct Scales {
+pub(crate) struct Scales {
     /// Distance to the other state's tangent plane, meters.
     pub plane_m: f64,
     /// Length of the color difference.
@@ -65,10 +65,10 @@ const KEPT: usize = 48;
 const LABELINGS: usize = 12;
 
 /// Labels of every sample of each state, and its costs, sample-major.
-pub type Labeling = ([Vec<u8>; 2], [Vec<f32>; 2]);
+pub(crate) type Labeling = ([Vec<u8>; 2], [Vec<f32>; 2]);
 
 /// Both states' samples, prepared for search.
-pub struct SurfacePair<'a> {
+pub(crate) struct SurfacePair<'a> {
     /// Samples of each state.
     pub samples: [&'a SurfaceSamples; 2],
     /// Search in each state's samples.
@@ -91,7 +91,11 @@ pub struct SurfacePair<'a> {
 
 impl<'a> SurfacePair<'a> {
     /// Prepares the search; deviations are measured on the samples that coincide in both states.
-    pub fn new(samples: [&'a SurfaceSamples; 2], free: [Option<FreeSpace<'a>>; 2], reach_m: f64) -> Self {
+    pub(crate) fn new(
+        samples: [&'a SurfaceSamples; 2],
+        free: [Option<FreeSpace<'a>>; 2],
+        reach_m: f64,
+    ) -> Self {
         let indices = samples.map(|s| SampleIndex::new(s, reach_m));
         let graph = |s: usize| SurfaceGraph::new(samples[s], &indices[s], reach_m);
         let graphs = rayon::join(|| graph(0), || graph(1)).into();
@@ -115,18 +119,18 @@ impl<'a> SurfacePair<'a> {
     }
 
     /// Gives up what is kept.
-    pub fn forget(&self) {
+    pub(crate) fn forget(&self) {
         self.reprojections.clear();
         self.labelings.clear();
     }
 
     /// Number of the smooth sheet that a sample is on.
-    pub fn sheet(&self, state: usize, sample: usize) -> u32 {
+    pub(crate) fn sheet(&self, state: usize, sample: usize) -> u32 {
         self.graphs[state].sheet(sample)
     }
 
     /// Samples beside a sample on its surface.
-    pub fn beside(&self, state: usize, sample: usize) -> impl Iterator<Item = usize> {
+    pub(crate) fn beside(&self, state: usize, sample: usize) -> impl Iterator<Item = usize> {
         self.graphs[state].beside(sample)
     }
 
@@ -153,7 +157,7 @@ impl<'a> SurfacePair<'a> {
     }
 
     /// Where a motion takes a sample in the other state, meters, and the nearest sample there.
-    pub fn carried(
+    pub(crate) fn carried(
         &self,
         state: usize,
         sample: usize,
@@ -193,7 +197,7 @@ impl<'a> SurfacePair<'a> {
 
     /// Height of a point above a sample's plane, meters, and its distance along that plane in mean distances
     /// of samples.
-    pub fn offset(&self, state: usize, sample: usize, point: &Point3<f64>) -> (f64, f64) {
+    pub(crate) fn offset(&self, state: usize, sample: usize, point: &Point3<f64>) -> (f64, f64) {
         let (offset, normal) =
             (point - self.samples[state].points[sample], self.samples[state].normals[sample]);
         let off_m = normal.dot(&offset);
@@ -221,7 +225,12 @@ impl<'a> SurfacePair<'a> {
     }
 
     /// Cost of one sample by shape alone, and its partner in the other state.
-    pub fn shape_cost(&self, state: usize, sample: usize, other_from_this: &Pose) -> (f32, Option<usize>) {
+    pub(crate) fn shape_cost(
+        &self,
+        state: usize,
+        sample: usize,
+        other_from_this: &Pose,
+    ) -> (f32, Option<usize>) {
         let found = self.reprojection(state, sample, other_from_this);
         (
             found.cost(Look { label: 0, other_labels: None, colored: false }),
@@ -231,7 +240,7 @@ impl<'a> SurfacePair<'a> {
 
     /// The samples of a state that have a partner in the other under a motion from state 0 to state 1, each
     /// with it.
-    pub fn partners(&self, state: usize, motion: &Pose) -> Vec<(usize, usize)> {
+    pub(crate) fn partners(&self, state: usize, motion: &Pose) -> Vec<(usize, usize)> {
         self.reprojections(state, motion)
             .iter()
             .enumerate()
@@ -241,14 +250,14 @@ impl<'a> SurfacePair<'a> {
 
     /// Costs of every sample of a state under every motion, sample-major. `other_labels` are the labels of
     /// the other state's samples, where known.
-    pub fn costs(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {
+    pub(crate) fn costs(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {
         self.costs_of(state, motions, other_labels.map(|l| (l, TAKEN)), true)
     }
 
     /// The same for labels. Of all parts a motion is ruled out that takes a sample to a place which was seen
     /// empty all around: it costs [`ALL_FREE`]. While parts are missing such surface would be handed to any
     /// other that happens to be hidden there.
-    pub fn label_costs(
+    pub(crate) fn label_costs(
         &self,
         state: usize,
         motions: &[Pose],
@@ -285,7 +294,12 @@ impl<'a> SurfacePair<'a> {
 
     /// The same by shape alone: light stands still where a part turns, so that colors err together over a
     /// surface.
-    pub fn shape_costs(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {
+    pub(crate) fn shape_costs(
+        &self,
+        state: usize,
+        motions: &[Pose],
+        other_labels: Option<&[u8]>,
+    ) -> Vec<f32> {
         self.costs_of(state, motions, other_labels.map(|l| (l, TAKEN)), false)
     }
 
@@ -311,7 +325,7 @@ impl<'a> SurfacePair<'a> {
     /// Label of every sample of a state: mean-field smoothing of the costs, then labels handed along the
     /// surface to samples that hold no evidence, then islands without evidence joined to what surrounds them.
     /// Samples out of reach of any evidence are static (label 0).
-    pub fn labels(&self, state: usize, costs: &[f32], motions: usize, of: Of) -> Vec<u8> {
+    pub(crate) fn labels(&self, state: usize, costs: &[f32], motions: usize, of: Of) -> Vec<u8> {
         // The static part alone has all of the surface.
         if motions == 1 {
             return vec![0; costs.len()];

@@ -8,11 +8,11 @@ use geometry::Pose;
 
 /// What a motion explains must have this share of all samples: less could not outweigh the cost of a part.
 /// tuned: shared/bags
-pub const LEAST_SHARE: f64 = 0.004;
+pub(crate) const LEAST_SHARE: f64 = 0.004;
 
 /// Samples of each state that no motion explains, and those of them that moved (the first motion is the
 /// static part's).
-pub struct Unexplained {
+pub(crate) struct Unexplained {
     /// Samples that no motion takes onto a surface.
     pub open: [Vec<bool>; 2],
     /// Those of them whose place was seen empty in the other state.
@@ -21,7 +21,7 @@ pub struct Unexplained {
 
 impl Unexplained {
     /// What `motions` leave.
-    pub fn of(pair: &SurfacePair<'_>, motions: &[Pose]) -> Self {
+    pub(crate) fn of(pair: &SurfacePair<'_>, motions: &[Pose]) -> Self {
         let both = [0, 1].map(|s| {
             let costs = pair.shape_costs(s, motions, None);
             let free = pair.free[1 - s].is_some();
@@ -40,7 +40,7 @@ impl Unexplained {
     /// Whether a correspondence of a sample with one of the other state calls for a motion: both are open,
     /// and one of the two is where the other state saw nothing. Surface that doors hid in turn may look alike
     /// by chance.
-    pub fn calls_for(&self, state: usize, sample: usize, partner: usize) -> bool {
+    pub(crate) fn calls_for(&self, state: usize, sample: usize, partner: usize) -> bool {
         self.open[1 - state][partner] && (self.moved[state][sample] || self.moved[1 - state][partner])
     }
 }

@@ -1,5 +1,5 @@
 //! The surface of each part, from all states.
 
-pub mod assemble;
-pub mod contradicted;
-pub mod label_grid;
+pub(crate) mod assemble;
+pub(crate) mod contradicted;
+pub(crate) mod label_grid;

@@ -185,7 +185,7 @@ struct Cut {
 /// Adds sets in which motions are divided, as far as two motions explain clearly more than one. They
 /// begin with the best set in which no motion loses evidence to another, and come before others of as
 /// many motions that leave more unexplained.
-pub fn divide(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
+pub(crate) fn divide(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
     let mut motions = best(pair, steps);
     while let Some(divided) = divided(pair, &motions) {
         let (scores, shares) = weighed(pair, &divided);

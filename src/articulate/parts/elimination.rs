@@ -19,7 +19,7 @@ use geometry::Pose;
 
 /// A motion with less than this share of the least evidence explains next to nothing.
 /// tuned: shared/bags
-pub const SLIGHT: f64 = 0.5;
+pub(crate) const SLIGHT: f64 = 0.5;
 /// The largest sets of motions that could all be parts, which settle.
 const COMPARED: usize = 2;
 /// The weakest motions that are compared before one is dropped.
@@ -30,7 +30,7 @@ const ALIKE: f64 = 0.9;
 
 /// Motions on the way from many to none.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Step {
+pub(crate) struct Step {
     pub motions: Vec<Pose>,
     pub point: EvidencePoint,
     /// Share of the surface that each motion explains and no other.
@@ -40,7 +40,7 @@ pub struct Step {
 }
 
 /// The most motions of which each has the evidence that a part needs.
-pub fn best(pair: &MatchedPair<'_>, steps: &[Step]) -> Vec<Pose> {
+pub(crate) fn best(pair: &MatchedPair<'_>, steps: &[Step]) -> Vec<Pose> {
     // Whether a set stands depends on the smaller ones, so that all are there before one is judged.
     let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
     let most = standing(pair, steps, &curve).into_iter().max_by_key(|s| s.motions.len());
@@ -48,7 +48,11 @@ pub fn best(pair: &MatchedPair<'_>, steps: &[Step]) -> Vec<Pose> {
 }
 
 /// The sets that stand by a curve of evidence; divided ones were judged as they were made.
-pub fn standing<'s>(pair: &MatchedPair<'_>, steps: &'s [Step], curve: &[EvidencePoint]) -> Vec<&'s Step> {
+pub(crate) fn standing<'s>(
+    pair: &MatchedPair<'_>,
+    steps: &'s [Step],
+    curve: &[EvidencePoint],
+) -> Vec<&'s Step> {
     steps
         .iter()
         .zip(curve)
@@ -59,7 +63,7 @@ pub fn standing<'s>(pair: &MatchedPair<'_>, steps: &'s [Step], curve: &[Evidence
 
 /// Sets of motions, each without the weakest of the one before and refitted to what the others take over,
 /// down to the static part alone.
-pub fn steps(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Step> {
+pub(crate) fn steps(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Step> {
     let mut steps = Vec::new();
     let mut settled = 0;
     loop {

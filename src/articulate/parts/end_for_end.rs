@@ -32,7 +32,7 @@ const FAR_TURN: f64 = 2.1;
 
 /// The motions, each part's turned end for end where that explains more, weighed by what speaks for a
 /// hinge. Matches distinguish them, so that only parts without them are looked at.
-pub fn hinged(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose> {
+pub(crate) fn hinged(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose> {
     for k in 1..motions.len() {
         if is_matched(pair, &motions, k) {
             continue;

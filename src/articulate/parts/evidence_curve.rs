@@ -27,7 +27,7 @@ pub struct EvidencePoint {
 }
 
 /// Whether each of a set of motions has the evidence that a part needs and none splits a part.
-pub fn stands(point: &EvidencePoint, curve: &[EvidencePoint], least: f64) -> bool {
+pub(crate) fn stands(point: &EvidencePoint, curve: &[EvidencePoint], least: f64) -> bool {
     point.weakest.is_none_or(|w| w >= least || (w >= ADDING * least && adds(point, curve)))
         && !splits(point, curve, FIRM * least)
 }
@@ -62,7 +62,7 @@ fn adds(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
 }
 
 /// The evidence of motions, the first of which is the static part's.
-pub fn point(scores: &[f64]) -> EvidencePoint {
+pub(crate) fn point(scores: &[f64]) -> EvidencePoint {
     let moving = &scores[1..];
     let weakest = moving.iter().copied().reduce(f64::min);
     EvidencePoint { parts: scores.len(), evidence: moving.iter().sum(), weakest, unexplained: 0.0 }

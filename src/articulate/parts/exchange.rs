@@ -19,7 +19,7 @@ const REPLACED: f64 = 0.25;
 
 /// The set in which one after the other of the `proposed` motions takes the place of two or more, as long
 /// as the sum of the evidence rises.
-pub fn exchanged(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed: &[Pose]) -> Vec<Pose> {
+pub(crate) fn exchanged(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed: &[Pose]) -> Vec<Pose> {
     let mut left = proposed.to_vec();
     loop {
         let found = label(&pair.surfaces, &set);

@@ -14,13 +14,13 @@ use geometry::Pose;
 const ROUNDS: usize = 3;
 
 /// Labels and costs of both states under a set of motions that is still sought.
-pub fn label(surfaces: &SurfacePair<'_>, motions: &[Pose]) -> Arc<Labeling> {
+pub(crate) fn label(surfaces: &SurfacePair<'_>, motions: &[Pose]) -> Arc<Labeling> {
     surfaces.labelings.get(motions.to_vec(), || label_of(surfaces, motions, Of::SomeParts))
 }
 
 /// The same under the motions of all parts: surface is of no part that was not there when its place was seen
 /// empty.
-pub fn label_of_all(surfaces: &SurfacePair<'_>, motions: &[Pose]) -> Labeling {
+pub(crate) fn label_of_all(surfaces: &SurfacePair<'_>, motions: &[Pose]) -> Labeling {
     label_of(surfaces, motions, Of::AllParts)
 }
 

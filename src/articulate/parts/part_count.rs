@@ -17,14 +17,14 @@ use geometry::Pose;
 
 /// Motions with less evidence than this many times the least are said to rest on little of it.
 /// tuned: shared/bags
-pub const LITTLE: f64 = 1.5;
+pub(crate) const LITTLE: f64 = 1.5;
 /// Share of the surface that must stand still before it is said that nothing moved.
 /// chosen: the majority
 const MAJORITY: f64 = 0.5;
 
 /// The motions that are parts.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub struct PartCount {
+pub(crate) struct PartCount {
     pub motions: Vec<Pose>,
     pub curve: Vec<EvidencePoint>,
     pub notes: Vec<Note>,
@@ -33,7 +33,7 @@ pub struct PartCount {
 
 /// The most motions of which each has the evidence that a part needs and none splits a part; not more
 /// than make `parts` parts, where that is given.
-pub fn choose(
+pub(crate) fn choose(
     pair: &MatchedPair<'_>,
     steps: &[Step],
     parts: Option<usize>,
@@ -122,13 +122,13 @@ fn check(
 }
 
 /// Says that fewer parts were asked for than there is evidence for.
-pub fn more_than_asked(evident: usize, asked: usize) -> Note {
+pub(crate) fn more_than_asked(evident: usize, asked: usize) -> Note {
     let text = format!("the evidence is for {evident} parts, {asked} were asked for");
     Note::new(NoteCode::MorePartsEvident, text)
 }
 
 /// Says that the weakest of some parts has little more evidence than the least.
-pub fn little_evidence(parts: usize, weakest: f64, least: f64) -> Note {
+pub(crate) fn little_evidence(parts: usize, weakest: f64, least: f64) -> Note {
     let text = format!(
         "one of the {parts} parts rests on little evidence: {weakest:.0} cells, where {:.0} leave no doubt",
         LITTLE * least

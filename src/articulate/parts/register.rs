@@ -46,7 +46,10 @@ pub struct Registration {
 }
 
 /// Longest side of the box around all surfaces.
-pub fn checked_extent_m(surfaces: &[&SurfaceSamples], parts: Option<usize>) -> Result<f64, RegisterError> {
+pub(crate) fn checked_extent_m(
+    surfaces: &[&SurfaceSamples],
+    parts: Option<usize>,
+) -> Result<f64, RegisterError> {
     let input = |what: String, remedy| Err(RegisterError::Input { what, remedy });
     if let Some(parts) = parts.filter(|p| !(2..=32).contains(p)) {
         return input(format!("{parts} parts were asked for"), "ask for 2 to 32, the static part included");
@@ -81,7 +84,7 @@ pub fn checked_extent_m(surfaces: &[&SurfaceSamples], parts: Option<usize>) -> R
 }
 
 /// What supports a motion of a registration.
-pub fn support(
+pub(crate) fn support(
     pair: &MatchedPair<'_>,
     motion: &Pose,
     label: u8,

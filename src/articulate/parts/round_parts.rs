@@ -9,7 +9,7 @@ use geometry::Pose;
 
 /// The motions, those of round parts that no matches fix after the turn that explains most; `None` where that
 /// changes none.
-pub fn turned_round(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
+pub(crate) fn turned_round(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
     let mut all = motions.to_vec();
     let mut changed = false;
     for k in 1..all.len() {
@@ -26,6 +26,6 @@ pub fn turned_round(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose
 }
 
 /// All motions but one.
-pub fn without(motions: &[Pose], k: usize) -> Vec<Pose> {
+pub(crate) fn without(motions: &[Pose], k: usize) -> Vec<Pose> {
     motions.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, m)| *m).collect()
 }

@@ -16,16 +16,20 @@ use geometry::Pose;
 /// Weight of a cell of explained surface against one with a match: a match to a wrong place is caught by its
 /// distance in three dimensions and its look, a wrong surface by its distance in one.
 /// tuned: shared/bags
-pub const SURFACE_WEIGHT: f64 = 0.16;
+pub(crate) const SURFACE_WEIGHT: f64 = 0.16;
 
 /// Evidence of each motion and share of the surface that it explains and no other, each surface belonging
 /// to one part.
-pub fn weighed(pair: &MatchedPair<'_>, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
+pub(crate) fn weighed(pair: &MatchedPair<'_>, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
     weighed_as(pair, motions, &label(&pair.surfaces, motions).0)
 }
 
 /// The same where the labels are known.
-pub fn weighed_as(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2]) -> (Vec<f64>, Vec<f64>) {
+pub(crate) fn weighed_as(
+    pair: &MatchedPair<'_>,
+    motions: &[Pose],
+    labels: &[Vec<u8>; 2],
+) -> (Vec<f64>, Vec<f64>) {
     let costs = [0, 1].map(|s| pair.surfaces.shape_costs(s, motions, Some(&labels[1 - s])));
     let scores = scores(pair, motions, &preferred(pair, motions, &costs, labels));
     (scores, shares(&costs, motions.len()))
@@ -58,7 +62,13 @@ fn preferred(
 
 /// Adds what the samples of one state say for each motion, patch by patch. They have `costs` for every
 /// state that they reproject to.
-pub fn prefer(pair: &MatchedPair<'_>, state: usize, costs: &[&[f32]], labels: &[u8], gains: &mut [f64]) {
+pub(crate) fn prefer(
+    pair: &MatchedPair<'_>,
+    state: usize,
+    costs: &[&[f32]],
+    labels: &[u8],
+    gains: &mut [f64],
+) {
     for (own, samples) in groups(&pair.surfaces, state, labels) {
         let ratios = ratios(pair, state, &samples, own, costs, labels, gains.len());
         gains[own] += ratios.into_iter().map(|t| t.1).reduce(f64::min).unwrap_or(0.0);
@@ -89,7 +99,7 @@ fn ratios(
 }
 
 /// See [`EvidencePoint::unexplained`] and docs/method.md (7.4).
-pub fn unexplained(pair: &MatchedPair<'_>, motions: &[Pose]) -> f64 {
+pub(crate) fn unexplained(pair: &MatchedPair<'_>, motions: &[Pose]) -> f64 {
     let costs = [0, 1].map(|s| pair.surfaces.shape_costs(s, motions, None));
     let best = costs
         .iter()
@@ -100,14 +110,14 @@ pub fn unexplained(pair: &MatchedPair<'_>, motions: &[Pose]) -> f64 {
 }
 
 /// A share of the surface as evidence, in cells.
-pub fn surface_evidence(pair: &MatchedPair<'_>, share: f64) -> f64 {
+pub(crate) fn surface_evidence(pair: &MatchedPair<'_>, share: f64) -> f64 {
     SURFACE_WEIGHT * share * pair.surface_cells() as f64
 }
 
 /// What speaks for each motion and no other, in cells: those of the matches that follow it beyond chance,
 /// and the cells of surface that it explains, which weigh less because a plane explains any other.
 /// See docs/method.md (7.1).
-pub fn scores(pair: &MatchedPair<'_>, motions: &[Pose], shares: &[f64]) -> Vec<f64> {
+pub(crate) fn scores(pair: &MatchedPair<'_>, motions: &[Pose], shares: &[f64]) -> Vec<f64> {
     let surface = pair.surface_cells();
     let score = |(cells, share): (f64, &f64)| {
         let cells = f64::max(cells - CHANCE, 0.0);
@@ -118,7 +128,7 @@ pub fn scores(pair: &MatchedPair<'_>, motions: &[Pose], shares: &[f64]) -> Vec<f
 
 /// Share of all samples that each motion explains and no other: the mean rise of the least cost without it,
 /// where only reaching a surface counts as an explanation.
-pub fn shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64> {
+pub(crate) fn shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64> {
     let mut gains = vec![0.0; motions];
     for sample in costs.iter().flat_map(|c| c.chunks_exact(motions)) {
         let (mut best, mut second, mut winner) = (1.0f32, 1.0f32, 0);
@@ -138,6 +148,6 @@ pub fn shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64> {
 }
 
 /// Whether matches fix the motion of part `k` among others that its shape allows.
-pub fn is_matched(pair: &MatchedPair<'_>, motions: &[Pose], k: usize) -> bool {
+pub(crate) fn is_matched(pair: &MatchedPair<'_>, motions: &[Pose], k: usize) -> bool {
     pair.match_cells(motions)[k] - CHANCE >= pair.config.least_score
 }

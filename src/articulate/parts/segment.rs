@@ -12,7 +12,7 @@ use crate::{observations::SurfaceSamples, pair::surface_pair::SurfacePair};
 use geometry::Pose;
 
 /// The samples of one label on one flat patch in each state; one state may have none.
-pub struct Segment {
+pub(crate) struct Segment {
     pub label: usize,
     /// Numbers of the samples of each state.
     pub samples: [Vec<usize>; 2],
@@ -21,7 +21,7 @@ pub struct Segment {
 impl Segment {
     /// Whether its surface of state 0 under one motion and its surface of state 1 under another would pass
     /// through each other.
-    pub fn crosses(&self, pair: &SurfacePair<'_>, first: &Pose, second: &Pose) -> bool {
+    pub(crate) fn crosses(&self, pair: &SurfacePair<'_>, first: &Pose, second: &Pose) -> bool {
         let [Some(start), Some(end)] = [0, 1].map(|s| Facet::of(pair.samples[s], &self.samples[s])) else {
             return false;
         };
@@ -70,7 +70,7 @@ impl Facet {
 
 /// All samples by segment. Of the patches that correspond, those that do so most are joined, each with
 /// one.
-pub fn segments(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2]) -> Vec<Segment> {
+pub(crate) fn segments(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2]) -> Vec<Segment> {
     let groups = [0, 1].map(|s| groups(pair, s, &labels[s]));
     let of = [0, 1].map(|s| {
         let mut of = vec![0; labels[s].len()];
@@ -109,7 +109,7 @@ pub fn segments(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2])
 }
 
 /// The samples of a state by label and smooth sheet, with the label.
-pub fn groups(pair: &SurfacePair<'_>, state: usize, labels: &[u8]) -> Vec<(usize, Vec<usize>)> {
+pub(crate) fn groups(pair: &SurfacePair<'_>, state: usize, labels: &[u8]) -> Vec<(usize, Vec<usize>)> {
     let mut of: BTreeMap<(u8, u32), Vec<usize>> = BTreeMap::new();
     for (i, label) in labels.iter().enumerate() {
         of.entry((*label, pair.sheet(state, i))).or_default().push(i);

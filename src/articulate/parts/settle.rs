@@ -14,7 +14,7 @@ const ROUNDS: usize = 8;
 const SAMPLES: usize = 200;
 
 /// One round: labels, then every moving part's motion.
-pub fn round(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
+pub(crate) fn round(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
     // Labels of the old motions hold for the whole round, so that the order of the parts does not matter.
     let found = label(&pair.surfaces, motions);
     let (labels, _) = &*found;
@@ -26,7 +26,7 @@ pub fn round(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
 }
 
 /// Rounds until no motion changes.
-pub fn settle(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
+pub(crate) fn settle(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
     let points = &pair.surfaces.samples[0].points;
     let every = points.len().div_ceil(SAMPLES);
     for _ in 0..ROUNDS {

@@ -91,7 +91,7 @@ const FOUND: u8 = u8::MAX;
 /// The labels that points have in all labelings together, with the number of points: all zero first, then by
 /// number.
 #[must_use]
-pub fn common_refinement(labelings: &[&[u8]]) -> Vec<(Vec<u8>, usize)> {
+pub(crate) fn common_refinement(labelings: &[&[u8]]) -> Vec<(Vec<u8>, usize)> {
     let points = labelings.iter().map(|l| l.len()).min().unwrap_or(0);
     let mut counts: BTreeMap<Vec<u8>, usize> = BTreeMap::from([(vec![0; labelings.len()], 0)]);
     for i in 0..points {

@@ -4,7 +4,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Point3, Vector6};
 
 /// A correspondence, linear in a small motion (rotation vector in radii, shift).
-pub struct Reading {
+pub(crate) struct Reading {
     /// In state 0.
     pub place: Point3<f64>,
     pub row: Vector6<f64>,
@@ -14,15 +14,15 @@ pub struct Reading {
 }
 
 /// Derivatives of a reading's distance by the values that explain it, meters or radii by meters.
-pub type Design<'a> = dyn Fn(&Reading) -> Vec<f64> + 'a;
+pub(crate) type Design<'a> = dyn Fn(&Reading) -> Vec<f64> + 'a;
 
 /// Derivatives by steps that a reading has in these measures.
-pub fn steps(reading: &Reading, measures: &[f64]) -> Vec<f64> {
+pub(crate) fn steps(reading: &Reading, measures: &[f64]) -> Vec<f64> {
     measures.iter().flat_map(|m| reading.row.iter().map(move |x| m * x)).collect()
 }
 
 /// Readings by which steps are compared.
-pub struct StepField<'a> {
+pub(crate) struct StepField<'a> {
     pub readings: &'a [Reading],
     /// Information that every value is small.
     pub prior: f64,
@@ -33,7 +33,7 @@ pub struct StepField<'a> {
 impl StepField<'_> {
     /// Logarithm of the evidence for values that explain the distances, over that for none: the likelihood of
     /// a linear Gaussian model with the values integrated out. `None` without readings.
-    pub fn log_evidence(&self, design: &Design<'_>) -> Option<f64> {
+    pub(crate) fn log_evidence(&self, design: &Design<'_>) -> Option<f64> {
         let size = design(self.readings.first()?).len();
         let (mut matrix, mut right) = (DMatrix::identity(size, size) * self.prior, DVector::zeros(size));
         for r in self.readings {

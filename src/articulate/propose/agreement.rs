@@ -22,7 +22,7 @@ const DARK: f64 = 0.08;
 /// What a sample says for a motion that is a step off: 1 to 0.5 on unexplained surface of the other state,
 /// the less the farther; -1 in empty space; 0 where nothing was seen or another motion explains what is
 /// there.
-pub fn rough(
+pub(crate) fn rough(
     pair: &SurfacePair<'_>,
     left: &Unexplained,
     state: usize,
@@ -44,7 +44,7 @@ pub fn rough(
 }
 
 /// Mean of what samples say for a motion that is a step off.
-pub fn mean_rough(
+pub(crate) fn mean_rough(
     pair: &SurfacePair<'_>,
     left: &Unexplained,
     state: usize,
@@ -57,7 +57,7 @@ pub fn mean_rough(
 
 /// What a sample says while a motion is polished: up to 1 on unexplained surface within its edges,
 /// -[`CONTRADICTED`] in empty space.
-pub fn sharp(
+pub(crate) fn sharp(
     pair: &SurfacePair<'_>,
     left: &Unexplained,
     state: usize,
@@ -82,7 +82,7 @@ pub fn sharp(
 
 /// What a motion explains of the unexplained samples, face by face: a face of which it takes more into empty
 /// space than onto surface counts nothing.
-pub fn gains(
+pub(crate) fn gains(
     pair: &SurfacePair<'_>,
     motion: &Pose,
     left: &Unexplained,

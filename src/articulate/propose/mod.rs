@@ -1,10 +1,10 @@
 //! Motions that parts may have made: by matches, and by surface that was left or reached.
 
-pub mod agreement;
-pub mod patch;
-pub mod ransac;
-pub mod residual;
-pub mod round_part;
-pub mod search;
-pub mod slid_panel;
-pub mod trial;
+pub(crate) mod agreement;
+pub(crate) mod patch;
+pub(crate) mod ransac;
+pub(crate) mod residual;
+pub(crate) mod round_part;
+pub(crate) mod search;
+pub(crate) mod slid_panel;
+pub(crate) mod trial;

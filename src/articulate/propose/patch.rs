@@ -12,7 +12,7 @@ use geometry::Pose;
 const SAME_PLANE: f64 = 0.15;
 
 /// A flat patch of surface.
-pub struct Patch {
+pub(crate) struct Patch {
     /// Its samples.
     pub samples: Vec<usize>,
     /// Their middle.
@@ -25,7 +25,7 @@ pub struct Patch {
 
 impl Patch {
     /// Where a motion takes it.
-    pub fn under(&self, motion: &Pose) -> Self {
+    pub(crate) fn under(&self, motion: &Pose) -> Self {
         Self {
             samples: self.samples.clone(),
             center: motion * self.center,
@@ -40,7 +40,7 @@ impl Patch {
 const SAME_BREADTH: f64 = 0.25;
 
 /// The rectangle that two patches of one plane, one beside the other, end.
-pub struct Band {
+pub(crate) struct Band {
     center: Point3<f64>,
     /// Along, across and normal, unit.
     axes: [Vector3<f64>; 3],
@@ -51,7 +51,7 @@ pub struct Band {
 impl Band {
     /// The band from one patch to the other; `None` where they lie in two planes, or not side by side along
     /// an edge.
-    pub fn between(a: &Patch, b: &Patch, tolerance_m: f64) -> Option<Self> {
+    pub(crate) fn between(a: &Patch, b: &Patch, tolerance_m: f64) -> Option<Self> {
         let normal = a.axes[2];
         let apart = b.center - a.center;
         if normal.dot(&b.axes[2]) < SAME_NORMAL || normal.dot(&apart).abs() > tolerance_m {
@@ -79,12 +79,12 @@ impl Band {
     }
 
     /// Area, square meters.
-    pub fn area_m2(&self) -> f64 {
+    pub(crate) fn area_m2(&self) -> f64 {
         4.0 * self.half_m[0] * self.half_m[1]
     }
 
     /// Whether a point with this normal lies in it.
-    pub fn holds(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+    pub(crate) fn holds(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> bool {
         let [along, across, off] = self.axes.map(|axis| axis.dot(&(point - self.center)).abs());
         along < self.half_m[0]
             && across < self.half_m[1]
@@ -116,7 +116,7 @@ impl Plane {
 
 /// Patches of the faces with at least `least` samples for which `seed` holds; most such samples first, at
 /// most `most`.
-pub fn patches(
+pub(crate) fn patches(
     pair: &SurfacePair<'_>,
     state: usize,
     faces: &[Vec<usize>],
@@ -135,7 +135,7 @@ pub fn patches(
 }
 
 /// The samples for which `open` holds, by plane; no sample is in two.
-pub fn faces(pair: &SurfacePair<'_>, state: usize, open: &[bool]) -> Vec<Vec<usize>> {
+pub(crate) fn faces(pair: &SurfacePair<'_>, state: usize, open: &[bool]) -> Vec<Vec<usize>> {
     let mut taken: Vec<bool> = open.iter().map(|o| !o).collect();
     let mut all = Vec::new();
     for first in 0..open.len() {

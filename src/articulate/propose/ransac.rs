@@ -69,7 +69,7 @@ pub struct Proposal {
 /// chance. Three fix the motion, and where one in a thousand is within the gate, six or seven of 300 are
 /// expected on some motion of the 300^3 / 6 (number of false alarms, Moisan and Stival 2004).
 /// tuned: shared/bags
-pub const CHANCE: f64 = 5.0;
+pub(crate) const CHANCE: f64 = 5.0;
 /// Two motions of one place that differ by less than this many gates are one.
 /// tuned: shared/bags
 const TWIN_GATES: f64 = 2.5;
@@ -85,7 +85,7 @@ const TWIN_DISTANCE: f64 = 0.06;
 
 /// How far matches may lie from a motion that they support, and how far they move, in meters.
 #[derive(Clone, Copy, Debug)]
-pub struct Gate {
+pub(crate) struct Gate {
     sigmas: f64,
     most_m: f64,
     moved_m: f64,
@@ -93,7 +93,7 @@ pub struct Gate {
 
 impl Gate {
     /// The gate for an object whose longest side is `extent_m`.
-    pub fn new(config: &RansacConfig, extent_m: f64) -> Self {
+    pub(crate) fn new(config: &RansacConfig, extent_m: f64) -> Self {
         Self { sigmas: config.gate_sigmas, most_m: config.gate * extent_m, moved_m: config.moved * extent_m }
     }
 
@@ -103,18 +103,18 @@ impl Gate {
     }
 
     /// Whether a match has moved enough to contradict a static surface.
-    pub fn has_moved(&self, m: &LiftedMatch) -> bool {
+    pub(crate) fn has_moved(&self, m: &LiftedMatch) -> bool {
         (m.point1 - m.point0).norm() > self.moved_m.max(self.sigmas * m.sigma_m)
     }
 
     /// How much a match supports a motion: 1 on it, falling with the squared distance to 0 at the gate.
-    pub fn support(&self, m: &LiftedMatch, motion: &Pose) -> f64 {
+    pub(crate) fn support(&self, m: &LiftedMatch, motion: &Pose) -> f64 {
         let distance = self.distance_m(m.sigma_m);
         (1.0 - (motion * m.point0 - m.point1).norm_squared() / (distance * distance)).max(0.0)
     }
 
     /// Whether a match agrees with a motion.
-    pub fn supports(&self, m: &LiftedMatch, motion: &Pose) -> bool {
+    pub(crate) fn supports(&self, m: &LiftedMatch, motion: &Pose) -> bool {
         self.support(m, motion) > 0.0
     }
 }
@@ -122,7 +122,7 @@ impl Gate {
 /// Motions supported by the matches that moved, strongest first: one after the other, each with the matches
 /// that the earlier ones leave. Slack of the static part and motions already found are left out. `extent_m`
 /// is the object's longest side; at most `motions + spare` motions.
-pub fn propose(
+pub(crate) fn propose(
     matches: &[LiftedMatch],
     motions: usize,
     extent_m: f64,
@@ -160,7 +160,7 @@ pub fn propose(
 
 /// Up to `count` motions that all matches together follow, those that stand still too, each with the matches
 /// that the earlier ones leave.
-pub fn common_motions(
+pub(crate) fn common_motions(
     matches: &[LiftedMatch],
     count: usize,
     extent_m: f64,
@@ -211,7 +211,7 @@ fn cells(points: impl Iterator<Item = Point3<f64>>, cell_m: f64) -> (Vec<usize>,
 }
 
 /// Sums the support of motions over the cells of both states.
-pub struct CellCounter {
+pub(crate) struct CellCounter {
     gate: Gate,
     cells: [Vec<usize>; 2],
     best: [Vec<f32>; 2],
@@ -219,14 +219,14 @@ pub struct CellCounter {
 }
 
 impl CellCounter {
-    pub fn new(pool: &[LiftedMatch], gate: Gate, cell_m: f64) -> Self {
+    pub(crate) fn new(pool: &[LiftedMatch], gate: Gate, cell_m: f64) -> Self {
         let (c0, n0) = cells(pool.iter().map(|m| m.point0), cell_m);
         let (c1, n1) = cells(pool.iter().map(|m| m.point1), cell_m);
         Self { gate, cells: [c0, c1], best: [vec![0.0; n0], vec![0.0; n1]], touched: Vec::new() }
     }
 
     /// Support of a motion: each cell counts by its best match, and the state with the smaller sum decides.
-    pub fn support(&mut self, pool: &[LiftedMatch], motion: &Pose) -> f64 {
+    pub(crate) fn support(&mut self, pool: &[LiftedMatch], motion: &Pose) -> f64 {
         let rotation = motion.rotation.to_rotation_matrix();
         let mut sums = [0.0f32; 2];
         self.touched.clear();

@@ -22,7 +22,7 @@ const AS_MUCH: f64 = 0.95;
 
 /// Motions from state 0 to state 1 that take unexplained patches onto unexplained surface, best first, each
 /// judged by the surface that the ones before leave.
-pub fn propose_from_residual(pair: &SurfacePair<'_>, motions: &[Pose], extent_m: f64) -> Vec<Pose> {
+pub(crate) fn propose_from_residual(pair: &SurfacePair<'_>, motions: &[Pose], extent_m: f64) -> Vec<Pose> {
     let mut search = Search::new(pair, motions, extent_m);
     let least = LEAST_SHARE * search.left.open.iter().map(Vec::len).sum::<usize>() as f64;
     let found = [0, 1].map(|s| moved_patches(&search.left, pair, s, &search.faces[s]));

@@ -18,7 +18,7 @@ const MORE: f64 = 0.02;
 
 /// The motion of a round part after the turn about its middle that explains most, where that is more.
 /// Such a turn needs no hinge beside the part.
-pub fn round_turn(search: &Search<'_, '_>, motion: &Pose) -> Option<Pose> {
+pub(crate) fn round_turn(search: &Search<'_, '_>, motion: &Pose) -> Option<Pose> {
     let (points, normals) = search.moved(motion);
     let axis = round_axis(&points, &normals)?;
     let total = |m: &Pose| search.sharp_total(m).0;

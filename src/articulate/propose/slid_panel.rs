@@ -16,7 +16,7 @@ const LEAST_PATCH: f64 = 0.001;
 const FILLED: f64 = 0.5;
 
 /// Patches of those `faces` of a state that hold samples which moved.
-pub fn moved_patches(
+pub(crate) fn moved_patches(
     left: &Unexplained,
     pair: &SurfacePair<'_>,
     state: usize,
@@ -28,7 +28,7 @@ pub fn moved_patches(
 
 /// Opens what lies between two strips of one plane, one left in state 0 and one reached in state 1: where a
 /// plain panel slides within its plane, what it covers in both states seems to stand still.
-pub fn join_slid(unexplained: &mut Unexplained, pair: &SurfacePair<'_>) {
+pub(crate) fn join_slid(unexplained: &mut Unexplained, pair: &SurfacePair<'_>) {
     let strips = [0, 1].map(|s| moved_patches(unexplained, pair, s, &faces(pair, s, &unexplained.moved[s])));
     for left in &strips[0] {
         for reached in &strips[1] {

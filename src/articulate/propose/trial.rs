@@ -88,7 +88,7 @@ impl Body {
 }
 
 /// Motions of the unexplained patches of each state that may hang on a body, from state 0 to state 1.
-pub fn motions_on(search: &Search<'_, '_>, motion: &Pose, patches: &[Vec<Patch>; 2]) -> Vec<Pose> {
+pub(crate) fn motions_on(search: &Search<'_, '_>, motion: &Pose, patches: &[Vec<Patch>; 2]) -> Vec<Pose> {
     let near_m = HINGE * search.extent_m;
     let mut all = Vec::new();
     for state in [0, 1] {

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 /// `in_plane` whether two neighbors lie in one plane. A patch takes what lies in one plane with a sample of
 /// it and whose normal is less than `bend` off its mean normal: what only follows from neighbor to neighbor
 /// goes around every rounded edge.
-pub fn flat_patches<I: Iterator<Item = usize>>(
+pub(crate) fn flat_patches<I: Iterator<Item = usize>>(
     normals: &[Vector3<f64>],
     bend: f64,
     beside: impl Fn(usize) -> I,

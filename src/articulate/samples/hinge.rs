@@ -7,25 +7,25 @@ use geometry::{Pose, Screw};
 /// Distance of an axis from both surfaces that it joins at which half of what speaks for a hinge is lost, as
 /// a share of the object's longest side.
 /// tuned: shared/bags
-pub const HINGE: f64 = 0.05;
+pub(crate) const HINGE: f64 = 0.05;
 /// A turn by less is no hinge's, and planes at a smaller angle are parallel, radians.
 /// tuned: shared/bags
-pub const PARALLEL: f64 = 0.1;
+pub(crate) const PARALLEL: f64 = 0.1;
 
 /// How well a motion of one part against another could be that of a hinge, from 0 to 1, by the distance of
 /// its axis from both (of a slide, by that of the parts).
-pub fn hinge_score(off_m: f64, extent_m: f64) -> f64 {
+pub(crate) fn hinge_score(off_m: f64, extent_m: f64) -> f64 {
     1.0 / (1.0 + (off_m / (HINGE * extent_m)).powi(2))
 }
 
 /// The axis of a motion that turns.
-pub fn axis_of_turn(motion: &Pose) -> Option<Screw> {
+pub(crate) fn axis_of_turn(motion: &Pose) -> Option<Screw> {
     Screw::of(motion).filter(|s| s.angle_rad.abs() > PARALLEL)
 }
 
 /// Sum of the distances of an axis from the surfaces of two parts, the second's beside the first alone,
 /// meters. A hinge runs by both; the axis of a turn that is none may lie in thin air.
-pub fn axis_off_m(
+pub(crate) fn axis_off_m(
     axis: (&Point3<f64>, &Unit<Vector3<f64>>),
     part: &[Point3<f64>],
     parent: &[Point3<f64>],
@@ -42,7 +42,7 @@ pub fn axis_off_m(
 }
 
 /// Distance of some points of a surface from some of another, meters.
-pub fn touch_m(part: &[Point3<f64>], other: &[Point3<f64>]) -> f64 {
+pub(crate) fn touch_m(part: &[Point3<f64>], other: &[Point3<f64>]) -> f64 {
     const SOME: usize = 500;
     let some = |points: &[Point3<f64>]| {
         points.iter().step_by(points.len().div_ceil(SOME).max(1)).copied().collect::<Vec<_>>()

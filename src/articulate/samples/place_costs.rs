@@ -2,7 +2,7 @@
 
 /// Cost of a place that was not seen: weaker than any agreement, hardly evidence against.
 /// tuned: shared/bags
-pub const HIDDEN: f32 = 0.9;
+pub(crate) const HIDDEN: f32 = 0.9;
 /// Cost of a place seen to be empty all around, as far as errors of depth and motion take it.
 /// chosen: above that of a place seen to be empty by what decides no label, so that it can be recognized
-pub const ALL_FREE: f32 = 1.61;
+pub(crate) const ALL_FREE: f32 = 1.61;

@@ -16,7 +16,7 @@ const MOST_CELLS: f64 = 2e6;
 const LARGER: f64 = 1.5;
 
 /// Samples sorted into cells of the search radius.
-pub struct SampleIndex<'a> {
+pub(crate) struct SampleIndex<'a> {
     samples: &'a SurfaceSamples,
     origin: Point3<f64>,
     cell_m: f64,
@@ -30,7 +30,7 @@ pub struct SampleIndex<'a> {
 
 impl<'a> SampleIndex<'a> {
     /// An index for searches up to `reach_m`.
-    pub fn new(samples: &'a SurfaceSamples, reach_m: f64) -> Self {
+    pub(crate) fn new(samples: &'a SurfaceSamples, reach_m: f64) -> Self {
         let (origin, upper) = bounding_box(samples.points.iter().copied()).unwrap_or_default();
         let extent = upper - origin;
         let mut cell_m = reach_m;
@@ -60,7 +60,7 @@ impl<'a> SampleIndex<'a> {
 
     /// Visits all samples in the cells around a point with their places: every sample within the reach, and
     /// some beyond.
-    pub fn around(&self, point: &Point3<f64>, mut visit: impl FnMut(usize, &Point3<f64>)) {
+    pub(crate) fn around(&self, point: &Point3<f64>, mut visit: impl FnMut(usize, &Point3<f64>)) {
         let c = self.cell(point);
         let range = |k: usize| {
             let (low, high) = ((c[k] - 1).max(0), (c[k] + 1).min(self.dims[k] as i64 - 1));
@@ -83,7 +83,7 @@ impl<'a> SampleIndex<'a> {
     }
 
     /// Distance to the nearest sample, meters; the reach where none is nearer.
-    pub fn distance_m(&self, point: &Point3<f64>) -> f64 {
+    pub(crate) fn distance_m(&self, point: &Point3<f64>) -> f64 {
         let mut squared = self.reach_m * self.reach_m;
         self.around(point, |_, p| squared = squared.min((p - point).norm_squared()));
         squared.sqrt()
@@ -91,7 +91,7 @@ impl<'a> SampleIndex<'a> {
 
     /// The sample with the smallest `|dp|^2 + (reach |dn| / 2)^2`, if below the reach squared: opposite sides
     /// of a thin sheet never meet. See docs/method.md (6.3).
-    pub fn nearest(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<usize> {
+    pub(crate) fn nearest(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<usize> {
         // derived: the square of the half in that distance
         let bend = 0.25 * self.reach_m * self.reach_m;
         let (mut best, mut best_squared) = (None, self.reach_m * self.reach_m);

@@ -25,7 +25,7 @@ const TURNS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 const SETTLING: usize = 10;
 
 /// A twist about a center.
-pub struct Slip {
+pub(crate) struct Slip {
     /// Rotation vector per meter of the step.
     turn: Vector3<f64>,
     /// Displacement of the center per meter of the step.
@@ -35,12 +35,12 @@ pub struct Slip {
 
 impl Slip {
     /// A shift along a unit direction.
-    pub fn along(direction: Vector3<f64>) -> Self {
+    pub(crate) fn along(direction: Vector3<f64>) -> Self {
         Self { turn: Vector3::zeros(), shift: direction, center: Point3::origin() }
     }
 
     /// The motion by a step: points at the root mean square distance from the center move by about `step_m`.
-    pub fn by(&self, step_m: f64) -> Pose {
+    pub(crate) fn by(&self, step_m: f64) -> Pose {
         let center = self.center.coords;
         let turn = UnitQuaternion::from_scaled_axis(self.turn * step_m);
         Pose::from_parts((center + self.shift * step_m - turn * center).into(), turn)
@@ -91,7 +91,7 @@ impl Changes {
 
 /// The three twists that least change the distances of points with normals from their planes, the least
 /// first; `None` for too few points.
-pub fn slips(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<[Slip; 3]> {
+pub(crate) fn slips(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<[Slip; 3]> {
     let changes = Changes::of(points, normals)?;
     let twists = changes.twists(|_| 1.0);
     Some([0, 1, 2].map(|k| changes.slip(&twists[k].1)))
@@ -99,7 +99,7 @@ pub fn slips(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<[Slip; 
 
 /// The axis about which a surface is round: it turns within itself, but for marks on it (Geman and McClure
 /// weights), and does not slide within itself. `None` for others.
-pub fn round_axis(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<Screw> {
+pub(crate) fn round_axis(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<Screw> {
     let changes = Changes::of(points, normals)?;
     let mut twists = changes.twists(|_| 1.0);
     for _ in 0..SETTLING {

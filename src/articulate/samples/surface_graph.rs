@@ -71,11 +71,11 @@ const ISLAND_SHARE: f32 = 0.02;
 /// plane) that counts as one standard deviation.
 ///
 /// tuned: shared/bags
-pub const NORMAL_SIGMA: f64 = 0.35;
+pub(crate) const NORMAL_SIGMA: f64 = 0.35;
 /// Cosine between normals of one plane.
 ///
 /// derived: unit vectors that differ by [`NORMAL_SIGMA`]
-pub const SAME_NORMAL: f64 = 1.0 - 0.5 * NORMAL_SIGMA * NORMAL_SIGMA;
+pub(crate) const SAME_NORMAL: f64 = 1.0 - 0.5 * NORMAL_SIGMA * NORMAL_SIGMA;
 /// Weight of the squared change of a normal between neighbors, in reaches squared.
 ///
 /// chosen: neighbors across a right angle are nearly half a reach farther
@@ -100,7 +100,7 @@ const FACE_PULL: f32 = 0.03;
 
 /// What labels are known to be of.
 #[derive(Clone, Copy)]
-pub enum Of {
+pub(crate) enum Of {
     /// Parts may be missing.
     SomeParts,
     /// The parts are known.
@@ -108,7 +108,7 @@ pub enum Of {
 }
 
 /// Samples of a surface and their neighbors on it.
-pub struct SurfaceGraph {
+pub(crate) struct SurfaceGraph {
     /// Neighbors of every sample with weights that sum to 1; unused slots point at the sample itself with
     /// weight 0.
     neighbors: Vec<[(u32, f32); NEIGHBORS]>,
@@ -123,7 +123,7 @@ pub struct SurfaceGraph {
 impl SurfaceGraph {
     /// The nearest samples within `reach_m`. Those on the same tangent plane weigh more than those beyond a
     /// crease or on a parallel surface.
-    pub fn new(samples: &SurfaceSamples, index: &SampleIndex<'_>, reach_m: f64) -> Self {
+    pub(crate) fn new(samples: &SurfaceSamples, index: &SampleIndex<'_>, reach_m: f64) -> Self {
         let neighbors: Vec<_> = (0..samples.points.len())
             .into_par_iter()
             .map(|i| neighbors_of(i, samples, index, reach_m))
@@ -135,18 +135,18 @@ impl SurfaceGraph {
     }
 
     /// Neighbors of a sample.
-    pub fn beside(&self, sample: usize) -> impl Iterator<Item = usize> {
+    pub(crate) fn beside(&self, sample: usize) -> impl Iterator<Item = usize> {
         beside(&self.neighbors, sample)
     }
 
     /// Number of the smooth sheet that a sample is on.
-    pub fn sheet(&self, sample: usize) -> u32 {
+    pub(crate) fn sheet(&self, sample: usize) -> u32 {
         self.sheets[sample]
     }
 
     /// Probability of every label at every sample, sample-major, by mean-field smoothing of the costs.
     /// See docs/method.md (6.7).
-    pub fn mean_field(&self, costs: &[f32], labels: usize) -> Vec<f32> {
+    pub(crate) fn mean_field(&self, costs: &[f32], labels: usize) -> Vec<f32> {
         let (n, quads) = (self.neighbors.len(), labels.div_ceil(LANES));
         // Labels lie in lanes of four, as registers hold them; lanes without a label stay zero.
         let mut lanes = vec![[0.0f32; LANES]; n * quads];
@@ -193,7 +193,7 @@ impl SurfaceGraph {
 
     /// Labels by a random walk to the samples that hold evidence (Grady 2006): where there is none, what is
     /// reached first along the surface wins. See docs/method.md (6.8).
-    pub fn fill(&self, mut beliefs: Vec<f32>, costs: &[f32], labels: usize, of: Of) -> Vec<u8> {
+    pub(crate) fn fill(&self, mut beliefs: Vec<f32>, costs: &[f32], labels: usize, of: Of) -> Vec<u8> {
         let n = self.neighbors.len();
         let own: Vec<f32> =
             (0..n).map(|i| OWN_PULL * evidence(&costs[i * labels..(i + 1) * labels])).collect();
@@ -264,7 +264,7 @@ impl SurfaceGraph {
 
     /// Joins components of a label that are apart from its largest component and hold little evidence to the
     /// label around them (static if nothing is) that they hold little evidence against.
-    pub fn join_islands(&self, labels: &mut [u8], costs: &[f32], motions: usize) {
+    pub(crate) fn join_islands(&self, labels: &mut [u8], costs: &[f32], motions: usize) {
         let components = components(&self.neighbors, |i, j| labels[i] == labels[j]);
         let count = components.iter().max().map_or(0, |m| *m as usize + 1);
         let mut strength = vec![0.0f32; count];

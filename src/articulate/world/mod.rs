@@ -1,4 +1,4 @@
 //! Whether the states were recorded in one world frame.
 
-pub mod standing;
-pub mod state_alignment;
+pub(crate) mod standing;
+pub(crate) mod state_alignment;

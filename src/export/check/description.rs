@@ -121,7 +121,7 @@ pub(super) struct Description {
 
 impl Description {
     /// Reads URDF text.
-    pub fn parse(text: &str) -> Result<Self, DescriptionError> {
+    pub(super) fn parse(text: &str) -> Result<Self, DescriptionError> {
         // Before the parser, whose tree takes a multiple of the text's memory.
         if text.len() as u64 > URDF.bytes {
             return Err(DescriptionError::Bytes { bytes: text.len() });

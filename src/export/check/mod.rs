@@ -26,7 +26,7 @@ use description::{Description, DescriptionError};
 use finding::Findings;
 pub use finding::{CheckFinding, Folder, Level};
 pub use named::named_files;
-pub use rule::Rule;
+pub(crate) use rule::Rule;
 use welds::Welds;
 
 use common::limits::with_declaration;

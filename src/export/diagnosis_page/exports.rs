@@ -12,7 +12,7 @@ const NOT_WRITTEN: &str = "not written";
 
 /// The table of all formats.
 #[must_use]
-pub fn exports(joints: &[JointReport], notes: &[ExportNote]) -> String {
+pub(super) fn exports(joints: &[JointReport], notes: &[ExportNote]) -> String {
     let head =
         ["Format", "Joint", "Effect", "The file", "In its place", "Held-out residual, twin \u{2192} file"];
     let mut rows = String::new();

@@ -35,7 +35,7 @@ const LETTER: f64 = 6.6;
 const SMALL: f64 = 0.25;
 
 /// What of a joint is drawn.
-pub struct Drawn<'a> {
+pub(super) struct Drawn<'a> {
     /// The twin.
     pub tree: &'a TwinTree,
     /// Index of the joint.
@@ -133,7 +133,7 @@ impl Drawn<'_> {
 
     /// The drawing, as SVG.
     #[must_use]
-    pub fn svg(&self) -> String {
+    pub(super) fn svg(&self) -> String {
         let joint = &self.tree.joints[self.joint];
         let (origin, axis) = self.axis();
         let (low, high) = self.range;

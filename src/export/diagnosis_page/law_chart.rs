@@ -16,7 +16,7 @@ const LEAST: f64 = 0.05;
 
 /// A law of a joint; dashed where it is not `is_named`.
 #[must_use]
-pub fn law_chart(joint: &JointReport, law: &Law, is_named: bool) -> String {
+pub(super) fn law_chart(joint: &JointReport, law: &Law, is_named: bool) -> String {
     let unit = law.variable.unit(joint.turns);
     let name = if law.effects.is_empty() {
         "What the twin lacks".to_owned()

@@ -25,14 +25,14 @@ const WIDTH: f64 = 1180.0;
 
 /// Names of the motions.
 #[derive(Clone, Copy)]
-pub struct Names {
+pub(super) struct Names {
     /// That of the updated twin; `None` where it is the twin.
     pub updated: Option<&'static str>,
 }
 
 /// The sections of a joint.
 #[must_use]
-pub fn motion(joint: &JointReport, names: &Names) -> String {
+pub(super) fn motion(joint: &JointReport, names: &Names) -> String {
     let mut out = all_runs(joint);
     let Some(gap) = &joint.gap else { return out };
     let drawn = joint.series.iter().zip(&gap.runs).take(MAX_HELD_OUT);

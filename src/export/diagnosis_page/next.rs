@@ -26,7 +26,7 @@ const COVERED: f64 = 0.8;
 
 /// The next experiment; `range` is that of all runs.
 #[must_use]
-pub fn next(joint: &JointReport, spec: Option<&TwinJoint>, range: (f64, f64)) -> String {
+pub(super) fn next(joint: &JointReport, spec: Option<&TwinJoint>, range: (f64, f64)) -> String {
     let d = &joint.diagnosis;
     let of = |f: &Finding| escape_xml(&f.experiment);
     match d.verdict {
@@ -144,7 +144,7 @@ fn further(joint: &JointReport, spec: Option<&TwinJoint>, (low, high): (f64, f64
 
 /// Where twin and recording disagree.
 #[must_use]
-pub fn disagreement(joint: &JointReport) -> String {
+pub(super) fn disagreement(joint: &JointReport) -> String {
     let listed = joint
         .diagnosis
         .before

@@ -53,7 +53,7 @@ fn value(joint: &JointReport, finding: &Finding, p: &ParameterEstimate, catalogu
 
 /// An effect's values in a sentence: `twin + found = updated unit`; the shape is in the table.
 #[must_use]
-pub fn sentence(joint: &JointReport, finding: &Finding, catalogue: &Catalogue) -> String {
+pub(super) fn sentence(joint: &JointReport, finding: &Finding, catalogue: &Catalogue) -> String {
     let one = |p: &ParameterEstimate| {
         let v = value(joint, finding, p, catalogue);
         let [twin, sign, found, sum] = v.parts?;
@@ -68,7 +68,12 @@ pub fn sentence(joint: &JointReport, finding: &Finding, catalogue: &Catalogue) -
 
 /// The table of values.
 #[must_use]
-pub fn values(joint: &JointReport, findings: &[Finding], title: &str, catalogue: &Catalogue) -> String {
+pub(super) fn values(
+    joint: &JointReport,
+    findings: &[Finding],
+    title: &str,
+    catalogue: &Catalogue,
+) -> String {
     let mut rows = String::new();
     for finding in findings {
         for (i, p) in finding.parameters.iter().enumerate() {
@@ -109,7 +114,7 @@ pub fn values(joint: &JointReport, findings: &[Finding], title: &str, catalogue:
 /// The residuals of held-out runs under the twin and, where there is one, the updated twin or what comes
 /// nearest.
 #[must_use]
-pub fn gap_table(joint: &JointReport, gap: &Gap, updated: Option<&str>) -> String {
+pub(super) fn gap_table(joint: &JointReport, gap: &Gap, updated: Option<&str>) -> String {
     let show = |x: f64| residual(x, joint.turns);
     let closed = |before: f64, after: f64| {
         // A twin at its noise has no gap to close.

@@ -77,7 +77,7 @@ struct PartScratch {
 }
 
 impl Scratch {
-    pub fn new(context: &StepContext<'_>, widest: usize) -> Self {
+    pub(super) fn new(context: &StepContext<'_>, widest: usize) -> Self {
         let part = |p: &PartView<'_>| PartScratch {
             geometry: GeometryPass::new(p.network, widest),
             color: ColorPass::new(p.network, widest),

@@ -36,12 +36,12 @@ pub(super) struct PartColumns {
 }
 
 impl PartColumns {
-    pub fn points(&self) -> PointColumns<'_> {
+    pub(super) fn points(&self) -> PointColumns<'_> {
         PointColumns { x: &self.x, y: &self.y, z: &self.z }
     }
 
     /// Takes the samples of a batch to the canonical frame.
-    pub fn fill(&mut self, batch: &RayBatch, half: &Pose, half_side: f64) {
+    pub(super) fn fill(&mut self, batch: &RayBatch, half: &Pose, half_side: f64) {
         let n = batch.distances.len();
         for axis in [&mut self.x, &mut self.y, &mut self.z] {
             axis.resize(n, 0.0);

@@ -45,7 +45,7 @@ impl RadianceEngine {
     ///
     /// # Panics
     /// If moments do not have the parameters' number.
-    pub fn new(states: Vec<EngineState>) -> Self {
+    pub(super) fn new(states: Vec<EngineState>) -> Self {
         let isa = InstructionSet::detect();
         let fields: Vec<_> = states.into_iter().map(|s| Learner::resume(s, isa)).collect();
         let columns = fields.iter().map(|_| PartColumns::default()).collect();
@@ -53,7 +53,7 @@ impl RadianceEngine {
     }
 
     /// What [`Self::new`] needs.
-    pub fn states(&self) -> Vec<EngineState> {
+    pub(super) fn states(&self) -> Vec<EngineState> {
         self.fields.iter().map(Learner::state).collect()
     }
 
@@ -61,7 +61,7 @@ impl RadianceEngine {
     ///
     /// The published code runs every batch twice, for the fields and then for the motions; here one gradient
     /// moves both.
-    pub fn step(
+    pub(super) fn step(
         &mut self,
         batch: &RayBatch,
         motions: &mut MotionState,

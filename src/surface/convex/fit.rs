@@ -42,7 +42,7 @@ impl Fit {
     /// A solid around pieces: faces along those of its samples, their opposites and `frame`. A face that was
     /// seen lies where it leaves least error between what stands out of the solid and what the solid stands
     /// before; others lie behind all pieces.
-    pub fn new<'a>(
+    pub(super) fn new<'a>(
         seen: &Seen,
         pieces: impl Iterator<Item = &'a Piece> + Clone,
         samples: &SampleColumns,
@@ -72,7 +72,7 @@ impl Fit {
     }
 
     /// Errors of samples against the solid by a tolerance, weighed by their areas.
-    pub fn errors(&self, samples: &SampleColumns, tolerance_m: f64) -> Vec<f64> {
+    pub(super) fn errors(&self, samples: &SampleColumns, tolerance_m: f64) -> Vec<f64> {
         let mut errors = samples.distances_m(&self.planes);
         weigh(&mut errors, &samples.areas_m2, tolerance_m);
         errors
@@ -80,7 +80,7 @@ impl Fit {
 
     /// The solid, at least `thin_m` thick, without faces that would cut off less than `least_m`; `None` where
     /// it has no volume.
-    pub fn solid(&self, least_m: f64, thin_m: f64) -> Option<ConvexSolid> {
+    pub(super) fn solid(&self, least_m: f64, thin_m: f64) -> Option<ConvexSolid> {
         // Faces that do not meet squarely may leave a sliver or nothing: it grows until it is a solid.
         let grown = (0..6).map(|k| self.grown(0.5 * thin_m * f64::from((1 << k) - 1)).bounded(least_m));
         grown.flatten().find(|s| s.thickness_m() >= 0.99 * thin_m)

@@ -45,7 +45,7 @@ impl Piece {
     }
 
     /// Its triangles, half of its wall's thickness below the front, with that thickness, meters.
-    pub fn plates(&self) -> impl Iterator<Item = ([Vector3<f64>; 3], f64)> + '_ {
+    pub(super) fn plates(&self) -> impl Iterator<Item = ([Vector3<f64>; 3], f64)> + '_ {
         let middle = self.back.try_normalize(0.0).unwrap_or_default() * (0.5 * self.share_m);
         let corner = move |k: usize| self.front[k] + middle;
         (1..self.front.len().max(1) - 1).map(move |k| ([corner(0), corner(k), corner(k + 1)], self.share_m))
@@ -53,7 +53,7 @@ impl Piece {
 
     /// What of it lies behind a plane and what before it. A piece that lies in the plane, give or take
     /// `slack_m`, is not cut: its wall lies behind the plane, or before it if it looks the other way.
-    pub fn cut(&self, plane: &Plane, slack_m: f64) -> [Option<Self>; 2] {
+    pub(super) fn cut(&self, plane: &Plane, slack_m: f64) -> [Option<Self>; 2] {
         let [lo, hi] = self.range(plane);
         let along = -plane.normal.dot(&self.back) / self.back.norm();
         if along > ALONG && hi <= slack_m || hi <= ON_PLANE_M {
@@ -102,7 +102,7 @@ pub(super) struct Sample {
 
 impl Sample {
     /// Whether it lies behind a plane, as [`Piece::cut`] has it.
-    pub fn is_behind(&self, plane: &Plane, slack_m: f64) -> bool {
+    pub(super) fn is_behind(&self, plane: &Plane, slack_m: f64) -> bool {
         let height = plane.normal.dot(&self.place) - plane.offset_m;
         let along = plane.normal.dot(&self.normal);
         if along > ALONG {

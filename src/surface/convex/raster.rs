@@ -36,7 +36,7 @@ pub(super) struct Raster {
 impl Raster {
     /// The cells under triangles. The raster lies along `hull` and holds it and the `beside` points; cells
     /// are at least `min_cell_m` wide.
-    pub fn new(
+    pub(super) fn new(
         triangles: &[[Point2<f64>; 3]],
         hull: &[Point2<f64>],
         beside: &[Point2<f64>],
@@ -88,7 +88,11 @@ impl Raster {
     /// Fills gaps within rows and columns: runs of cells from the patch to the patch or to a place of
     /// `stops`, most of them `hidden`, no longer than what was seen of the patch in that row or column.
     /// Returns whether there were any to speak of.
-    pub fn close_gaps(&mut self, stops: &[Point2<f64>], hidden: impl Fn(&Point2<f64>) -> bool) -> bool {
+    pub(super) fn close_gaps(
+        &mut self,
+        stops: &[Point2<f64>],
+        hidden: impl Fn(&Point2<f64>) -> bool,
+    ) -> bool {
         let mut stop = self.filled.clone();
         for p in stops {
             let at = (turned(&self.direction, p) - self.lower) / self.cell_m;
@@ -126,7 +130,7 @@ impl Raster {
     }
 
     /// At most `most` rectangles that cover the cells which closed gaps.
-    pub fn closed_rectangles(&self, most: usize) -> Vec<[Point2<f64>; 4]> {
+    pub(super) fn closed_rectangles(&self, most: usize) -> Vec<[Point2<f64>; 4]> {
         let corners = |r: &Rectangle| {
             let (x, y) = (r.x as f64, r.y as f64);
             let (width, height) = (r.width as f64, r.height as f64);

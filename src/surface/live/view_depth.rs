@@ -34,7 +34,7 @@ pub(super) struct ViewDepth<'a> {
 
 impl<'a> ViewDepth<'a> {
     /// The readings of a frame; `None` where it reads no surface, or its pose, camera or sizes make no sense.
-    pub fn new(frame: &'a RgbdFrame, noise: &NoiseConfig) -> Option<Self> {
+    pub(super) fn new(frame: &'a RgbdFrame, noise: &NoiseConfig) -> Option<Self> {
         if !is_sound(frame) {
             return None;
         }
@@ -57,12 +57,12 @@ impl<'a> ViewDepth<'a> {
     }
 
     /// Where the camera stands.
-    pub fn eye(&self) -> Point3<f64> {
+    pub(super) fn eye(&self) -> Point3<f64> {
         self.frame.world_from_camera.translation.vector.into()
     }
 
     /// Width of a pixel at a depth, meters.
-    pub fn pixel_m(&self, depth_m: f64) -> f64 {
+    pub(super) fn pixel_m(&self, depth_m: f64) -> f64 {
         depth_m / self.frame.intrinsics.fx.max(self.frame.intrinsics.fy)
     }
 }

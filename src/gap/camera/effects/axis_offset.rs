@@ -16,7 +16,7 @@ use crate::{
 use numeric::statistics::HALF_WIDTH_95;
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "axis_offset",
     trials: |twin, _, scales| {
         let mut all = Vec::new();

@@ -14,7 +14,7 @@ use crate::camera::model::{
 const PLAY: f64 = 0.01;
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "axis_play",
     trials: |twin, runs, scales| {
         let of = |j| {

@@ -11,7 +11,7 @@ use crate::camera::model::{
 };
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "camera_extrinsic_offset",
     trials: |_, _, scales| {
         let prior = |k| MISCALIBRATED * if k < 3 { scales.range_m } else { 1.0 };

@@ -14,7 +14,7 @@ use crate::camera::model::{
 const FRAME_S: f64 = 1.0 / 30.0;
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "camera_time_offset",
     trials: |_, runs, _| {
         // Without the camera's velocities nothing shows a delay.

@@ -9,7 +9,7 @@ use crate::camera::model::{
 };
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "depth_bias",
     trials: |_, _, scales| vec![(None, vec![column(Parameter::DepthBias, MISCALIBRATED * scales.range_m)])],
     log_odds: 0.0,

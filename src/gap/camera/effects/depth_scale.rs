@@ -9,7 +9,7 @@ use crate::camera::model::{
 };
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "depth_scale",
     trials: |_, _, _| vec![(None, vec![column(Parameter::DepthScale, MISCALIBRATED)])],
     log_odds: 0.0,

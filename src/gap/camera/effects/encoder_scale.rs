@@ -9,7 +9,7 @@ use crate::camera::model::{
 };
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "encoder_scale",
     trials: |twin, runs, _| {
         let reported = |j: &usize| runs.iter().all(|r| r.positions.contains_key(&twin.joints[*j].name));

@@ -15,7 +15,7 @@ use crate::camera::model::{
 const SECOND: f64 = 0.15;
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "second_dof",
     trials: |twin, runs, scales| {
         let of = |j, k: usize| {

@@ -6,7 +6,7 @@ use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct AsymmetricFriction;
+pub(super) struct AsymmetricFriction;
 
 const PARAMETERS: &[Parameter] = &[
     amplitude("friction_positive", Dimension::Effort, false),

@@ -10,7 +10,7 @@ use crate::{
 
 /// See the module.
 #[derive(Debug)]
-pub struct AxisTilt;
+pub(super) struct AxisTilt;
 
 const PARAMETERS: &[Parameter] =
     &[amplitude("sine", Dimension::Effort, true), amplitude("cosine", Dimension::Effort, true)];

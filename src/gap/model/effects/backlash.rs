@@ -18,7 +18,7 @@ const BOUND: f64 = 0.3;
 
 /// See the module.
 #[derive(Debug)]
-pub struct Backlash;
+pub(super) struct Backlash;
 
 const PARAMETERS: &[Parameter] = &[amplitude("half_gap", Dimension::Position, false)];
 

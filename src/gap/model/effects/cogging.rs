@@ -11,7 +11,7 @@ const PERIODS: [f64; 2] = [1.5, 110.0];
 
 /// See the module.
 #[derive(Debug)]
-pub struct Cogging;
+pub(super) struct Cogging;
 
 const PARAMETERS: &[Parameter] = &[
     amplitude("sine", Dimension::Effort, true),

@@ -6,7 +6,7 @@ use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct ConstantBias;
+pub(super) struct ConstantBias;
 
 const PARAMETERS: &[Parameter] = &[amplitude("effort", Dimension::Effort, true)];
 

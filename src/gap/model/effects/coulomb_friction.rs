@@ -6,7 +6,7 @@ use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct CoulombFriction;
+pub(super) struct CoulombFriction;
 
 const PARAMETERS: &[Parameter] = &[amplitude("friction", Dimension::Effort, false)];
 

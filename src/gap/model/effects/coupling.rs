@@ -4,7 +4,7 @@ use crate::model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Re
 
 /// See the module.
 #[derive(Debug)]
-pub struct Coupling {
+pub(super) struct Coupling {
     /// Index of the other joint, among those that the log holds beside this one.
     pub other: usize,
 }

@@ -13,7 +13,7 @@ const LARGEST: f64 = 60.0;
 
 /// See the module.
 #[derive(Debug)]
-pub struct Delay;
+pub(super) struct Delay;
 
 const PARAMETERS: &[Parameter] = &[amplitude("delay", Dimension::Time, true)];
 

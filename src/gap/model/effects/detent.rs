@@ -8,7 +8,7 @@ use crate::model::{
 
 /// See the module.
 #[derive(Debug)]
-pub struct Detent;
+pub(super) struct Detent;
 
 const PARAMETERS: &[Parameter] = &bump("effort");
 

@@ -8,7 +8,7 @@ use crate::model::effect::{
 
 /// See the module.
 #[derive(Debug)]
-pub struct Disturbance;
+pub(super) struct Disturbance;
 
 const PARAMETERS: &[Parameter] = &[
     amplitude("effort", Dimension::Effort, true),

@@ -6,7 +6,7 @@ use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct EncoderBias;
+pub(super) struct EncoderBias;
 
 const PARAMETERS: &[Parameter] = &[amplitude("offset", Dimension::Position, true)];
 

@@ -4,7 +4,7 @@ use crate::model::effect::{Coverage, Effect, Parameter, Place, Spec, ratio};
 
 /// See the module.
 #[derive(Debug)]
-pub struct EncoderScale;
+pub(super) struct EncoderScale;
 
 const PARAMETERS: &[Parameter] = &[ratio("scale")];
 

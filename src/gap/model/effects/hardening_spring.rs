@@ -8,7 +8,7 @@ use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct HardeningSpring;
+pub(super) struct HardeningSpring;
 
 const PARAMETERS: &[Parameter] = &[
     amplitude("stiffness", Dimension::Stiffness, false),

@@ -10,7 +10,7 @@ const MOST_TAKEN: f64 = 0.9;
 
 /// See the module.
 #[derive(Debug)]
-pub struct Inertia;
+pub(super) struct Inertia;
 
 const PARAMETERS: &[Parameter] = &[amplitude("added_inertia", Dimension::Inertia, true)];
 

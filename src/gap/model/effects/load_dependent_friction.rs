@@ -8,7 +8,7 @@ const LARGEST: f64 = 0.95;
 
 /// See the module.
 #[derive(Debug)]
-pub struct LoadDependentFriction;
+pub(super) struct LoadDependentFriction;
 
 const PARAMETERS: &[Parameter] = &[amplitude("coefficient", Dimension::Ratio, false)];
 

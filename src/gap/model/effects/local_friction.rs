@@ -7,7 +7,7 @@ use crate::model::{
 
 /// See the module.
 #[derive(Debug)]
-pub struct LocalFriction;
+pub(super) struct LocalFriction;
 
 const PARAMETERS: &[Parameter] = &bump("friction");
 

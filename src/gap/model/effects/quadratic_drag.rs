@@ -6,7 +6,7 @@ use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct QuadraticDrag;
+pub(super) struct QuadraticDrag;
 
 const PARAMETERS: &[Parameter] = &[amplitude("drag", Dimension::Drag, false)];
 

@@ -8,7 +8,7 @@ use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct SpringReturn;
+pub(super) struct SpringReturn;
 
 const PARAMETERS: &[Parameter] =
     &[amplitude("stiffness", Dimension::Stiffness, false), amplitude("offset", Dimension::Effort, true)];

@@ -8,7 +8,7 @@ use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct StribeckFriction;
+pub(super) struct StribeckFriction;
 
 const PARAMETERS: &[Parameter] = &[
     amplitude("friction", Dimension::Effort, false),

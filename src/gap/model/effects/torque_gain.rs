@@ -6,7 +6,7 @@ use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct TorqueGain;
+pub(super) struct TorqueGain;
 
 const PARAMETERS: &[Parameter] = &[ratio("gain")];
 

@@ -6,7 +6,7 @@ use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct ViscousFriction;
+pub(super) struct ViscousFriction;
 
 const PARAMETERS: &[Parameter] = &[amplitude("damping", Dimension::Damping, true)];
 
