@@ -2,11 +2,11 @@
 //!
 //! `cargo bench --bench field`. The speed target is stated for 65,536 points on 16 levels of 2^17 entries.
 
-use artitwin::internal::field::{
+use divan::Bencher;
+use field::{
     CpuEngine, EngineState, FieldConfig, FieldEngine, FieldParams, InstructionSet, SampleBatch, SdfTarget,
 };
-use artitwin::internal::random::stage_rng;
-use divan::Bencher;
+use numeric::random::stage_rng;
 use rand_core::Rng;
 
 fn main() {

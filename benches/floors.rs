@@ -11,7 +11,7 @@ mod machine;
 
 use std::{error::Error, fs, path::PathBuf};
 
-use artitwin::internal::config::Config;
+use config::Config;
 use serde_json::Value;
 
 /// Amounts of work: of a stage, or what the processor was measured to do in a second.

@@ -10,13 +10,11 @@ mod machine;
 
 use std::time::Instant;
 
-use artitwin::internal::{
-    field::{
-        BurnEngine, CpuEngine, EngineState, FieldConfig, FieldEngine, FieldParams, InstructionSet,
-        SampleBatch, SdfTarget, StepPhase,
-    },
-    random::stage_rng,
+use field::{
+    BurnEngine, CpuEngine, EngineState, FieldConfig, FieldEngine, FieldParams, InstructionSet, SampleBatch,
+    SdfTarget, StepPhase,
 };
+use numeric::random::stage_rng;
 use rand_core::Rng as _;
 
 const RAYS: usize = 4096;

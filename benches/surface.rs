@@ -1,15 +1,12 @@
 //! Times of the surface operations at the sizes of a run.
 
-use artitwin::internal::{
-    capture::{NoiseConfig, RgbdFrame},
-    geometry::{Grid3, Intrinsics, Pose},
-    gpu::Offload,
-    surface::{
-        DistanceOptions, MeshDistance, Paint, PixelRole, RenderItem, TsdfView, TsdfVolume, marching_cubes,
-        render, sample_surface, signed_distance, simplify,
-    },
-};
+use capture::{NoiseConfig, RgbdFrame};
+use geometry::{Grid3, Intrinsics, Pose};
 use nalgebra::{Point3, Vector3};
+use surface::{
+    DistanceOptions, MeshDistance, Paint, PixelRole, RenderItem, TsdfView, TsdfVolume, marching_cubes,
+    render, sample_surface, signed_distance, simplify,
+};
 
 fn main() {
     divan::main();
@@ -42,8 +39,7 @@ fn marching_cubes_nodes(bencher: divan::Bencher, nodes: usize) {
 #[divan::bench(args = [101, 201], sample_count = 5)]
 fn signed_distance_nodes(bencher: divan::Bencher, nodes: usize) {
     let (mesh, grid) = (marching_cubes(&field(256), 0.0), field(nodes));
-    bencher
-        .bench_local(|| signed_distance(&mesh, &grid, None, &DistanceOptions::default(), &Offload::none()));
+    bencher.bench_local(|| signed_distance(&mesh, &grid, None, &DistanceOptions::default()));
 }
 
 /// A view of a sphere of radius 0.2 m, one meter away.
@@ -95,7 +91,7 @@ fn closest_100k_points(bencher: divan::Bencher) {
     let samples = sample_surface(
         &marching_cubes(&field(64), 0.05),
         100_000,
-        &mut artitwin::internal::random::stage_rng(0, "bench", 0),
+        &mut numeric::random::stage_rng(0, "bench", 0),
     );
     bencher.bench_local(|| tree.as_ref().map(|t| t.distances_m(&samples.points)));
 }

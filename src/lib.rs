@@ -48,45 +48,11 @@
 //! coordinates; cameras are optical frames (x right, y down, z forward); integer pixel coordinates are pixel
 //! centers; depth is z-depth in meters and 0 means unknown; signed distances are negative inside.
 
-#![allow(rustdoc::private_intra_doc_links, reason = "layers are private: --document-private-items has them")]
-#![cfg_attr(
-    not(feature = "node"),
-    allow(dead_code, unused_imports, reason = "the node uses more of the messages and of the bag writer")
-)]
-
-mod articulate;
-mod capture;
 mod cli;
-mod config;
-mod evaluate;
-mod export;
-mod field;
-mod files;
-mod gap;
-mod geometry;
-mod gpu;
-#[doc(hidden)]
-pub mod internal;
-mod io;
-mod job;
-mod limits;
-mod lists;
-mod model;
-#[cfg(feature = "node")]
-mod node;
-mod note;
-mod random;
-mod run;
-mod statistics;
-mod store;
-mod surface;
-mod synth;
-#[cfg(test)]
-mod temp;
-mod vectors;
 
 #[doc(hidden)]
 pub use cli::main;
+pub use common::note::{Note, NoteCode};
 pub use config::{Config, ConfigError};
 pub use gap::{
     camera::record::options::FrameOptions,
@@ -95,7 +61,6 @@ pub use gap::{
 };
 pub use io::{RunSummary, RunSummaryError, SummaryJoint, read_run_summary};
 pub use model::JointKind;
-pub use note::{Note, NoteCode};
 pub use run::{
     Cancelled, DiagnoseOutcome, DiagnoseRequest, Event, JointSummary, Monitor, Outcome, ReconstructRequest,
     RunError, diagnose, diagnose_frames, reconstruct, reconstruct_all,

@@ -5,14 +5,11 @@
 
 use std::path::Path;
 
-use artitwin::internal::{
-    capture::Capture,
-    config::{Config, Layers},
-    geometry::Pose,
-    io,
-    run::{Monitor, Stages, Twin, reconstruct_twin},
-};
+use capture::Capture;
+use config::{Config, Layers};
+use geometry::Pose;
 use nalgebra::Vector3;
+use run::{Monitor, Stages, Twin, reconstruct_twin};
 
 fn config() -> Config {
     let mut layers = Layers::new(&Config::default()).unwrap();

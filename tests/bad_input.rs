@@ -12,11 +12,11 @@ use std::{
     process::Command,
 };
 
-use artitwin::internal::io::{
+use common::{BagWriter, START, TempDir};
+use io::{
     Place, ResultKind, RunDir,
     ros2msg::{CompressedImage, Image, TfMessage, decode, encode},
 };
-use common::{BagWriter, START, TempDir};
 use program::{Ended, Message, change_picture, drawer, end, reconstruct, rewrite, shipped};
 
 const COLOR: &str = "/color/image_raw/compressed";

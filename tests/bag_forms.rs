@@ -20,12 +20,10 @@ use std::{
     process::{Command, ExitCode},
 };
 
-use artitwin::internal::{
-    capture::{Capture, CaptureConfig, CaptureError},
-    io::{inspect, open},
-};
+use capture::{Capture, CaptureConfig, CaptureError};
 use common::{COUNT, Options, TempDir, write_states};
 use harness::{Missing, tests};
+use io::{inspect, open};
 use mcap::Compression::{self, Lz4, Zstd};
 use program::shipped;
 

@@ -18,8 +18,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-use artitwin::internal::io::ros2msg::{CameraInfo, CompressedImage, TfMessage, decode, encode};
 use common::{BagWriter, TempDir, write_keyframes, write_metadata};
+use io::ros2msg::{CameraInfo, CompressedImage, TfMessage, decode, encode};
 use program::{Message, messages, rewrite, shipped};
 
 /// Address space of the program, MiB.

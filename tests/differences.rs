@@ -2,20 +2,13 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-use artitwin::internal::{
-    config::Config,
-    export::{Look, LookConfig, looks},
-    io,
-    model::ArticulatedModel,
-    run::{Monitor, Stages, compare, reconstruct_twin},
-};
+use config::Config;
+use export::{Look, LookConfig, looks};
+use model::ArticulatedModel;
+use run::{Monitor, Stages, compare, reconstruct_twin};
 
 /// The states that are warned of.
-fn warned(
-    capture: &artitwin::internal::capture::Capture,
-    model: &ArticulatedModel,
-    looks: &[Look],
-) -> Vec<usize> {
+fn warned(capture: &capture::Capture, model: &ArticulatedModel, looks: &[Look]) -> Vec<usize> {
     let found = compare(capture, model, looks);
     assert_eq!(found.len(), 2);
     found.iter().filter(|d| d.warning().is_some()).map(|d| d.state).collect()

@@ -18,13 +18,10 @@ use std::{
     process::{Command, ExitCode},
 };
 
-use artitwin::internal::{
-    capture::{CaptureConfig, RgbdFrame, scene_box},
-    field::{
-        BurnEngine, CpuEngine, EngineError, EngineState, FieldConfig, FieldEngine, FieldTrainer, ObjectField,
-        Occupancy, TrainConfig, TrainInput,
-    },
-    io,
+use capture::{CaptureConfig, RgbdFrame, scene_box};
+use field::{
+    BurnEngine, CpuEngine, EngineError, EngineState, FieldConfig, FieldEngine, FieldTrainer, ObjectField,
+    Occupancy, TrainConfig, TrainInput,
 };
 #[cfg(feature = "gpu")]
 use gpu::{
@@ -54,7 +51,7 @@ const DISTANCE_TOLERANCE: f64 = 0.02;
 
 struct Scene {
     frames: Vec<RgbdFrame>,
-    scene: artitwin::internal::geometry::SceneBox,
+    scene: geometry::SceneBox,
     occupancy: Occupancy,
     points: Vec<Point3<f64>>,
 }
@@ -232,7 +229,7 @@ mod gpu {
 
     /// Whether an adapter can be used.
     fn adapter() -> Result<(), Missing> {
-        let params = artitwin::internal::field::FieldParams::init(
+        let params = field::FieldParams::init(
             &FieldConfig {
                 levels: 1,
                 base_resolution: 4,
@@ -240,11 +237,10 @@ mod gpu {
                 log2_table_size: 8,
                 hidden: 4,
             },
-            &mut artitwin::internal::random::stage_rng(0, "adapter", 0),
+            &mut numeric::random::stage_rng(0, "adapter", 0),
         );
         let n = params.parameters();
         let state = EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 };
-        println!("adapters: {:?}", artitwin::internal::gpu::adapters());
         BurnEngine::wgpu(state).map(drop).map_err(|error| {
             println!("{error}");
             "a GPU adapter is missing: apt-get install mesa-vulkan-drivers".into()

@@ -14,12 +14,10 @@ use std::{
     process::ExitCode,
 };
 
-use artitwin::internal::{
-    evaluate::{EvaluateOptions, Evaluation, EvaluationReport, run},
-    geometry::Pose,
-    model::ArticulatedModel,
-};
+use evaluate::{EvaluateOptions, Evaluation, EvaluationReport, run};
+use geometry::Pose;
 use harness::{Missing, tests};
+use model::ArticulatedModel;
 use nalgebra::{UnitQuaternion, Vector3};
 use objects::{Temp, desk, true_drawer, write_run, write_truth};
 
@@ -116,7 +114,7 @@ fn a_wrong_type_and_a_missing_part_are_told() {
     model.states.iter_mut().for_each(|s| {
         s.remove(1);
     });
-    (model.joints[1].child, model.joints[1].kind) = (2, artitwin::internal::model::JointKind::Revolute);
+    (model.joints[1].child, model.joints[1].kind) = (2, model::JointKind::Revolute);
     let report = evaluate(&model, &temp.0.join("truth"), &temp);
     let rows = &report.trials[0].joints;
     assert_eq!(
@@ -268,7 +266,7 @@ fn trials_are_run_once_and_failures_stand_in_the_table() {
         let mut command = program();
         command.arg("trials").arg(&object).args([
             "--methods",
-            "registration,classical,paris",
+            "eval/presets/registration.yaml,eval/presets/classical.yaml,paris",
             "--seeds",
             "1",
         ]);
@@ -314,7 +312,7 @@ fn trials_are_run_once_and_failures_stand_in_the_table() {
     command
         .arg("trials")
         .arg(&object)
-        .args(["--methods", "registration", "--seeds", "1", "--out"])
+        .args(["--methods", "eval/presets/registration.yaml", "--seeds", "1", "--out"])
         .arg(&other);
     let done = command.args(["--set", "capture.depth_max_m=0.2"]).output().expect("trials");
     let table = String::from_utf8_lossy(&done.stdout).into_owned();

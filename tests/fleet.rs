@@ -1,7 +1,6 @@
-//! The fleet (`python/artitwin/fleet`): its parts, every way in which a job or worker can end with a program
-//! that does as it is asked to, and six small recordings on two raylets of Ray, of which one is killed.
-//!
-//! Needs Python (see `common/venv.rs`).
+//! The fleet (`python/artitwin/fleet`): its parts, jobs on stores that fail, every way in which a job or
+//! worker can end with a program that does as it is asked to, and six small recordings on two raylets of
+//! Ray, of which one is killed. Needs Python (see `common/venv.rs`).
 
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test may panic, and says how long it took")]
 
@@ -19,7 +18,13 @@ use std::{
 use harness::{Missing, tests};
 
 fn main() -> ExitCode {
-    harness::main(tests![parts_without_a_cluster, every_way_to_end, recordings_on_raylets_that_are_killed,])
+    harness::main(tests![
+        parts_without_a_cluster,
+        stores_that_fail_change_and_lie,
+        jobs_of_the_program_on_stores,
+        every_way_to_end,
+        recordings_on_raylets_that_are_killed,
+    ])
 }
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
@@ -40,7 +45,7 @@ fn run(script: &str, arguments: &[&Path]) -> Result<(), Missing> {
     let mut command = Command::new(python);
     command.arg(Path::new(ROOT).join("tests/python/fleet").join(script)).args(arguments);
     command.env("PYTHONPATH", Path::new(ROOT).join("python")).env("RAY_USAGE_STATS_ENABLED", "0");
-    for name in ["ARTITWIN_PROGRAM", "FAKE_LOG", "RAY_ADDRESS"] {
+    for name in ["ARTITWIN_PROGRAM", "AWS_PROFILE", "FAKE_LOG", "RAY_ADDRESS"] {
         command.env_remove(name);
     }
     let output = command.output().unwrap();
@@ -52,6 +57,14 @@ fn run(script: &str, arguments: &[&Path]) -> Result<(), Missing> {
 
 fn parts_without_a_cluster() -> Result<(), Missing> {
     run("units.py", &[&folder("units")])
+}
+
+fn stores_that_fail_change_and_lie() -> Result<(), Missing> {
+    run("stores.py", &[&folder("stores")])
+}
+
+fn jobs_of_the_program_on_stores() -> Result<(), Missing> {
+    run("jobs.py", &[Path::new(env!("CARGO_BIN_EXE_artitwin")), &folder("jobs")])
 }
 
 fn every_way_to_end() -> Result<(), Missing> {

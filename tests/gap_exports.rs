@@ -17,10 +17,10 @@ use std::{
     process::{Command, ExitCode},
 };
 
-use artitwin::internal::io::ros2msg::{Header, JointState, Time};
 use common::{BagWriter, START, TempDir};
 use door::{DAMPING, INERTIAL, door, twin};
 use harness::{Missing, tests};
+use io::ros2msg::{Header, JointState, Time};
 use program::end;
 
 fn main() -> ExitCode {

@@ -14,9 +14,9 @@ use std::{
     process::Command,
 };
 
-use artitwin::internal::io::ros2msg::{Header, JointState, Time};
 use common::{BagWriter, START, TempDir};
 use door::{DAMPING, INERTIAL, Sample, door, twin};
+use io::ros2msg::{Header, JointState, Time};
 use program::{Ended, end};
 
 fn write(folder: &TempDir, name: &str, samples: &[Sample]) -> PathBuf {

@@ -14,14 +14,12 @@ use std::{
     process::Command,
 };
 
-use artitwin::internal::{
-    geometry::Pose,
-    io::ros2msg::{
-        Header, JointState, PoseStamped, TfMessage, Time, Transform, TransformStamped, WrenchStamped,
-    },
-};
 use common::{BagWriter, START, TempDir};
 use door::{DAMPING, INERTIAL, Sample, door, twin};
+use geometry::Pose;
+use io::ros2msg::{
+    Header, JointState, PoseStamped, TfMessage, Time, Transform, TransformStamped, WrenchStamped,
+};
 use nalgebra::Vector3;
 use program::{Ended, end};
 

@@ -17,16 +17,11 @@ use std::{
     process::{Command, ExitCode},
 };
 
-use artitwin::{
-    Monitor, ReconstructRequest,
-    internal::{
-        export::{ExportConfig, Level, check_folder},
-        io::read_model_folder,
-        model::{ArticulatedModel, LimitPolicy, LimitSource, Material, ModelConfig, PartNames, named},
-    },
-    reconstruct,
-};
+use artitwin::{Monitor, ReconstructRequest, reconstruct};
+use export::{ExportConfig, Level, check_folder};
 use harness::{Missing, tests};
+use io::read_model_folder;
+use model::{ArticulatedModel, LimitPolicy, LimitSource, Material, ModelConfig, PartNames, named};
 use objects::{Temp, chest, chest_with, jar, lamp, write_run, write_run_as};
 
 fn main() -> ExitCode {
@@ -256,7 +251,7 @@ fn the_reconstructed_laptop_looks_in_mujoco_as_in_the_photos() -> Result<(), Mis
 }
 
 fn rests_and_opens(model: &ArticulatedModel, found: &serde_json::Value) {
-    use artitwin::internal::model::JointKind;
+    use model::JointKind;
     for simulator in ["mujoco", "pybullet"] {
         for joint in &model.joints {
             let drift = found[simulator]["rest"][&joint.name].as_f64().unwrap();

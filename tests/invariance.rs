@@ -5,15 +5,12 @@
 
 use std::path::Path;
 
-use artitwin::internal::{
-    capture::Capture,
-    config::{Config, Layers},
-    geometry::Pose,
-    io,
-    model::{Joint, JointKind},
-    run::{Monitor, Stages, reconstruct_twin},
-};
+use capture::Capture;
+use config::{Config, Layers};
+use geometry::Pose;
+use model::{Joint, JointKind};
 use nalgebra::{Point3, Vector3};
+use run::{Monitor, Stages, reconstruct_twin};
 
 fn config() -> Config {
     let mut layers = Layers::new(&Config::default()).unwrap();

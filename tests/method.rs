@@ -15,7 +15,7 @@ const DOCUMENT: &str = "docs/method.md";
 /// Where references stand.
 const FOLDERS: [&str; 6] = ["src", "tests", "benches", "docs", "eval", "examples"];
 const FILES: [&str; 4] = ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md"];
-const SUFFIXES: [&str; 5] = ["rs", "md", "py", "toml", "wgsl"];
+const SUFFIXES: [&str; 4] = ["rs", "md", "py", "toml"];
 
 /// Number of a section or an equation: `12` or `12.3`.
 type Number = Vec<u32>;

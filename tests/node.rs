@@ -22,8 +22,8 @@ mod venv;
 
 use std::{path::Path, process::ExitCode};
 
-use artitwin::internal::geometry::Pose;
 use common::TempDir;
+use geometry::Pose;
 use harness::{Missing, tests};
 use program::{SMALL, end, reconstruct, shipped};
 use ros::{Node, lossy_scenario, scenario, serial, with_fastdds};
@@ -303,7 +303,7 @@ fn a_camera_without_transforms_is_followed_and_its_poses_come_back() -> Result<(
         assert!(number(&found["moved_m"]) < 0.015 && number(&found["turned_rad"]) < 0.03, "{told}");
         // z up from the floor: the camera is above it, by no more than it is away.
         assert!(number(&found["lowest_m"]) > 0.05 && number(&found["highest_m"]) < 2.0, "{told}");
-        let recorded = artitwin::internal::io::inspect(&folder.join(&format!("node/session/state{state}")));
+        let recorded = io::inspect(&folder.join(&format!("node/session/state{state}")));
         let recorded = recorded.unwrap().to_text();
         assert!(recorded.contains("camera poses: none recorded"), "{recorded}");
     }
@@ -316,7 +316,7 @@ fn a_camera_without_transforms_is_followed_and_its_poses_come_back() -> Result<(
     let posed = folder.join("posed");
     let ended = end(&mut reconstruct(&[&shipped("drawer")], &posed, &["--parts", "2", "--name", "drawer"]));
     assert!(ended.code == 0 || ended.code == 3, "{}", ended.stderr);
-    let by_poses = artitwin::internal::io::read_run_summary(&posed.join("drawer")).unwrap();
+    let by_poses = io::read_run_summary(&posed.join("drawer")).unwrap();
     let expected = by_poses.joints[0].states[1] - by_poses.joints[0].states[0];
     assert!((motion.abs() - expected.abs()).abs() < 0.01, "{motion} m, by poses {expected} m");
     assert!(by_poses.object_box_m.is_some());
@@ -379,8 +379,8 @@ fn what_is_collected_is_shown_as_it_comes() -> Result<(), Missing> {
 
 /// Distance of points to a shipped mesh, meters.
 fn distance_to(mesh: &str) -> impl Fn(&nalgebra::Point3<f32>) -> f32 + use<> {
-    let mesh = artitwin::internal::io::read_mesh(&shipped(mesh)).unwrap();
-    let distance = artitwin::internal::surface::MeshDistance::new(&mesh).unwrap();
+    let mesh = io::read_mesh(&shipped(mesh)).unwrap();
+    let distance = surface::MeshDistance::new(&mesh).unwrap();
     move |p| distance.distances_m(&[*p])[0]
 }
 
@@ -407,12 +407,8 @@ fn with_drawer(
 
 /// Camera poses of the views of a recording of state 0.
 fn camera_poses(state0: &Path, pose_frame: Option<&str>) -> Vec<Pose> {
-    let config = artitwin::internal::capture::CaptureConfig {
-        pose_frame: pose_frame.map(str::to_owned),
-        ..Default::default()
-    };
-    let capture =
-        artitwin::internal::io::open(&[state0.to_owned(), shipped("drawer/state1")], &config, 0).unwrap();
+    let config = capture::CaptureConfig { pose_frame: pose_frame.map(str::to_owned), ..Default::default() };
+    let capture = io::open(&[state0.to_owned(), shipped("drawer/state1")], &config, 0).unwrap();
     capture.states[0].iter().map(|f| f.world_from_camera).collect()
 }
 
@@ -475,7 +471,7 @@ fn a_session_is_saved_and_another_begun() -> Result<(), Missing> {
     assert_ne!(sessions[0], sessions[1]);
     for session in sessions {
         assert_eq!(
-            artitwin::internal::io::inspect(&session.join("state0")).unwrap().recordings[0].views,
+            io::inspect(&session.join("state0")).unwrap().recordings[0].views,
             8,
             "{}",
             session.display()
@@ -581,7 +577,7 @@ fn a_crash_loses_nothing_that_was_there_for_a_second() -> Result<(), Missing> {
     node.kill();
     let session = folder.join("node/session");
     assert!(!session.join("state0/metadata.yaml").exists());
-    let found = artitwin::internal::io::inspect(&session.join("state0")).unwrap();
+    let found = io::inspect(&session.join("state0")).unwrap();
     assert_eq!(found.recordings[0].views, 16);
     Ok(())
 }
@@ -605,7 +601,7 @@ fn what_is_recorded_is_what_was_published() -> Result<(), Missing> {
     assert!(recorder.wait().unwrap().success(), "{text}");
     assert_eq!(told["sent"], 113);
     assert!(text.ends_with(": 113 messages\n"), "{text}");
-    assert_eq!(artitwin::internal::io::inspect(&bag).unwrap().recordings[0].views, 16);
+    assert_eq!(io::inspect(&bag).unwrap().recordings[0].views, 16);
     Ok(())
 }
 

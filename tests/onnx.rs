@@ -32,12 +32,10 @@ fn a_build_without_onnx_refuses_a_matcher_and_says_how_to_build_one() {
 #[cfg(feature = "onnx")]
 mod models {
     use super::*;
-    use artitwin::internal::{
-        capture::{Correspondence, RgbdFrame},
-        evaluate::{EvaluateOptions, run},
-        geometry::{Intrinsics, Pose},
-        io::{MAX_MODEL_BYTES, OnnxError, OnnxMatcher},
-    };
+    use capture::{Correspondence, RgbdFrame};
+    use evaluate::{EvaluateOptions, run};
+    use geometry::{Intrinsics, Pose};
+    use io::{MAX_MODEL_BYTES, OnnxError, OnnxMatcher};
 
     fn golden(name: &str) -> std::path::PathBuf {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(name)

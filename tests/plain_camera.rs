@@ -14,8 +14,8 @@ use std::{
     sync::OnceLock,
 };
 
-use artitwin::internal::geometry::{Intrinsics, Pose};
 use common::TempDir;
+use geometry::{Intrinsics, Pose};
 use image::{DynamicImage, ImageFormat, Rgb};
 use nalgebra::{Isometry3, Matrix4, Point3, Rotation3, Vector3};
 use program::{Ended, Message, change_picture, end, rewrite};

@@ -7,10 +7,8 @@ use std::{
     process::Command,
 };
 
-use artitwin::internal::{
-    export::{Level, check_folder},
-    io::read_model_folder,
-};
+use export::{Level, check_folder};
+use io::read_model_folder;
 
 fn reconstruct(out: &Path, options: &[&str]) -> (i32, String) {
     let output = Command::new(env!("CARGO_BIN_EXE_artitwin"))

@@ -7,11 +7,9 @@ mod common;
 
 use std::path::{Path, PathBuf};
 
-use artitwin::internal::{
-    capture::{Capture, CaptureConfig, CaptureError, TrackCamera},
-    io::{inspect, open},
-};
+use capture::{Capture, CaptureConfig, CaptureError, TrackCamera};
 use common::*;
+use io::{inspect, open};
 
 fn config() -> CaptureConfig {
     // Frames are compared with what was written.
@@ -437,10 +435,9 @@ fn states_in_different_places_are_refused() {
         let type_name = m.channel.schema.as_ref().unwrap().name.clone();
         let mut data = m.data.to_vec();
         if m.channel.topic == "/tf" {
-            let mut tf: artitwin::internal::io::ros2msg::TfMessage =
-                artitwin::internal::io::ros2msg::decode(&data).unwrap();
+            let mut tf: io::ros2msg::TfMessage = io::ros2msg::decode(&data).unwrap();
             tf.transforms[0].transform.translation.x += 1.0;
-            data = artitwin::internal::io::ros2msg::encode(&tf).unwrap();
+            data = io::ros2msg::encode(&tf).unwrap();
         }
         writer.bytes(&m.channel.topic, &type_name, "cdr", m.log_time as i64, &data);
     }

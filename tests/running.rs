@@ -15,8 +15,8 @@ use std::{
     sync::OnceLock,
 };
 
-use artitwin::internal::evaluate::{self, EvaluateOptions};
 use common::TempDir;
+use evaluate::{self, EvaluateOptions};
 use program::{Ended, end, reconstruct, shipped};
 use serde_json::Value;
 

@@ -4,10 +4,8 @@
 
 use std::path::PathBuf;
 
-use artitwin::internal::{
-    capture::{Capture, CaptureConfig},
-    io::{inspect, open},
-};
+use capture::{Capture, CaptureConfig};
+use io::{inspect, open};
 use nalgebra::Point3;
 
 fn bag(name: &str) -> PathBuf {
@@ -26,7 +24,7 @@ fn seen(name: &str, state: usize) -> Vec<Point3<f64>> {
 }
 
 fn object_points(capture: &Capture, state: usize) -> Vec<Point3<f64>> {
-    let of_frame = |f: &artitwin::internal::capture::RgbdFrame| {
+    let of_frame = |f: &capture::RgbdFrame| {
         (0..f.depth_m.len()).filter(|p| f.is_object(*p)).filter_map(|p| f.world_point(p)).collect::<Vec<_>>()
     };
     capture.states[state].iter().flat_map(of_frame).collect()

@@ -18,8 +18,8 @@ use std::{
     process::{Command, ExitCode},
 };
 
-use artitwin::internal::model::ArticulatedModel;
 use harness::{Missing, tests};
+use model::ArticulatedModel;
 use objects::{Temp, desk, true_drawer, write_run, write_truth};
 
 fn main() -> ExitCode {
@@ -105,7 +105,7 @@ fn the_true_drawer_moves_in_both_simulators() -> Result<(), Missing> {
 fn truth_folders_say_what_the_model_says() {
     let temp = Temp::new("truth-folder");
     write_truth(&desk(), &temp.0);
-    let truth = artitwin::internal::evaluate::Truth::read(&temp.0).expect("a truth");
+    let truth = evaluate::Truth::read(&temp.0).expect("a truth");
     for part in &truth.parts {
         let Some(joint) = &part.joint else { continue };
         let there = part.meshes[0].transformed(&joint.state1_from_state0);

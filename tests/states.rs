@@ -4,13 +4,11 @@
 
 use std::path::PathBuf;
 
-use artitwin::internal::{
-    config::{Config, Layers},
-    io::{self, write_synth_bag},
-    model::{Joint, JointKind},
-    run::{Monitor, Stages, Twin, reconstruct_twin},
-    synth::{Family, Object, PartJointKind, SynthConfig, film, generate},
-};
+use config::{Config, Layers};
+use io::{self, write_synth_bag};
+use model::{Joint, JointKind};
+use run::{Monitor, Stages, Twin, reconstruct_twin};
+use synth::{Family, Object, PartJointKind, SynthConfig, film, generate};
 
 fn config() -> Config {
     let mut layers = Layers::new(&Config::default()).unwrap();

@@ -7,19 +7,17 @@ use std::{
     process::Command,
 };
 
-use artitwin::internal::{
-    capture::{CaptureConfig, RefinePoses, TrackCamera},
-    evaluate::{EvaluateOptions, Truth, read_truth, run},
-    geometry::{Intrinsics, Pose},
-    io::{
-        DatasetLayout, Place, inspect, open, track_camera, write_synth, write_synth_bag, write_synth_dataset,
-    },
-    synth::{
-        DepthCamera, DepthErrors, Effect, Family, HandheldSensor, HandleStyle, Light, Material, Object, Part,
-        PoseSpread, Scene, Solid, SynthConfig, SynthState, View, generate, record,
-    },
+use capture::{CaptureConfig, RefinePoses, TrackCamera};
+use evaluate::{EvaluateOptions, Truth, read_truth, run};
+use geometry::{Intrinsics, Pose};
+use io::{
+    DatasetLayout, Place, inspect, open, track_camera, write_synth, write_synth_bag, write_synth_dataset,
 };
 use nalgebra::{Point3, Vector3};
+use synth::{
+    DepthCamera, DepthErrors, Effect, Family, HandheldSensor, HandleStyle, Light, Material, Object, Part,
+    PoseSpread, Scene, Solid, SynthConfig, SynthState, View, generate, record,
+};
 
 fn folder(name: &str) -> PathBuf {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
@@ -106,7 +104,7 @@ fn depth_of_a_box_is_the_analytic_distance() {
         &k,
         &camera,
         &DepthErrors::default(),
-        &mut artitwin::internal::random::stage_rng(0, "test", 0),
+        &mut numeric::random::stage_rng(0, "test", 0),
     );
     let noisy = DepthCamera::default().depth_mm(
         &view,
@@ -114,7 +112,7 @@ fn depth_of_a_box_is_the_analytic_distance() {
         &k,
         &camera,
         &DepthErrors::default(),
-        &mut artitwin::internal::random::stage_rng(0, "test", 0),
+        &mut numeric::random::stage_rng(0, "test", 0),
     );
     let (mut on_box, mut squares) = (0, 0.0);
     for i in 0..k.width * k.height {
@@ -155,7 +153,7 @@ fn truth_meshes_and_views_agree() {
         }
         for state in 0..2 {
             assert!(truth.seen[state].len() > 300);
-            let surface = artitwin::internal::surface::MeshDistance::new(&truth.whole[state]).unwrap();
+            let surface = surface::MeshDistance::new(&truth.whole[state]).unwrap();
             let seen: Vec<Point3<f32>> =
                 truth.seen[state].iter().step_by(50).map(|s| s.point.cast()).collect();
             assert!(surface.distances_m(&seen).iter().all(|d| *d < 1e-4));
@@ -412,9 +410,9 @@ fn an_accelerometer_shows_a_tracked_recording_which_way_is_up() {
     // Its axes are square in this recording; with a bias of 70 mg up would be off by 0.07.
     assert!(mean < 0.012, "{mean} rad");
     // Nothing of it without tracking; and `inspect` says where up will come from.
-    let found = artitwin::internal::io::inspect(&out).unwrap().to_text();
+    let found = io::inspect(&out).unwrap().to_text();
     assert!(found.contains("/camera/camera/accel/sample") && !found.contains("which way is up"), "{found}");
-    let found = artitwin::internal::io::inspect_with(&bags, &always).unwrap().to_text();
+    let found = io::inspect_with(&bags, &always).unwrap().to_text();
     assert!(found.contains("which way is up comes from the accelerations on /camera/camera/accel/sample"));
 }
 

@@ -1,10 +1,12 @@
-//! The rules of the house, checked by reading the source: layers, rooms, circles, purity, sizes, words, line
-//! lengths, and where constants come from.
+//! The rules of the house, checked by reading the source: rooms, purity, sizes, words, line
+//! lengths, where constants come from, and which equations are cited where.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
 
 #[path = "tidy/constants.rs"]
 mod constants;
+#[path = "tidy/equations.rs"]
+mod equations;
 #[path = "tidy/house.rs"]
 mod house;
 #[path = "tidy/reader.rs"]
@@ -12,25 +14,18 @@ mod reader;
 #[path = "tidy/words.rs"]
 mod words;
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    io::Write as _,
-};
+use std::{collections::BTreeSet, io::Write as _};
 
 use constants::ORIGINS;
-use house::{House, reached};
+use house::House;
 use reader::{Source, blank, functions, paths, sources, without_tests};
 
-/// Modules of the crate; each may use itself and what stands before it.
-const LAYERS: [&str; 26] = [
-    "limits",
-    "vectors",
-    "lists",
-    "note",
-    "random",
-    "statistics",
+/// What touches no file, environment or clock: crates, and modules of `common`.
+const PURE: [&str; 12] = [
+    "common/limits",
+    "common/note",
+    "numeric",
     "geometry",
-    "gpu",
     "capture",
     "surface",
     "synth",
@@ -39,20 +34,8 @@ const LAYERS: [&str; 26] = [
     "gap",
     "articulate",
     "export",
-    "files",
-    "config",
-    "io",
-    "store",
-    "evaluate",
-    "run",
-    "job",
-    "node",
-    "cli",
-    "internal",
 ];
-/// The first layer that may use files, environment or clock; those before it are pure.
-const FIRST_IMPURE: &str = "files";
-/// What a pure layer does without.
+/// What these do without.
 const IMPURE: [&str; 8] = [
     "std::fs",
     "std::env",
@@ -82,48 +65,6 @@ const ROOMS: [&[&str]; 4] = [
 ];
 const MAX_FILE_LINES: usize = 500;
 const MAX_FUNCTION_LINES: usize = 80;
-
-#[test]
-fn layers_use_only_what_stands_before_them() {
-    let rank = |layer: &str| LAYERS.iter().position(|l| *l == layer);
-    let offence = |source: &Source, path: &str| {
-        let used = path.split("::").nth(1).unwrap_or_default();
-        (rank(used) > rank(source.layer())).then(|| format!("{} uses {path}", source.name))
-    };
-    let below_main = |s: &&Source| !["lib", "main"].contains(&s.layer());
-    let sources = sources();
-    for source in sources.iter().filter(below_main) {
-        assert!(rank(source.layer()).is_some(), "{}: give the new layer a place in LAYERS", source.name);
-    }
-    let found: Vec<_> = sources
-        .iter()
-        .filter(below_main)
-        .flat_map(|s| paths(&s.code, "crate").into_iter().filter_map(|p| offence(s, &p)))
-        .collect();
-    assert!(found.is_empty(), "order: {}\n{}", LAYERS.join(" < "), found.join("\n"));
-}
-
-#[test]
-fn no_files_import_each_other_in_a_circle() {
-    let house = House { sources: sources() };
-    let arrows: BTreeMap<&str, BTreeSet<&str>> =
-        house.sources.iter().map(|s| (s.name.as_str(), house.imports_of(s))).collect();
-    let mut found = Vec::new();
-    let mut seen = BTreeSet::new();
-    for &file in arrows.keys() {
-        let circle: Vec<&str> =
-            reached(&arrows, file).into_iter().filter(|f| reached(&arrows, f).contains(file)).collect();
-        if !circle.is_empty() && circle.iter().all(|f| seen.insert(*f)) {
-            let inside = |f: &&str| {
-                let to: Vec<_> = arrows[*f].iter().copied().filter(|t| circle.contains(t)).collect();
-                format!("  {f} -> {}", to.join(", "))
-            };
-            let lines: Vec<String> = circle.iter().map(inside).collect();
-            found.push(format!("a circle of {} files:\n{}", circle.len(), lines.join("\n")));
-        }
-    }
-    assert!(found.is_empty(), "{} circles\n{}", found.len(), found.join("\n"));
-}
 
 #[test]
 fn rooms_use_only_what_stands_before_them() {
@@ -156,7 +97,8 @@ fn breaks_order(file: &str, used: &str) -> bool {
 #[test]
 fn constants_say_where_they_come_from() {
     let all = constants::constants();
-    for layer in ["articulate", "gap"] {
+    let layers: BTreeSet<&str> = all.iter().map(|c| c.layer.as_str()).collect();
+    for layer in layers {
         let count =
             |origin: &str| all.iter().filter(|c| c.layer == layer && c.origin == Some(origin)).count();
         let counts = ORIGINS.map(|origin| format!("{origin} {}", count(origin)));
@@ -174,6 +116,30 @@ fn constants_say_where_they_come_from() {
 }
 
 #[test]
+fn numbers_in_code_have_names() {
+    let found = constants::unnamed();
+    assert!(found.is_empty(), "{} float literals without a name\n{}", found.len(), found.join("\n"));
+}
+
+#[test]
+fn every_equation_is_cited() {
+    let found = equations::uncited();
+    assert!(found.is_empty(), "equations of docs/method.md that src/ cites nowhere: {}", found.join(", "));
+}
+
+#[test]
+fn citations_name_what_is_there() {
+    let found = equations::lost();
+    assert!(found.is_empty(), "not in docs/method.md:\n{}", found.join("\n"));
+}
+
+#[test]
+fn published_equations_lead_to_their_functions() {
+    let found = equations::wrong_rows();
+    assert!(found.is_empty(), "the table of docs/method.md 12.12:\n{}", found.join("\n"));
+}
+
+#[test]
 fn lines_are_short() {
     let found = words::long_lines();
     assert!(found.is_empty(), "{} long lines\n{}", found.len(), found.join("\n"));
@@ -187,11 +153,16 @@ fn comments_and_messages_use_the_words_of_the_house() {
 
 #[test]
 fn pure_layers_touch_no_file_environment_or_clock() {
+    let is_pure = |name: &str| {
+        PURE.iter().any(|pure| name.strip_prefix(pure).is_some_and(|rest| rest.starts_with(['/', '.'])))
+    };
     let sources = sources();
-    let pure_layers: Vec<&str> = LAYERS.into_iter().take_while(|layer| *layer != FIRST_IMPURE).collect();
-    assert_eq!(pure_layers.last(), Some(&"export"), "the pure layers end with export");
-    let pure = sources.iter().filter(|s| pure_layers.contains(&s.layer()));
+    let pure: Vec<&Source> = sources.iter().filter(|s| is_pure(&s.name)).collect();
+    for layer in PURE {
+        assert!(pure.iter().any(|s| s.name.starts_with(layer)), "{layer} is not there");
+    }
     let found: Vec<_> = pure
+        .into_iter()
         .flat_map(|s| paths(&s.code, "std").into_iter().map(|p| (s.name.clone(), p)))
         .filter(|(_, path)| IMPURE.iter().any(|i| path == i || path.starts_with(&format!("{i}::"))))
         .map(|(name, path)| format!("{name} uses {path}"))

@@ -20,7 +20,9 @@ use std::{
     process::{Command, ExitCode, Stdio},
 };
 
-use artitwin::internal::io::{
+use common::TempDir;
+use harness::{Missing, tests};
+use io::{
     BagWriter, OfferedQos,
     ros2msg::{
         CameraInfo, CompressedImage, Header, Image, JointState, PoseStamped, Quaternion, TfMessage, Time,
@@ -28,20 +30,19 @@ use artitwin::internal::io::{
         definitions::{RosMessage, definitions},
         diagnostic::{DiagnosticArray, DiagnosticStatus, KeyValue},
         encode,
-        gap::{DiagnoseFeedback, DiagnoseGoal, DiagnoseResult, GapFinding, GapParameter, GapReport},
+        gap::{GapFinding, GapParameter, GapReport},
         imu::Imu,
         markers::{Color, Marker, MarkerArray},
         odometry::FullOdometry,
         point_cloud::PointCloud2,
-        status::{
-            CollectionStatus, ReconstructFeedback, ReconstructGoal, ReconstructResult, SetStateRequest,
-            SetStateResponse, TriggerResponse,
-        },
+        status::CollectionStatus,
         text::{Clock, Text},
     },
 };
-use common::TempDir;
-use harness::{Missing, tests};
+use node::requests::{
+    DiagnoseFeedback, DiagnoseGoal, DiagnoseResult, ReconstructFeedback, ReconstructGoal, ReconstructResult,
+    SetStateRequest, SetStateResponse, TriggerResponse,
+};
 use serde_json::{Value, json};
 
 fn main() -> ExitCode {
@@ -419,7 +420,7 @@ fn our_bags_are_read_by_others() -> Result<(), Missing> {
     writer.flush().unwrap();
     let copy = folder.join("copy.mcap");
     std::fs::copy(killed.join("killed_0.mcap"), &copy).unwrap();
-    let found = artitwin::internal::io::inspect(&copy).unwrap();
+    let found = io::inspect(&copy).unwrap();
     assert_eq!(found.recordings[0].topics[0].count, 1);
     Ok(())
 }

@@ -45,7 +45,7 @@ def rows_memory(count):
             for j in range(2)
         )
         manifest = Manifest(f"{k:032x}", "done", 0, None, f"{k:032x}/object_{k}", f"object_{k}")
-        item.look = Look(Estimate(f"{k:032x}", None, 2.0, k, 40.0 + k), "")
+        item.look = Look(Estimate(f"{k:032x}", 2.0, k, 40.0 + k), "")
         item.outcome, item.status = Outcome(0, "", 40.0 + k, manifest, Summary(3, joints, "usable")), "done"
         items.append(item)
     held = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -75,7 +75,7 @@ def turn_ms(count):
     schedule.size = Size(500.0, 63, 8.0, 16 << 30)
     schedule.ratios = [0.9 + k / count for k in range(count // 2)]
     for k, item in enumerate(schedule.items):
-        item.look, item.status = Look(Estimate(f"{k:032x}", None, 2.0, 1 << 30, 40.0), ""), "done" if k % 2 else "waiting"
+        item.look, item.status = Look(Estimate(f"{k:032x}", 2.0, 1 << 30, 40.0), ""), "done" if k % 2 else "waiting"
     start = time.monotonic()
     for _ in range(5):
         counted(schedule)

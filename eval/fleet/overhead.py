@@ -2,7 +2,7 @@
 
     python eval/fleet/overhead.py --out DIR [--program PATH | --fake SECONDS] [--objects 12] [--repeat 3] [--options "..."]
 
-The same command lines (`--print-jobs`), one job at a time, into an empty store each. What a call costs once (Ray's start and end) is separated from what
+The same command lines (`--print-jobs`: a job without Ray), one job at a time, into an empty folder each. What a call costs once (Ray's start and end) is separated from what
 it costs an object by halves: N and N/2 objects. Needs `parallel` (Debian package). Writes overhead.json to DIR.
 """
 
@@ -11,6 +11,7 @@ import shlex
 import shutil
 import statistics
 import subprocess
+import sys
 
 from common import add_program, fleet, keep, objects, timed, use_program
 
@@ -21,12 +22,10 @@ def lines(args, inputs, out, name):
     table.write_text("name,inputs\n" + "".join(f"{path.stem},{path}\n" for path in inputs))
     command = fleet("--objects", table, "--out", out, "--print-jobs", "--", *shlex.split(args.options))
     printed = subprocess.run([str(part) for part in command], check=True, capture_output=True, text=True).stdout
-    program = use_program(args)
     file = args.out / f"{name}.txt"
+    own = f"{shlex.quote(sys.executable)} -m artitwin.fleet"
     # Degraded (3) and refused (1) are results.
-    file.write_text(
-        "".join(f"{shlex.quote(str(program))}{line[len('artitwin') :]} || [ $? = 3 -o $? = 1 ]\n" for line in printed.splitlines())
-    )
+    file.write_text("".join(f"{own}{line[len('artitwin fleet') :]} || [ $? = 3 -o $? = 1 ]\n" for line in printed.splitlines()))
     return table, file
 
 

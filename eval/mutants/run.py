@@ -1,6 +1,6 @@
 """Runs the tests of a crate that `schemata.py` wrote against each of its mutants.
 
-    python run.py SCRATCH [--tests PREFIX ...] [--again STATE ...]
+    python run.py SCRATCH --crate NAME [--tests PREFIX ...] [--again STATE ...]
 
 builds the unit tests once, runs each alone for its duration and the mutants that it reaches, and then, for
 every mutant, the tests that reach it, shortest first, until one fails. Tests longer than `--longest-s` are no
@@ -86,7 +86,8 @@ def batches(tests: list[dict], module: str) -> list[list[dict]]:
 def judged(program: str, scratch: Path, mutant: dict, tests: list[dict]) -> str:
     """What becomes of a mutant."""
     number = mutant["number"]
-    module = mutant["file"].removeprefix("src/").removesuffix(".rs").replace("/", "::") + "::"
+    _, _, *path = mutant["file"].removesuffix(".rs").split("/")
+    module = "::".join(path) + "::"
     reaching = [t for t in tests if number in t["reached"]]
     for batch in batches(reaching, module):
         limit_s = GRACE_S + 10.0 * sum(t["duration_s"] for t in batch)
@@ -99,16 +100,16 @@ def judged(program: str, scratch: Path, mutant: dict, tests: list[dict]) -> str:
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     arguments.add_argument("scratch", type=Path)
-    arguments.add_argument(
-        "--tests", nargs="*", default=["articulate::", "surface::", "gap::"], help="prefixes"
-    )
+    arguments.add_argument("--crate", required=True, help="folder of the crate below src")
+    arguments.add_argument("--tests", nargs="*", default=[""], help="prefixes; all")
     arguments.add_argument("--longest-s", type=float, default=10.0)
     arguments.add_argument("--again", nargs="*", help="states that are asked again; others stay")
-    arguments.add_argument("--build", default="cargo test --release --lib --no-run")
+    arguments.add_argument("--build", help="default: builds the crate's unit tests")
     arguments.add_argument("--program", help="the tests' binary, where it is built")
     options = arguments.parse_args()
     scratch = options.scratch.resolve()
-    program = options.program or binary(scratch, options.build)
+    build = options.build or f"cargo test --release --lib --no-run -p artitwin-{options.crate}"
+    program = options.program or binary(scratch, build)
     listed = subprocess.check_output([program, "--list", "--format", "terse"], text=True, cwd=scratch)
     names = [line.removesuffix(": test") for line in listed.splitlines() if line.endswith(": test")]
     names = [n for n in names if n.startswith(tuple(options.tests))]
@@ -146,6 +147,8 @@ def table(mutants: list[dict], results: dict[str, str]) -> str:
     lines.append("|---|---|---|---|---|---|---|---|")
     for area, folder in AREAS.items():
         here = [m for m in mutants if m["file"].startswith(folder)]
+        if not here:
+            continue
         states = [results.get(str(m["number"]), "-") for m in here if m["state"] == "built"]
         counts = [states.count(s) for s in ("caught", "timeout", "survived", "unreached")]
         share = 100.0 * sum(counts[:2]) / max(1, len(states))

@@ -1,11 +1,11 @@
-"""All mutants that cargo-mutants lists, written at once into a scratch copy of the crate.
+"""All mutants of one crate that cargo-mutants lists, written at once into a scratch copy of the workspace.
 
 Each mutant stands behind `crate::mutant::is_active(N)`, so that one build serves them all: the
 environment variable MUTANT=N, read once, turns mutant N on (Untch, Offutt and Harrold 1993: mutant
 schemata). A mutant that the compiler refuses is left out and the check is repeated, until the copy compiles.
 
-    cargo mutants --list --json -f src/surface/tsdf.rs ... > mutants.json
-    python schemata.py mutants.json TREE SCRATCH
+    cargo mutants --workspace --list --json -f src/surface/tsdf.rs ... > mutants.json
+    python schemata.py mutants.json TREE SCRATCH --crate surface
 
 writes SCRATCH (an empty folder, or one of an earlier run) and `SCRATCH/schemata.json`: the mutants with their
 number and state, `built`, `unviable` or `unwritten` (no schema for it: to be tried by hand).
@@ -243,7 +243,7 @@ def choice(mutants: list[dict], text, original: str) -> str:
     return f"{{ if !({' | '.join(tests)}) {{ {text(original)} }} else {others} }}"
 
 
-def write(mutants: list[dict], tree: Path, scratch: Path, modules: list[str]) -> None:
+def write(mutants: list[dict], tree: Path, scratch: Path, crate: str) -> None:
     """Writes the files with the mutants whose state is `built`; those without a schema become `unwritten`."""
     parser = Parser(Language(tree_sitter_rust.language()))
     for name in sorted({m["file"] for m in mutants}):
@@ -255,13 +255,10 @@ def write(mutants: list[dict], tree: Path, scratch: Path, modules: list[str]) ->
         for mutant in here:
             if mutant["number"] not in rewriter.written:
                 mutant["state"] = "unwritten"
-    lib = (tree / "src/lib.rs").read_text()
-    if modules:
-        # Without the layers behind them the build takes half the time.
-        lib = "#![allow(dead_code, unused_imports)]\n" + "".join(f"mod {name};\n" for name in modules)
-    (scratch / "src/lib.rs").write_text(lib + "\n#[doc(hidden)]\npub mod mutant;\n")
-    switch = SWITCH.replace("COUNT", str(len(mutants) + 1))
-    (scratch / "src/mutant.rs").write_text(switch)
+    root = f"src/{crate}"
+    lib = (tree / root / "lib.rs").read_text()
+    (scratch / root / "lib.rs").write_text(lib + "\n#[doc(hidden)]\npub mod mutant;\n")
+    (scratch / root / "mutant.rs").write_text(SWITCH.replace("COUNT", str(len(mutants) + 1)))
 
 
 def refused(scratch: Path, mutants: dict[int, dict], check: list[str]) -> dict[int, str]:
@@ -309,8 +306,8 @@ def main() -> None:
     arguments.add_argument("mutants", type=Path, help="what cargo mutants --list --json says")
     arguments.add_argument("tree", type=Path, help="the tree that it was said of")
     arguments.add_argument("scratch", type=Path, help="folder for the copy")
-    arguments.add_argument("--modules", nargs="*", default=[], help="those of the library that are kept; all")
-    arguments.add_argument("--check", default="cargo test --release --lib --no-run")
+    arguments.add_argument("--crate", required=True, help="folder of the crate below src")
+    arguments.add_argument("--check", help="default: builds the crate's unit tests")
     options = arguments.parse_args()
     scratch = options.scratch.resolve()
     scratch.mkdir(parents=True, exist_ok=True)
@@ -320,6 +317,7 @@ def main() -> None:
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(source, target)
     mutants = json.loads(options.mutants.read_text())
+    mutants = [m for m in mutants if m["file"].startswith(f"src/{options.crate}/")]
     earlier = scratch / "schemata.json"
     known = {m["name"]: m["state"] for m in json.loads(earlier.read_text())} if earlier.exists() else {}
     for number, mutant in enumerate(mutants, 1):
@@ -327,9 +325,10 @@ def main() -> None:
         mutant.update(number=number, state=state)
         mutant.pop("diff", None)
     by_number = {m["number"]: m for m in mutants}
-    check = [*options.check.split(), "--message-format=json"]
+    check = options.check or f"cargo test --release --lib --no-run -p artitwin-{options.crate}"
+    check = [*check.split(), "--message-format=json"]
     while True:
-        write(mutants, options.tree, scratch, options.modules)
+        write(mutants, options.tree, scratch, options.crate)
         (scratch / "schemata.json").write_text(json.dumps(mutants, indent=1))
         found = refused(scratch, by_number, check)
         print(

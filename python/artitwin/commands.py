@@ -41,7 +41,6 @@ def reconstruct(
     resume: bool = False,
     stages: StrPath | None = None,
     follow: bool = False,
-    scratch: StrPath | None = None,
     force: bool = False,
     on_event: Callable[[Event], object] | None = None,
 ) -> Twin:
@@ -79,7 +78,6 @@ def reconstruct(
         *option("resume", resume),
         *options("stages", paths(stages or [])),
         *option("follow", follow),
-        *options("scratch", paths(scratch or [])),
         *option("force", force),
         "--",
         *paths(bags),
@@ -117,7 +115,6 @@ def diagnose(
     accuracy_mm: float | None = None,
     seed: int | None = None,
     name: str | None = None,
-    scratch: StrPath | None = None,
     force: bool = False,
 ) -> Diagnosis:
     """Compares a twin (a `Twin`, a run folder or a URDF) with recorded motion, and writes what was found to
@@ -134,7 +131,6 @@ def diagnose(
         "diagnose",
         *options("out", paths(out)),
         *option("name", name),
-        *options("scratch", paths(scratch or [])),
         *option("force", force),
         *options("frames", paths(frames)),
         *options("held-out", paths(held_out)),

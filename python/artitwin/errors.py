@@ -6,7 +6,7 @@ class ArtitwinError(Exception):
 
 
 class FailedError(ArtitwinError):
-    """The program refused or failed, and wrote no result (exit code 1)."""
+    """The program refused or failed, and wrote no result (exit code 1; 75: the same call may succeed later)."""
 
 
 class UsageError(ArtitwinError):
@@ -27,7 +27,12 @@ class ReportError(ArtitwinError):
 
 def ended(exit_code: int, message: str) -> ArtitwinError:
     """The error of a program that ended with a code other than 0 and 3."""
-    kinds: dict[int, type[ArtitwinError]] = {1: FailedError, 2: UsageError, 130: StoppedError}
+    kinds: dict[int, type[ArtitwinError]] = {
+        1: FailedError,
+        2: UsageError,
+        75: FailedError,
+        130: StoppedError,
+    }
     if exit_code in kinds:
         return kinds[exit_code](message)
     return ProgramError(f"artitwin ended with exit code {exit_code}: {message}")

@@ -22,13 +22,13 @@ pub struct LiftedMatch {
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct SurfaceSamples {
     /// World points, meters.
-    #[serde(with = "crate::geometry::bytes")]
+    #[serde(with = "geometry::bytes")]
     pub points: Vec<Point3<f64>>,
     /// Unit normals, outward.
-    #[serde(with = "crate::geometry::bytes")]
+    #[serde(with = "geometry::bytes")]
     pub normals: Vec<Vector3<f64>>,
     /// Color in `[0, 1]`.
-    #[serde(with = "crate::geometry::bytes")]
+    #[serde(with = "geometry::bytes")]
     pub colors: Vec<[f32; 3]>,
 }
 

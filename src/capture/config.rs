@@ -3,12 +3,13 @@
 use serde::{Deserialize, Serialize};
 
 use super::{CaptureError, NoiseConfig, RefinePoses, TrackCamera, UseBoard, UseColorDepth};
-use crate::limits::BYTES_PER_PIXEL;
+use common::limits::BYTES_PER_PIXEL;
 
-/// Derived: 40 frames of 4K in each of two states take 7.4 GiB, and a machine of 16 GiB has as much left for
+/// Memory that images of all states may take, GiB.
+/// chosen: 40 frames of 4K in each of two states take 7.4 GiB, and a machine of 16 GiB has as much left for
 /// the rest.
 const MEMORY_GIB: f64 = 8.0;
-/// Poses that are older than that are those of another take.
+/// Poses that are older than that are those of another take. chosen: far beyond the delay of any clock
 const MAX_POSE_DELAY_SECS: f64 = 10.0;
 
 /// How recordings are read. `None` means: found from the recording, and reported in

@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{Capture, NoiseConfig, RgbdFrame, median_over_object};
-use crate::statistics::median;
+use numeric::statistics::median;
 
 /// Sectors about the object, from its front to the right, as seen from above.
 pub const SECTORS: [&str; 8] =
@@ -18,10 +18,10 @@ const STRIDE: usize = 97;
 /// Points on the object that are looked for in all views of their state.
 const POINTS: usize = 400;
 /// A reading within so many standard deviations is of the same surface.
-/// derived: 0.3 % of a normal distribution
+/// chosen: 0.3 % of a normal distribution
 const GATE_SIGMAS: f64 = 3.0;
 /// ... or within this share of the depth, for errors of poses and of the sensor.
-/// derived: a degree's hundredth of an error of poses, and a warp of half a percent
+/// chosen: a degree's hundredth of an error of poses, and a warp of half a percent
 const GATE_SHARE: f64 = 0.01;
 
 /// How the views of a state see the object.
@@ -149,7 +149,7 @@ fn is_cut(frame: &RgbdFrame) -> bool {
 }
 
 /// Share of a side of the image on which an object shows that the side cuts.
-/// derived: a leg of a twentieth of the width is one
+/// chosen: a leg of a twentieth of the width is one
 const CUT_SHARE: f64 = 0.05;
 /// Fewest views that surfaces are fused from without holes.
 /// measured: docs/figures.md, curves over the number of views
@@ -158,7 +158,7 @@ const FEW_VIEWS: usize = 10;
 /// derived: two faces of a box at a right angle are seen
 const FEW_SECTORS: usize = 3;
 /// Standard deviation of a reading above which a motion of millimeters is not seen, meters.
-/// derived: a third of the least motion that has been separated, 3 mm, over some ten views
+/// chosen: a third of the least motion that has been separated, 3 mm, over some ten views
 const COARSE_M: f64 = 0.004;
 /// Share of the object's pixels without depth above which parts may be missing.
 /// measured: shared/bags/handheld, dark things of the generator lose two thirds
@@ -238,7 +238,7 @@ impl fmt::Display for Coverage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Intrinsics, Pose};
+    use geometry::{Intrinsics, Pose};
 
     /// Views of a plate of 0.2 m that stands on x = 0, from some azimuths, radians.
     fn state(azimuths: &[f64], depth_holes: usize) -> Vec<RgbdFrame> {

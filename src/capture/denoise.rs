@@ -21,17 +21,15 @@ const WINDOWS: [Window; 4] = [
     Window { radius: 12, stride: 4, correlated: 1.0 },
 ];
 /// Readings further from the plane of the smaller window are of another surface, standard deviations.
+/// tuned: made and recorded objects (docs/method.md 16)
 const GATE: f64 = 3.0;
 /// The same in the smallest window, against the noisy reading in its middle.
+/// derived: 3 √2, as both readings have noise (docs/method.md 2.6)
 const FIRST_GATE: f64 = 4.2;
-/// Half width of the confidence intervals that must intersect, standard deviations.
-const CONFIDENCE: f64 = 1.0;
-/// A window is too large once its residual variance exceeds the expected one by this many standard
-/// deviations.
-const MISFIT: f64 = 1.0;
 /// Share of a window's readings that must be of the same surface: in the smallest one, and in the others.
+/// tuned: made and recorded objects (docs/method.md 16)
 const MIN_SHARE: [f64; 2] = [0.5, 0.35];
-/// Most readings that one depth may stand for.
+/// Most readings that one depth may stand for. chosen: a bound on what errors that neighbors share allow
 const MAX_READINGS: f64 = 60.0;
 
 #[derive(Clone, Copy)]
@@ -160,7 +158,7 @@ fn local_planes(
             // The intersection of docs/method.md (2.10). Once it is empty the window has left the surface's
             // plane.
             let interval = plane.map(|p| {
-                let half = CONFIDENCE * p.variance.sqrt();
+                let half = p.variance.sqrt();
                 [intervals[lane][0].max(p.inverse[0] - half), intervals[lane][1].min(p.inverse[0] + half)]
             });
             match interval {
@@ -261,7 +259,7 @@ impl Sums {
         let misfit = (f64::from(self.squares[lane]) - change.dot(&b)) / (s[0] - 3.0) / (sigma * sigma);
         // The mean of ν squared residuals has the variance 2 / ν; readings that share noise count as one.
         let freedom = (s[0] / window.correlated - 3.0).max(1.0);
-        if !first && misfit > 1.0 + MISFIT * (2.0 / freedom).sqrt() {
+        if !first && misfit > 1.0 + (2.0 / freedom).sqrt() {
             return None;
         }
         Some(Plane {
@@ -276,7 +274,7 @@ mod tests {
     use rand_core::{Rng, SeedableRng};
 
     use super::*;
-    use crate::geometry::{Intrinsics, Pose};
+    use geometry::{Intrinsics, Pose};
 
     const NOISE: NoiseConfig =
         NoiseConfig { constant_m: 0.0, quadratic_per_m: 0.003, edge_sigmas: 6.0, grazing_cosine: 0.15 };

@@ -4,10 +4,8 @@ use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 use super::NoiseConfig;
-use crate::{
-    geometry::{Intrinsics, Pose},
-    statistics::median,
-};
+use geometry::{Intrinsics, Pose};
+use numeric::statistics::median;
 
 /// One view: color and depth share one undistorted camera.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -21,16 +19,16 @@ pub struct RgbdFrame {
     /// Pose of the optical frame in the world frame.
     pub world_from_camera: Pose,
     /// Color, row-major.
-    #[serde(with = "crate::geometry::bytes")]
+    #[serde(with = "geometry::bytes")]
     pub rgb: Vec<[u8; 3]>,
     /// z-depth in meters, row-major; 0 = unknown; never NaN.
-    #[serde(with = "crate::geometry::bytes")]
+    #[serde(with = "geometry::bytes")]
     pub depth_m: Vec<f32>,
     /// Object pixels, row-major; `None` until the object was isolated.
-    #[serde(with = "crate::geometry::bytes::option")]
+    #[serde(with = "geometry::bytes::option")]
     pub mask: Option<Vec<bool>>,
     /// How many independent readings of the sensor each pixel's depth is worth; empty = one each.
-    #[serde(with = "crate::geometry::bytes")]
+    #[serde(with = "geometry::bytes")]
     pub readings: Vec<f32>,
 }
 

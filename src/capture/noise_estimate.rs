@@ -8,14 +8,15 @@ use super::{
     NoiseConfig, RgbdFrame,
     window::{R, WindowPlane},
 };
-use crate::statistics::median;
+use numeric::statistics::median;
 
-/// Windows per frame, about.
+/// Windows per frame, about. chosen: enough for a median, and cheap
 const WINDOWS: f64 = 600.0;
 /// Fewest windows for an estimate.
 const MIN_WINDOWS: usize = 200;
 /// Noise of neighboring pixels is alike in stereo cameras, and the fit takes the common part for surface:
 /// measured on rendered stereo depth with known noise.
+/// measured: on rendered stereo depth with known noise (docs/method.md 2.5)
 const CORRELATION: f64 = 1.1;
 
 /// Noise of the frames as a multiple of the model's; `None` where too few flat places are seen.
@@ -56,10 +57,8 @@ mod tests {
     use rand_core::Rng;
 
     use super::*;
-    use crate::{
-        geometry::{Intrinsics, Pose},
-        random::stage_rng,
-    };
+    use geometry::{Intrinsics, Pose};
+    use numeric::random::stage_rng;
 
     /// A slanted wall with a step, with noise of so many times the default model.
     fn wall(factor: f64) -> RgbdFrame {

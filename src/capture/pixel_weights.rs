@@ -48,6 +48,7 @@ impl<'a> PixelWeights<'a> {
         }
         let pixel_m = d * R as f64 / k.fx;
         // What a surface at the grazing limit falls off by over the window; more is an edge.
+        // docs/method.md (2.9).
         let slope =
             pixel_m * (1.0 - noise.grazing_cosine * noise.grazing_cosine).sqrt() / noise.grazing_cosine;
         if around.iter().any(|n| (n - d).abs() > slope + noise.edge_sigmas * noise.sigma_m(d)) {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{BoardInWorld, NoiseConfig, PoseFindings, RgbdFrame, TrackingFindings, features::PixelMatch};
-use crate::note::Note;
+use common::note::Note;
 
 /// The recording: frames of every state, and what was found or lost on the way.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]

@@ -5,11 +5,13 @@ use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use super::{NoiseConfig, RgbdFrame, pixel_weights::PixelWeights};
-use crate::geometry::SceneBox;
+use geometry::SceneBox;
 
 /// Cells along the longest side when looking for points that several frames agree on.
+/// chosen: a hundredth of the scene is finer than any object in it
 const CELLS: f64 = 100.0;
 /// Share of points cut off at each end of each axis before the cells are laid.
+/// chosen: a few stray readings of a thousand
 const TRIM: f64 = 0.002;
 /// Every how many pixels a point is taken.
 const STRIDE: usize = 3;

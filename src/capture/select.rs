@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Indices of at most `budget` poses, rising, spread as widely as possible: farthest-point sampling, begun at
 /// the pose nearest to the middle of all. The distance of two views is the angle between their optical axes

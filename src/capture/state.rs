@@ -3,6 +3,7 @@
 use super::CaptureError;
 
 /// Times above this are seconds since the epoch, below it seconds from the start of the recording.
+/// chosen: three years; no recording is longer, no clock stands before 1973
 const ABSOLUTE_FROM_SECS: f64 = 1e8;
 
 /// The end of state 0 and the beginning of state 1, nanoseconds of recording time; what lies between belongs

@@ -7,7 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{CaptureError, error::stamp_secs};
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Longest chain of frames.
 const MAX_DEPTH: usize = 64;
@@ -219,6 +219,7 @@ impl TfBuffer {
             (Some((t0, a)), Some((t1, b))) if t1 - t0 <= max_gap => {
                 let share = (stamp - t0) as f64 / (t1 - t0) as f64;
                 // Half a turn between samples has no unique path.
+                // docs/method.md (2.2).
                 a.try_lerp_slerp(b, share, 1e-9).ok_or_else(|| StepFault::HalfTurn(frame()))
             }
             (Some((t0, _)), Some((t1, _))) => Err(StepFault::Gap {

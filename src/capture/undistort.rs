@@ -12,7 +12,7 @@
 //!
 //! z-depth is the same in both cameras, as they share their frame.
 
-use crate::geometry::Intrinsics;
+use geometry::Intrinsics;
 
 /// Lens model; all zero is a pinhole.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -1,18 +1,18 @@
 //! What is known of actuators on the command line.
 
-use crate::gap::record::command::{EffortUnit, ToldServo};
+use gap::record::command::{EffortUnit, ToldServo};
 
 /// Wrong words.
 #[derive(Debug, thiserror::Error)]
 #[error("give {0}")]
-pub struct Wanted(&'static str);
+pub(super) struct Wanted(&'static str);
 
 fn positive(text: &str) -> Option<f64> {
     text.trim().parse().ok().filter(|x: &f64| x.is_finite() && *x > 0.0)
 }
 
 /// `--effort-unit`.
-pub fn effort_unit(text: &str) -> Result<EffortUnit, Wanted> {
+pub(super) fn effort_unit(text: &str) -> Result<EffortUnit, Wanted> {
     match (text, text.trim().parse::<f64>()) {
         ("unknown", _) => Ok(EffortUnit::Unknown),
         (_, Ok(1.0)) => Ok(EffortUnit::Newton),
@@ -23,7 +23,7 @@ pub fn effort_unit(text: &str) -> Result<EffortUnit, Wanted> {
 }
 
 /// `--servo`.
-pub fn servo(text: &str) -> Result<ToldServo, Wanted> {
+pub(super) fn servo(text: &str) -> Result<ToldServo, Wanted> {
     const WANTED: Wanted =
         Wanted("[JOINT:]KEY=VALUE,... with the keys kp, kd, limit, delay and numbers above 0");
     let (joint, pairs) = match text.split_once(':') {
@@ -48,7 +48,7 @@ pub fn servo(text: &str) -> Result<ToldServo, Wanted> {
 }
 
 /// `--command`.
-pub fn command_topic(text: &str) -> Result<(String, Vec<String>), Wanted> {
+pub(super) fn command_topic(text: &str) -> Result<(String, Vec<String>), Wanted> {
     let (topic, joints) = text.split_once('=').unwrap_or((text, ""));
     let joints: Vec<String> = joints.split(',').filter(|j| !j.is_empty()).map(str::to_owned).collect();
     if topic.is_empty() {

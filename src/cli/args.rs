@@ -7,24 +7,21 @@ use clap::Args;
 use super::{
     actuator_args::{command_topic, effort_unit, servo},
     board::paper,
-    job_args::JobArgs,
     recording_args::RecordingArgs,
-    wanted::{name, topic_of_link, vector},
+    wanted::{local, name, topic_of_link, vector},
 };
-use crate::{
-    capture::Paper,
-    evaluate::EvaluateOptions,
-    gap::record::command::{EffortUnit, ToldServo},
-    io::DatasetLayout,
-    synth::{Effect, HandheldSensor, PoseSpread, SynthConfig},
-};
+use capture::Paper;
+use evaluate::EvaluateOptions;
+use gap::record::command::{EffortUnit, ToldServo};
+use io::DatasetLayout;
+use synth::{Effect, HandheldSensor, PoseSpread, SynthConfig};
 
 /// Layers of configuration, later wins.
 #[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Configuration, later wins")]
-pub struct SettingArgs {
+pub(super) struct SettingArgs {
     /// Settings of a built-in preset: default, fields, preview; to compare with: paper, paris, paris-depth,
-    /// paris-depth-multi, registration, classical
+    /// paris-depth-multi
     #[arg(long, visible_alias = "method", value_name = "NAME")]
     pub preset: Option<String>,
     /// YAML file that holds the settings that differ
@@ -38,11 +35,10 @@ pub struct SettingArgs {
 /// Where a command puts its result.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Output")]
-pub struct OutputArgs {
+pub(super) struct OutputArgs {
     /// Folder that gets the result, in a folder DIR/NAME of its own. A result that the same command wrote
-    /// there is replaced if nobody changed it since; anything else is refused. For `reconstruct` and
-    /// `diagnose` also the URI of a store, which keeps results under keys
-    #[arg(long, value_name = "DIR")]
+    /// there is replaced if nobody changed it since; anything else is refused
+    #[arg(long, value_name = "DIR", value_parser = local())]
     pub out: PathBuf,
     /// Name of that folder, and of the twin: a letter, then letters, digits and _; default: `reconstruct`
     /// takes the recording's, `diagnose`, `demo` and `synth` put the result into DIR itself
@@ -58,7 +54,7 @@ pub struct OutputArgs {
 
 /// Options of `inspect`.
 #[derive(Args, Clone, Debug)]
-pub struct InspectArgs {
+pub(super) struct InspectArgs {
     /// Recording: a rosbag2 folder, an .mcap file, a folder of state0, state1, ..., or a dataset folder;
     /// several of them are the states of one object
     #[arg(value_name = "BAG", required = true)]
@@ -78,7 +74,7 @@ pub struct InspectArgs {
 /// Options of `track`.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Example: artitwin track bags/drawer > poses.txt")]
-pub struct TrackArgs {
+pub(super) struct TrackArgs {
     /// Recordings: a rosbag2 folder or an .mcap file a state, or a folder of state0, state1, ...
     #[arg(value_name = "BAG", required = true)]
     pub sources: Vec<PathBuf>,
@@ -91,7 +87,7 @@ pub struct TrackArgs {
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Example: artitwin node --ros-args -p parts:=2 -r __ns:=/lab\n\
     Parameters: `artitwin node --ros-args -p parts:=2`; all of them stand in launch_configs/ros/node.yaml.")]
-pub struct NodeArgs {
+pub(super) struct NodeArgs {
     /// Arguments of ROS 2: --ros-args -r FROM:=TO -p NAME:=VALUE --params-file FILE --log-level LEVEL
     // `--ros-args` and what follows are read by the node, not as options.
     #[arg(value_name = "ROS_ARGS", trailing_var_arg = true, allow_hyphen_values = true)]
@@ -102,7 +98,7 @@ pub struct NodeArgs {
 #[cfg(feature = "node")]
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Example: artitwin record bags/state0 --ros-args -p color_transport:=compressed")]
-pub struct RecordArgs {
+pub(super) struct RecordArgs {
     /// Folder of the bag, which must not be there yet
     #[arg(value_name = "BAG")]
     pub bag: PathBuf,
@@ -113,7 +109,7 @@ pub struct RecordArgs {
 
 /// Options of `check`.
 #[derive(Args, Clone, Debug)]
-pub struct CheckArgs {
+pub(super) struct CheckArgs {
     /// Folder with one or more .urdf files and their meshes, or a .urdf file
     #[arg(value_name = "MODEL")]
     pub model: PathBuf,
@@ -124,7 +120,7 @@ pub struct CheckArgs {
 
 /// Options of `evaluate`.
 #[derive(Args, Clone, Debug)]
-pub struct EvaluateArgs {
+pub(super) struct EvaluateArgs {
     /// Run folders of one object; several count as trials
     #[arg(value_name = "RUN", required = true)]
     pub runs: Vec<PathBuf>,
@@ -148,7 +144,7 @@ pub struct EvaluateArgs {
 /// Options of `demo`.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Example: artitwin demo runs/drawer --out demos/drawer")]
-pub struct DemoArgs {
+pub(super) struct DemoArgs {
     /// Folder of a finished run
     #[arg(value_name = "RUN")]
     pub twin: PathBuf,
@@ -172,23 +168,23 @@ pub struct DemoArgs {
 
 /// Options of `diagnose`.
 #[derive(Args, Clone, Debug)]
-pub struct DiagnoseArgs {
+pub(super) struct DiagnoseArgs {
     /// URDF of the twin, or a folder that holds one
-    #[arg(value_name = "TWIN")]
+    #[arg(value_name = "TWIN", value_parser = local())]
     pub twin: PathBuf,
     /// Bags with sensor_msgs/JointState: positions and efforts; or poses and wrenches, see --pose and
     /// --wrench
-    #[arg(value_name = "RUN", required_unless_present = "frames")]
+    #[arg(value_name = "RUN", required_unless_present = "frames", value_parser = local())]
     pub runs: Vec<PathBuf>,
     /// RGB-D recording of the object at a further joint position, camera poses in the frame of the twin's
     /// root; may be repeated
-    #[arg(long, value_name = "BAG")]
+    #[arg(long, value_name = "BAG", value_parser = local())]
     pub frames: Vec<PathBuf>,
     /// Least error of the twin's surface and joints, millimeters; larger ones are found from the frames
     #[arg(long, value_name = "MM", default_value_t = 0.3)]
     pub accuracy: f64,
     /// Run that only the proof reads; may be repeated; default: every third, at least the last
-    #[arg(long, value_name = "RUN")]
+    #[arg(long, value_name = "RUN", value_parser = local())]
     pub held_out: Vec<PathBuf>,
     /// Gravity in the frame of the twin's root, m/s^2: x,y,z
     #[arg(
@@ -243,9 +239,10 @@ pub struct DiagnoseArgs {
     /// Print events as JSON lines to stdout, and nothing else
     #[arg(long)]
     pub json: bool,
-    /// Inputs and outputs in stores.
-    #[command(flatten)]
-    pub job: JobArgs,
+    /// Print what the command will need, as one line of JSON: cores, memory, disk space, seconds. Nothing is
+    /// run or written
+    #[arg(long)]
+    pub estimate: bool,
     /// Where the result goes.
     #[command(flatten)]
     pub output: OutputArgs,
@@ -253,7 +250,7 @@ pub struct DiagnoseArgs {
 
 /// Options of `synth`.
 #[derive(Args, Clone, Debug)]
-pub struct SynthArgs {
+pub(super) struct SynthArgs {
     /// Seed of every random choice
     #[arg(long, value_name = "N", default_value_t = SynthConfig::default().seed)]
     pub seed: u64,
@@ -343,11 +340,10 @@ pub struct SynthArgs {
 
 /// Options of `reconstruct`.
 #[derive(Args, Clone, Debug)]
-pub struct ReconstructArgs {
+pub(super) struct ReconstructArgs {
     /// Recording: a rosbag2 folder, an .mcap file, a folder of state0, state1, ..., or a dataset folder;
-    /// several of them are the states of one object, 16 at most. Also as URI: s3://, gs://, az://,
-    /// http(s)://, file://
-    #[arg(value_name = "BAG", required = true)]
+    /// several of them are the states of one object, 16 at most
+    #[arg(value_name = "BAG", required = true, value_parser = local())]
     pub bags: Vec<PathBuf>,
     /// Every BAG is an object of its own; reconstruct N of them at a time
     #[arg(
@@ -410,9 +406,10 @@ pub struct ReconstructArgs {
     /// Print events as JSON lines to stdout, and nothing else
     #[arg(long)]
     pub json: bool,
-    /// Inputs and outputs in stores.
-    #[command(flatten)]
-    pub job: JobArgs,
+    /// Print what the command will need, as one line of JSON: cores, memory, disk space, seconds. Nothing is
+    /// run or written
+    #[arg(long, conflicts_with = "jobs")]
+    pub estimate: bool,
     /// Where the result goes.
     #[command(flatten)]
     pub output: OutputArgs,

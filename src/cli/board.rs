@@ -8,15 +8,13 @@ use super::{
     exit::{CliError, Exit},
     terminal,
 };
-use crate::{
-    capture::{BoardLayout, Paper},
-    export::board_page,
-};
+use capture::{BoardLayout, Paper};
+use export::board_page;
 
 /// Options of `board`.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Example: artitwin board --out board.pdf --paper a3")]
-pub struct BoardArgs {
+pub(super) struct BoardArgs {
     /// File that gets the page; a file that is there is not replaced
     #[arg(long, value_name = "FILE.pdf")]
     pub out: PathBuf,
@@ -26,7 +24,7 @@ pub struct BoardArgs {
 }
 
 /// The paper of a name.
-pub fn paper(text: &str) -> Result<Paper, &'static str> {
+pub(super) fn paper(text: &str) -> Result<Paper, &'static str> {
     Paper::named(text).ok_or("give a4, a3 or letter")
 }
 
@@ -34,7 +32,7 @@ pub fn paper(text: &str) -> Result<Paper, &'static str> {
 ///
 /// # Errors
 /// A file that is there already, or one that cannot be written.
-pub fn run(args: &BoardArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &BoardArgs) -> Result<Exit, CliError> {
     let page = board_page(&BoardLayout::of(args.paper));
     let refused = |source| CliError::Page { path: args.out.clone(), source };
     let mut file = File::create_new(&args.out).map_err(refused)?;

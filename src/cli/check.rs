@@ -5,16 +5,13 @@ use super::{
     exit::{CliError, Exit},
     terminal,
 };
-use crate::{
-    export::{Level, check_folder},
-    io,
-};
+use export::{Level, check_folder};
 
 /// Checks a folder or a file: one line a finding, then a line that counts them.
 ///
 /// # Errors
 /// What cannot be read.
-pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &CheckArgs) -> Result<Exit, CliError> {
     let found = check_folder(&io::read_model(&args.model)?);
     let errors = found.iter().filter(|f| f.level == Level::Error).count();
     let mut text: String = found.iter().map(|f| format!("{f}\n")).collect();

@@ -16,13 +16,13 @@ use super::{
 };
 
 const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong usage or configuration, 3 done but degraded, \
-    75 a store or disk was in the way and may not be later, 130 stopped.";
+    75 a disk or another process was in the way and may not be later, 130 stopped.";
 
 /// RGB-D recordings of an articulated object in two or more states in, a digital twin that simulators load
 /// out.
 #[derive(Debug, Parser)]
 #[command(name = "artitwin", version, about, after_help = EXIT_CODES, propagate_version = true)]
-pub struct Cli {
+pub(super) struct Cli {
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
@@ -30,7 +30,7 @@ pub struct Cli {
 
 /// One verb, one file.
 #[derive(Debug, Subcommand)]
-pub enum Command {
+pub(super) enum Command {
     /// Make the twin of a recorded object: part meshes, joints, URDF, report
     Reconstruct(Box<ReconstructArgs>),
     /// Show what a recording holds and what it lacks
@@ -75,7 +75,7 @@ pub enum Command {
 
 /// Verbs of `config`.
 #[derive(Debug, Subcommand)]
-pub enum ConfigCommand {
+pub(super) enum ConfigCommand {
     /// Print every setting
     Show {
         /// Layers to merge.
@@ -92,7 +92,7 @@ pub enum ConfigCommand {
 #[command(
     after_help = "Example: artitwin completions bash > ~/.local/share/bash-completion/completions/artitwin"
 )]
-pub struct CompletionsArgs {
+pub(super) struct CompletionsArgs {
     /// Shell that completes
     #[arg(value_name = "SHELL")]
     pub shell: Shell,
@@ -101,7 +101,7 @@ pub struct CompletionsArgs {
 /// Options of `man`.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Example: artitwin man reconstruct > ~/.local/share/man/man1/artitwin-reconstruct.1")]
-pub struct ManArgs {
+pub(super) struct ManArgs {
     /// Command whose page is printed; without it the page of the program
     #[arg(value_name = "COMMAND")]
     pub command: Option<String>,
@@ -109,7 +109,7 @@ pub struct ManArgs {
 
 impl Command {
     /// Whether it ends without being asked to.
-    pub fn ends_by_itself(&self) -> bool {
+    pub(super) fn ends_by_itself(&self) -> bool {
         #[cfg(feature = "node")]
         if let Self::Node(_) | Self::Record(_) = self {
             return false;

@@ -10,7 +10,7 @@ use super::{
 ///
 /// # Errors
 /// If it is wrong.
-pub fn run(command: &ConfigCommand) -> Result<Exit, CliError> {
+pub(super) fn run(command: &ConfigCommand) -> Result<Exit, CliError> {
     let ConfigCommand::Show { settings, origin } = command;
     let resolved = settings.resolve()?;
     terminal::print(&if *origin { resolved.to_lines_with_origins() } else { resolved.to_yaml()? })?;

@@ -10,17 +10,15 @@ use super::{
     exit::{CliError, Exit},
     terminal,
 };
-use crate::{
-    io::Place,
-    run::{DemonstrateRequest, demonstrate},
-};
+use io::Place;
+use run::{DemonstrateRequest, demonstrate};
 
 /// Demonstrates a twin and prints the table of its joints.
 ///
 /// # Errors
 /// A folder without a twin, a Python that lacks something, a folder that cannot be written, a request to
 /// stop.
-pub fn run(args: &DemoArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &DemoArgs) -> Result<Exit, CliError> {
     let OutputArgs { out, name, force, .. } = args.output.clone();
     let request = DemonstrateRequest {
         twin: args.twin.clone(),

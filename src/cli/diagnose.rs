@@ -11,18 +11,16 @@ use super::{
     progress::{Progress, Shown},
     terminal,
 };
-use crate::{
-    gap::{
-        camera::record::options::FrameOptions,
-        judge::verdict::Verdict,
-        record::{command::Told, drive::Hold, tracks::Streams},
-    },
-    note::{Note, NoteCode},
-    run::{self, DiagnoseOutcome, DiagnoseRequest, Event, Monitor, RunError},
+use common::note::{Note, NoteCode};
+use gap::{
+    camera::record::options::FrameOptions,
+    judge::verdict::Verdict,
+    record::{command::Told, drive::Hold, tracks::Streams},
 };
+use run::{self, DiagnoseOutcome, DiagnoseRequest, Event, Monitor, RunError};
 
 /// What is asked for.
-pub fn request(args: &DiagnoseArgs) -> DiagnoseRequest {
+pub(super) fn request(args: &DiagnoseArgs) -> DiagnoseRequest {
     DiagnoseRequest {
         twin: args.twin.clone(),
         runs: args.runs.clone(),
@@ -48,7 +46,7 @@ pub fn request(args: &DiagnoseArgs) -> DiagnoseRequest {
 ///
 /// # Errors
 /// Those of [`run::diagnose`].
-pub fn outcome(
+pub(super) fn outcome(
     request: &DiagnoseRequest,
     frames: &[PathBuf],
     args: &DiagnoseArgs,
@@ -62,7 +60,7 @@ pub fn outcome(
 }
 
 /// The summary, and where the report is.
-pub fn text(outcome: &DiagnoseOutcome) -> String {
+pub(super) fn text(outcome: &DiagnoseOutcome) -> String {
     format!("{}report: {}\n", outcome.summary, outcome.folder.join("report.html").display())
 }
 
@@ -70,7 +68,7 @@ pub fn text(outcome: &DiagnoseOutcome) -> String {
 ///
 /// # Errors
 /// If the twin or a run cannot be read, or the result cannot be written.
-pub fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
     let stop = Arc::<AtomicBool>::default();
     let shown = Shown { json: args.json, verbose: args.output.verbose };
     let (progress, events) = Progress::start(shown, Arc::clone(&stop));
@@ -101,7 +99,7 @@ const DEGRADING: [NoteCode; 4] = [
 ];
 
 /// Degraded where too little was recorded to say anything, too.
-pub fn ended(verdict: Verdict, warnings: &[Note]) -> Exit {
+pub(super) fn ended(verdict: Verdict, warnings: &[Note]) -> Exit {
     let degrades = warnings.iter().any(|w| DEGRADING.contains(&w.code));
     if verdict == Verdict::Insufficient || degrades { Exit::Degraded } else { Exit::Done }
 }

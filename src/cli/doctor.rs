@@ -8,12 +8,8 @@ use super::{
     machine::Machine,
     terminal,
 };
-use crate::{
-    config::{Engine, GpuUse},
-    field::InstructionSet,
-    gpu::{self, Adapter, Gpu, GpuError},
-    run::gpu_trial,
-};
+use config::Engine;
+use field::{self, Adapter, EngineError, InstructionSet};
 
 /// Less available memory than this is worth a word, bytes.
 const MEMORY_WANTED: u64 = 4 << 30;
@@ -24,40 +20,17 @@ const DISK_WANTED: u64 = 2 << 30;
 ///
 /// # Errors
 /// If the configuration is wrong, or asks for an engine that cannot run here.
-pub fn run(settings: &SettingArgs) -> Result<Exit, CliError> {
-    let config = settings.resolve()?.config.run;
-    let (engine, adapters) = (config.engine, gpu::adapters());
+pub(super) fn run(settings: &SettingArgs) -> Result<Exit, CliError> {
+    let engine = settings.resolve()?.config.run.engine;
+    let adapters = field::adapters();
     // Before the engine is refused: the report shows why.
     terminal::print(&report(&Machine::detect(), &adapters))?;
     let name = engine_name(engine, &adapters).map_err(|e| CliError::Machine(e.to_string()))?;
-    terminal::print(&format!("engine     {name}\n{}", of_stages(config.gpu, &adapters)))?;
+    terminal::print(&format!("engine     {name}\n"))?;
     Ok(Exit::Done)
 }
 
-/// What a GPU would bring to the stages: each work that it can take, on the processor and on it.
-fn of_stages(asked: GpuUse, adapters: &Result<Vec<Adapter>, GpuError>) -> String {
-    let nothing = |why: &str| format!("stages     on the processor: {why}\n");
-    let gpu = match (asked, adapters) {
-        (GpuUse::Never, _) => return nothing("run.gpu is never"),
-        (_, Err(error)) => return nothing(&error.to_string()),
-        (GpuUse::Auto, Ok(found)) if !found.is_empty() && found.iter().all(|a| a.is_software) => {
-            return nothing("an adapter in software is slower");
-        }
-        (asked, Ok(_)) => Gpu::open(asked == GpuUse::Always),
-    };
-    let gpu = match gpu {
-        Ok(gpu) => gpu,
-        Err(error) => return nothing(&error.to_string()),
-    };
-    let all = gpu_trial(&gpu);
-    let lines = all.iter().map(|c| {
-        let side = if c.is_won() { "on the GPU" } else { "on the processor" };
-        format!("stages     {c}: {side} where run.gpu is auto\n")
-    });
-    lines.collect()
-}
-
-fn report(machine: &Machine, adapters: &Result<Vec<Adapter>, GpuError>) -> String {
+fn report(machine: &Machine, adapters: &Result<Vec<Adapter>, EngineError>) -> String {
     let unknown = || "unknown".to_owned();
     let threads = machine.threads.map_or_else(unknown, |n| n.to_string());
     let vectors = if machine.vector_instructions.is_empty() {
@@ -96,7 +69,7 @@ fn report(machine: &Machine, adapters: &Result<Vec<Adapter>, GpuError>) -> Strin
             Ok(found) => {
                 found.iter().map(|a| format!("gpu        {}", a.description)).collect::<Vec<_>>().join("\n")
             }
-            Err(GpuError::NotBuilt) => "gpu        built without the wgpu feature".to_owned(),
+            Err(EngineError::NotBuilt) => "gpu        built without the gpu feature".to_owned(),
             Err(error) => format!("gpu        {error}"),
         },
     ];
@@ -107,7 +80,7 @@ fn report(machine: &Machine, adapters: &Result<Vec<Adapter>, GpuError>) -> Strin
 
 /// Why the engine of the settings cannot run here.
 #[derive(Debug, thiserror::Error)]
-pub enum EngineUnfit {
+pub(super) enum EngineUnfit {
     /// There is no GPU.
     #[error("run.engine is gpu, but no adapter was found; install a Vulkan driver or use --engine cpu")]
     NoAdapter,
@@ -117,7 +90,7 @@ pub enum EngineUnfit {
 }
 
 /// What trains the fields, or why it cannot.
-fn engine_name(engine: Engine, adapters: &Result<Vec<Adapter>, GpuError>) -> Result<String, EngineUnfit> {
+fn engine_name(engine: Engine, adapters: &Result<Vec<Adapter>, EngineError>) -> Result<String, EngineUnfit> {
     match (engine, adapters) {
         (Engine::Cpu, _) => Ok(format!("cpu, {} kernels", InstructionSet::detect().name())),
         (Engine::Burn, _) => Ok("burn on the CPU".to_owned()),
@@ -157,7 +130,7 @@ mod tests {
         ] {
             assert!(text.lines().any(|l| l == line), "{line} not in\n{text}");
         }
-        assert!(report(&machine, &Err(GpuError::NotBuilt)).contains("built without the wgpu feature"));
+        assert!(report(&machine, &Err(EngineError::NotBuilt)).contains("built without the gpu feature"));
     }
 
     #[test]
@@ -165,25 +138,12 @@ mod tests {
         let software = vec![adapter("llvmpipe (Cpu, Vulkan, driver x)")];
         assert!(engine_name(Engine::Gpu, &Ok(software)).unwrap().contains("software"));
         assert!(
-            engine_name(Engine::Gpu, &Err(GpuError::NotBuilt))
+            engine_name(Engine::Gpu, &Err(EngineError::NotBuilt))
                 .unwrap_err()
                 .to_string()
-                .contains("--features wgpu")
+                .contains("--features gpu")
         );
         assert!(matches!(engine_name(Engine::Gpu, &Ok(Vec::new())), Err(EngineUnfit::NoAdapter)));
-        assert!(engine_name(Engine::Cpu, &Err(GpuError::NotBuilt)).unwrap().starts_with("cpu, "));
-    }
-
-    #[test]
-    fn stages_stay_on_the_processor_where_no_gpu_helps() {
-        let software = Ok(vec![adapter("llvmpipe")]);
-        for (asked, adapters, why) in [
-            (GpuUse::Never, &software, "run.gpu is never"),
-            (GpuUse::Auto, &software, "in software is slower"),
-            (GpuUse::Auto, &Err(GpuError::NotBuilt), "--features wgpu"),
-        ] {
-            let text = of_stages(asked, adapters);
-            assert!(text.starts_with("stages     on the processor: ") && text.contains(why), "{text}");
-        }
+        assert!(engine_name(Engine::Cpu, &Err(EngineError::NotBuilt)).unwrap().starts_with("cpu, "));
     }
 }

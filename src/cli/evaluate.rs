@@ -5,13 +5,13 @@ use super::{
     exit::{CliError, Exit},
     terminal,
 };
-use crate::evaluate::{self, EvaluateOptions, PUBLISHED_MIN_COMPONENT};
+use evaluate::{self, EvaluateOptions, PUBLISHED_MIN_COMPONENT};
 
 /// Prints the metrics of runs.
 ///
 /// # Errors
 /// If a run or the truth cannot be read.
-pub fn run(args: &EvaluateArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &EvaluateArgs) -> Result<Exit, CliError> {
     // Off by default: stray components are errors of a twin and count as such.
     let min_component = args.filter_components.then_some(PUBLISHED_MIN_COMPONENT);
     let options = EvaluateOptions { samples: args.samples, seed: args.seed, min_component };

@@ -2,14 +2,11 @@
 
 use std::process::ExitCode;
 
-use crate::{
-    capture::CaptureError,
-    config::ConfigError,
-    evaluate::EvaluateError,
-    io::SynthError,
-    job::JobError,
-    run::{DemonstrateError, RunError, TrialsError, chain},
-};
+use capture::CaptureError;
+use config::ConfigError;
+use evaluate::EvaluateError;
+use io::SynthError;
+use run::{DemonstrateError, RunError, TrialsError, chain};
 
 /// How a command ended; the number is the exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,7 +19,7 @@ pub enum Exit {
     Usage = 2,
     /// Done, but data was lost or a result is uncertain.
     Degraded = 3,
-    /// A store, a disk or another process was in the way; the same command may succeed later. EX_TEMPFAIL of
+    /// A disk or another process was in the way; the same command may succeed later. EX_TEMPFAIL of
     /// sysexits.h.
     MayPass = 75,
     /// Stopped on request; 128 + SIGINT.
@@ -37,7 +34,7 @@ impl From<Exit> for ExitCode {
 
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
-pub enum CliError {
+pub(super) enum CliError {
     /// The configuration is wrong.
     #[error(transparent)]
     Config(#[from] ConfigError),
@@ -47,17 +44,6 @@ pub enum CliError {
     /// Trials ended.
     #[error(transparent)]
     Trials(#[from] TrialsError),
-    /// A job has no manifest.
-    #[error(transparent)]
-    Job(#[from] JobError),
-    /// The manifest of a job says that its inputs or settings give no result.
-    #[error("{message}")]
-    Refused {
-        /// Why.
-        message: String,
-        /// Whether it was the settings.
-        is_usage: bool,
-    },
     /// A command that another package brings.
     #[error("cannot run `{}`", path.display())]
     External {
@@ -74,7 +60,7 @@ pub enum CliError {
     Evaluate(#[from] EvaluateError),
     /// The folder cannot be read.
     #[error(transparent)]
-    Folder(#[from] crate::io::ModelFolderError),
+    Folder(#[from] io::ModelFolderError),
     /// The object cannot be made or written.
     #[error(transparent)]
     Synth(#[from] SynthError),
@@ -123,7 +109,7 @@ pub enum CliError {
     /// The node could not start.
     #[cfg(feature = "node")]
     #[error(transparent)]
-    Node(#[from] crate::node::NodeError),
+    Node(#[from] node::NodeError),
     /// A file could not be written.
     #[error("cannot write `{}`; give a name that is not taken, in a folder that is there", path.display())]
     File {
@@ -143,13 +129,13 @@ pub enum CliError {
 impl CliError {
     /// The error and what led to it, on one line.
     #[must_use]
-    pub fn chain(&self) -> String {
+    pub(super) fn chain(&self) -> String {
         chain(self)
     }
 
     /// The exit code of this error.
     #[must_use]
-    pub fn exit(&self) -> Exit {
+    pub(super) fn exit(&self) -> Exit {
         match self {
             // Wrong settings are wrong usage, whichever layer finds them.
             Self::Config(_)
@@ -163,27 +149,16 @@ impl CliError {
             | Self::Trials(TrialsError::Run(RunError::Cancelled(_)))
             | Self::Demonstrate(DemonstrateError::Cancelled(_))
             | Self::Batch { cancelled: true, .. } => Exit::Cancelled,
-            Self::Job(error) => of_job(error),
-            Self::Refused { is_usage: true, .. } => Exit::Usage,
+            Self::Run(error) if error.may_pass() => Exit::MayPass,
             _ => Exit::Failed,
         }
-    }
-}
-
-fn of_job(error: &JobError) -> Exit {
-    match error {
-        JobError::MayPass(RunError::Cancelled(_)) | JobError::Run(RunError::Cancelled(_)) => Exit::Cancelled,
-        JobError::Run(RunError::Config(_)) => Exit::Usage,
-        JobError::Store(error) if error.is_usage() => Exit::Usage,
-        error if error.may_pass() => Exit::MayPass,
-        _ => Exit::Failed,
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::Cancelled;
+    use run::Cancelled;
 
     #[test]
     fn errors_have_their_codes() {

@@ -8,16 +8,14 @@ use super::{
     exit::{CliError, Exit},
     terminal::{self, print_line},
 };
-use crate::{
-    export::{GALLERY_MARK, gallery_page},
-    files, io,
-    limits::REPORT,
-};
+use common::files;
+use common::limits::REPORT;
+use export::{GALLERY_MARK, gallery_page};
 
 /// Options of `gallery`.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Example: artitwin gallery runs")]
-pub struct GalleryArgs {
+pub(super) struct GalleryArgs {
     /// Folders with results of reconstruct and diagnose, at any depth
     #[arg(value_name = "RUNS", required = true)]
     pub runs: Vec<PathBuf>,
@@ -31,7 +29,7 @@ pub struct GalleryArgs {
 ///
 /// # Errors
 /// A folder that cannot be read; a file that is no gallery in the page's place; one that cannot be written.
-pub fn run(args: &GalleryArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &GalleryArgs) -> Result<Exit, CliError> {
     let first = args.runs.first().map_or(Path::new("."), PathBuf::as_path);
     let out = args.out.clone().unwrap_or_else(|| first.join("gallery.html"));
     if out.exists() && !files::read_text(&out, REPORT).is_ok_and(|text| text.contains(GALLERY_MARK)) {

@@ -7,17 +7,14 @@ use super::{
     exit::{CliError, Exit},
     terminal,
 };
-use crate::{
-    capture::{CaptureConfig, coverage},
-    export::contact_sheet,
-    io,
-};
+use capture::{CaptureConfig, coverage};
+use export::contact_sheet;
 
 /// Prints what a recording holds; fails if `reconstruct` could not use it.
 ///
 /// # Errors
 /// If it cannot be read at all, or the picture cannot be written.
-pub fn run(args: &InspectArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &InspectArgs) -> Result<Exit, CliError> {
     let config = args.resolve()?.config;
     let found = io::inspect_with(&args.bags, &config.capture)?;
     terminal::print(&found.to_text())?;

@@ -2,11 +2,11 @@
 
 use std::{fs, path::Path, thread};
 
-use crate::io::free_bytes;
+use io::free_bytes;
 
 /// What a run needs to know of the machine; `None`: the system does not say.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Machine {
+pub(super) struct Machine {
     /// Name of the processor.
     pub processor: Option<String>,
     /// Vector instructions that matter here and that the processor has.
@@ -24,7 +24,7 @@ pub struct Machine {
 impl Machine {
     /// Asks the system.
     #[must_use]
-    pub fn detect() -> Self {
+    pub(super) fn detect() -> Self {
         let cpu = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
         let memory = fs::read_to_string("/proc/meminfo").unwrap_or_default();
         Self {

@@ -4,7 +4,7 @@
 /// thousands of times, and every page that the system gives anew costs a fault. Before another thread runs.
 /// measured: shared/bags/laptop, preset default, 2 cores of an AMD EPYC: 2.3 to 2.9 s in the system before,
 /// 0.8 to 1.4 s after, with 3 % more memory (docs/figures.md)
-pub fn keep_freed() {
+pub(super) fn keep_freed() {
     // Blocks above this are given back at once, as the volumes are, and what is free above the second at the
     // heap's end.
     #[cfg(all(target_os = "linux", target_env = "gnu"))]

@@ -9,13 +9,12 @@ mod config;
 mod demo;
 mod diagnose;
 mod doctor;
+mod estimate;
 mod evaluate;
 mod exit;
 mod external;
 mod gallery;
 mod inspect;
-mod job;
-mod job_args;
 mod machine;
 mod memory;
 #[cfg(feature = "node")]
@@ -82,7 +81,7 @@ fn run(command: Command) -> Result<Exit, CliError> {
         memory::keep_freed();
     }
     match command {
-        Command::Reconstruct(args) if job::is_reconstruct_job(&args) => job::reconstruct(&args),
+        Command::Reconstruct(args) if args.estimate => estimate::reconstruct(&args),
         Command::Reconstruct(args) => reconstruct::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Track(args) => track::run(&args),
@@ -90,7 +89,7 @@ fn run(command: Command) -> Result<Exit, CliError> {
         Command::Check(args) => check::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Trials(args) => trials::run(&args),
-        Command::Diagnose(args) if job::is_diagnose_job(&args) => job::diagnose(&args),
+        Command::Diagnose(args) if args.estimate => estimate::diagnose(&args),
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Synth(args) => synth::run(&args),

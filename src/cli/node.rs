@@ -9,7 +9,7 @@ use super::{
 ///
 /// # Errors
 /// If the node cannot start.
-pub fn run(args: &NodeArgs) -> Result<Exit, CliError> {
-    crate::node::run(&args.arguments)?;
+pub(super) fn run(args: &NodeArgs) -> Result<Exit, CliError> {
+    node::run(&args.arguments)?;
     Ok(Exit::Done)
 }

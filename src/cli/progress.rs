@@ -13,11 +13,9 @@ use std::{
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::{
-    export::count,
-    io::printable,
-    run::{Event, RunProgress},
-};
+use ::io::printable;
+use export::count;
+use run::{Event, RunProgress};
 
 /// How long to wait for an event before looking whether the run has ended.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -26,7 +24,7 @@ const LINE_INTERVAL: Duration = Duration::from_secs(5);
 
 /// How events are shown.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Shown {
+pub(super) struct Shown {
     /// As JSON.
     pub json: bool,
     /// With notes.
@@ -34,7 +32,7 @@ pub struct Shown {
 }
 
 /// A thread that shows events until [`Self::finish`].
-pub struct Progress {
+pub(super) struct Progress {
     done: Arc<AtomicBool>,
     thread: JoinHandle<io::Result<()>>,
 }
@@ -42,7 +40,7 @@ pub struct Progress {
 impl Progress {
     /// Starts listening: JSON to stdout, else a bar or lines to stderr. JSON that cannot be written sets
     /// `stop`: events are what such a run is for, and it ends at its next step.
-    pub fn start(shown: Shown, stop: Arc<AtomicBool>) -> (Self, Sender<Event>) {
+    pub(super) fn start(shown: Shown, stop: Arc<AtomicBool>) -> (Self, Sender<Event>) {
         let (sender, receiver) = mpsc::channel();
         let done = Arc::new(AtomicBool::new(false));
         let ended = Arc::clone(&done);
@@ -68,7 +66,7 @@ impl Progress {
     ///
     /// # Errors
     /// If JSON could not be written, for another reason than that its reader went away.
-    pub fn finish(self) -> io::Result<()> {
+    pub(super) fn finish(self) -> io::Result<()> {
         self.done.store(true, Ordering::Release);
         // A panic of the listener was printed by itself and must not hide the run's own outcome.
         self.thread.join().unwrap_or(Ok(()))
@@ -304,7 +302,8 @@ fn left(time: Duration) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{note::NoteCode, run::Planned};
+    use common::note::NoteCode;
+    use run::Planned;
 
     fn events() -> Vec<(u64, Event)> {
         let stage = || "field/state0".to_owned();

@@ -13,14 +13,14 @@ use super::{
     stop::stop_on_request,
     terminal,
 };
-use crate::run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError};
+use run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError};
 
 /// Runs the pipeline, shows its progress, prints where the results lie.
 ///
 /// # Errors
 /// If the configuration is wrong, or a run fails or is stopped, or its events cannot be written, which stops
 /// it too. Of several objects those that succeeded are there.
-pub fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
     let stop = Arc::new(AtomicBool::new(false));
     let (progress, events) =
         Progress::start(Shown { json: args.json, verbose: args.output.verbose }, Arc::clone(&stop));
@@ -72,7 +72,6 @@ fn reconstruct(
         rerun: args.rerun.clone(),
         // Of other objects too.
         beside: args.bags.iter().chain(&args.settings.config).cloned().collect(),
-        shown: Vec::new(),
     };
     if args.rerun.is_some() && !cfg!(feature = "rerun") {
         return Err(CliError::Usage(

@@ -4,14 +4,12 @@ use clap::Args;
 use serde_norway::Value;
 
 use super::wanted::{Wanted, vector};
-use crate::{
-    capture::At,
-    config::{ConfigError, Layers},
-};
+use capture::At;
+use config::{ConfigError, Layers};
 
 /// How a recording is read.
 #[derive(Args, Clone, Debug)]
-pub struct RecordingArgs {
+pub(super) struct RecordingArgs {
     /// Where one recording changes state: T, or T0,T1 to leave out what lies between; seconds from its start
     #[arg(long, value_name = "T[,T1]", value_delimiter = ',', num_args = 1, conflicts_with = "marker_topic")]
     pub split: Vec<f64>,
@@ -37,7 +35,7 @@ impl RecordingArgs {
     ///
     /// # Errors
     /// If a value does not fit its key.
-    pub fn assign(&self, layers: &mut Layers) -> Result<(), ConfigError> {
+    pub(super) fn assign(&self, layers: &mut Layers) -> Result<(), ConfigError> {
         let numbers = |n: &[f64]| Value::Sequence(n.iter().map(|v| Value::from(*v)).collect());
         let options = [
             ("--split", "capture.split_secs", (!self.split.is_empty()).then(|| numbers(&self.split))),
@@ -111,9 +109,9 @@ mod tests {
         for wrong in ["", "1,2", "1,2,nan", "0_0007,3.5,2", "0_0007,-3,2", "1,2,3,4", "a,b,c"] {
             assert!(at(wrong).is_err(), "{wrong}");
         }
-        let mut layers = Layers::new(&crate::config::Config::default()).unwrap();
+        let mut layers = Layers::new(&config::Config::default()).unwrap();
         layers.assign("--at", "capture.isolate.at", place(&pixel)).unwrap();
-        let resolved: crate::config::Resolved<crate::config::Config> = layers.resolve().unwrap();
+        let resolved: config::Resolved<config::Config> = layers.resolve().unwrap();
         assert_eq!(resolved.config.capture.isolate.at, Some(pixel));
     }
 }

@@ -2,16 +2,14 @@
 
 use std::fmt::Write as _;
 
-use crate::{
-    capture::quoted,
-    export::count,
-    model::JointKind,
-    run::{JointSummary, Outcome},
-};
+use capture::quoted;
+use export::count;
+use model::JointKind;
+use run::{JointSummary, Outcome};
 
 /// Where the result lies, its joints, whether it is degraded, what to look at next. Warnings were shown at
 /// the end of the run.
-pub fn outcome(outcome: &Outcome) -> String {
+pub(super) fn outcome(outcome: &Outcome) -> String {
     let mut text = format!("{}\n", outcome.folder.display());
     if outcome.stood {
         text += "  finished already by the same inputs, settings and version; nothing was done\n";
@@ -63,7 +61,7 @@ fn positions(joint: &JointSummary, scale: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::note::{Note, NoteCode};
+    use common::note::{Note, NoteCode};
 
     #[test]
     fn joints_are_one_line_each() {

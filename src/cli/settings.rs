@@ -3,14 +3,14 @@
 use serde_norway::Value;
 
 use super::args::{InspectArgs, ReconstructArgs, SettingArgs};
-use crate::config::{Config, ConfigError, Layers, Resolved};
+use config::{Config, ConfigError, Layers, Resolved};
 
 impl SettingArgs {
     /// Merges preset, file and `--set`.
     ///
     /// # Errors
     /// If a layer is wrong or the values cannot be used.
-    pub fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
+    pub(super) fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
         Config::checked(self.layers()?)
     }
 
@@ -28,7 +28,7 @@ impl ReconstructArgs {
     ///
     /// # Errors
     /// If a layer is wrong or the values cannot be used.
-    pub fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
+    pub(super) fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
         let mut layers = self.settings.layers()?;
         // The last layer, so that an option wins over the same key by --set.
         let options = [
@@ -58,7 +58,7 @@ impl InspectArgs {
     ///
     /// # Errors
     /// If a layer is wrong or the values cannot be used.
-    pub fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
+    pub(super) fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
         let mut layers = self.settings.layers()?;
         self.recording.assign(&mut layers)?;
         Config::checked(layers)
@@ -70,10 +70,8 @@ mod tests {
     use clap::Parser;
 
     use super::*;
-    use crate::{
-        cli::command::{Cli, Command},
-        export::Base,
-    };
+    use crate::cli::command::{Cli, Command};
+    use export::Base;
 
     fn resolved(options: &[&str]) -> Result<Config, ConfigError> {
         let all = ["artitwin", "reconstruct", "bag", "--out", "runs"].iter().chain(options);
@@ -85,7 +83,7 @@ mod tests {
 
     #[test]
     fn prefix_and_base_are_settings_of_the_export() {
-        assert_eq!(resolved(&[]).unwrap().export, crate::export::ExportConfig::default());
+        assert_eq!(resolved(&[]).unwrap().export, export::ExportConfig::default());
         let export = resolved(&["--prefix", "left_", "--base", "floating"]).unwrap().export;
         assert_eq!((export.prefix.as_str(), export.base), ("left_", Base::Floating));
         let message = resolved(&["--prefix", "../x"]).unwrap_err().to_string();

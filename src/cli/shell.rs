@@ -14,7 +14,7 @@ use super::{
 ///
 /// # Errors
 /// An output that cannot be written.
-pub fn completions(args: &CompletionsArgs) -> Result<Exit, CliError> {
+pub(super) fn completions(args: &CompletionsArgs) -> Result<Exit, CliError> {
     let mut text = Vec::new();
     clap_complete::generate(args.shell, &mut Cli::command(), "artitwin", &mut text);
     written(io::stdout().write_all(&text)).map(|()| Exit::Done)
@@ -24,7 +24,7 @@ pub fn completions(args: &CompletionsArgs) -> Result<Exit, CliError> {
 ///
 /// # Errors
 /// A command that is none; an output that cannot be written.
-pub fn man(args: &ManArgs) -> Result<Exit, CliError> {
+pub(super) fn man(args: &ManArgs) -> Result<Exit, CliError> {
     let mut all = Cli::command();
     all.build();
     let page = match &args.command {

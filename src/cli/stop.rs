@@ -7,7 +7,8 @@ use std::sync::{
 };
 
 use super::exit::{CliError, Exit};
-use crate::{note::NoteCode, run::Event};
+use common::note::NoteCode;
+use run::Event;
 
 /// Lets the first Ctrl-C (or SIGTERM) set the flag; the second ends the process.
 pub(super) fn stop_on_request(events: Sender<Event>, stop: Arc<AtomicBool>) -> Result<(), CliError> {

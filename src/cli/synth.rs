@@ -7,16 +7,13 @@ use super::{
     exit::{CliError, Exit},
     terminal,
 };
-use crate::{
-    io,
-    synth::{Family, HandleStyle, SynthConfig},
-};
+use synth::{Family, HandleStyle, SynthConfig};
 
 /// Makes an object, films it in two states and writes recordings and truth.
 ///
 /// # Errors
 /// If the options do not fit together or the folder cannot be written.
-pub fn run(args: &SynthArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &SynthArgs) -> Result<Exit, CliError> {
     let sensor = args.sensor.map(|sensor| match &args.sensor_only[..] {
         [] => sensor.without(&args.sensor_without),
         only => sensor.only(only),

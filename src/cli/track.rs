@@ -7,14 +7,14 @@ use super::{
     exit::{CliError, Exit},
     terminal,
 };
-use crate::{capture::stamp_secs, io};
+use capture::stamp_secs;
 
 /// Prints the camera's poses, a line each: stamp, place, quaternion (x, y, z, w), in the world of the twin;
 /// what is said of them goes to stderr.
 ///
 /// # Errors
 /// If the camera cannot be tracked.
-pub fn run(args: &TrackArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &TrackArgs) -> Result<Exit, CliError> {
     let config = args.settings.resolve()?.config;
     let (states, [notes, warnings]) = io::track_camera(&args.sources, &config.capture, config.run.seed)?;
     notes.iter().for_each(|n| terminal::print_line(&format!("note: {}", io::printable(&n.text))));

@@ -1,7 +1,8 @@
 //! `artitwin trials`.
 
 use std::{
-    path::PathBuf,
+    ffi::OsStr,
+    path::{Path, PathBuf},
     sync::{Arc, atomic::AtomicBool},
 };
 
@@ -13,23 +14,21 @@ use super::{
     stop::stop_on_request,
     terminal,
 };
-use crate::{
-    config::{ABLATIONS, Config, Layers},
-    run::{self, Method, Monitor, TrialsRequest},
-};
+use config::{ABLATIONS, Config, Layers};
+use run::{self, Method, Monitor, TrialsRequest};
 
 /// Options of `trials`.
 #[derive(Args, Clone, Debug)]
-pub struct TrialsArgs {
+pub(super) struct TrialsArgs {
     /// Recordings with their truth beside them: truth.json, or trans.json of a published dataset
     #[arg(value_name = "OBJECT", required = true)]
     pub objects: Vec<PathBuf>,
-    /// Presets to run, in the order of the table
+    /// Presets to run, in the order of the table; NAME.yaml is a file of settings, as for --config
     #[arg(
         long,
         value_name = "PRESET,...",
         value_delimiter = ',',
-        default_value = "default,registration,classical,fields,paper,paris,paris-depth,paris-depth-multi"
+        default_value = "default,fields,paper,paris,paris-depth,paris-depth-multi"
     )]
     pub methods: Vec<String>,
     /// Also run the preset paper without each of its terms
@@ -65,10 +64,11 @@ const ABLATED: &str = "paper";
 ///
 /// # Errors
 /// Wrong settings; an object without truth; a stop request; a place that cannot be written.
-pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
+pub(super) fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
     let mut methods = Vec::new();
-    for name in &args.methods {
-        methods.push(method(name, name, &[], &args.set)?);
+    for preset in &args.methods {
+        let name = Path::new(preset).file_stem().and_then(OsStr::to_str).unwrap_or(preset);
+        methods.push(method(name, preset, &[], &args.set)?);
     }
     if args.ablate {
         if !args.methods.iter().any(|m| m == ABLATED) {
@@ -98,10 +98,14 @@ pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
     Ok(if has_failed { Exit::Degraded } else { Exit::Done })
 }
 
-/// A preset with some settings under a name; what was typed wins.
+/// A preset, or a file of settings, with some settings under a name; what was typed wins.
 fn method(name: &str, preset: &str, settings: &[&str], typed: &[String]) -> Result<Method, CliError> {
     let mut layers = Layers::new(&Config::default())?;
-    layers.preset(preset)?;
+    if preset.ends_with(".yaml") {
+        layers.file(Path::new(preset))?;
+    } else {
+        layers.preset(preset)?;
+    }
     settings.iter().try_for_each(|s| layers.set(s))?;
     typed.iter().try_for_each(|s| layers.set(s))?;
     let resolved = Config::checked(layers)?;

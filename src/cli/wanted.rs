@@ -1,5 +1,9 @@
 //! What an option wants, where its value is something else.
 
+use std::path::PathBuf;
+
+use clap::builder::{PathBufValueParser, TypedValueParser};
+
 /// Why the value of an option cannot be used: what to give.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("give {0}")]
@@ -22,6 +26,27 @@ pub(super) fn topic_of_link(text: &str) -> Result<(String, String), Wanted> {
         }
         _ => Err(Wanted("TOPIC=LINK, such as /gauge=handle")),
     }
+}
+
+/// Reads a path of this machine.
+pub(super) fn local() -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new()
+        .try_map(|path| if is_uri(&path.to_string_lossy()) { Err(Uri) } else { Ok(path) })
+}
+
+/// Why a URI is no path: what to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "a URI is no path: download it and give its path, or let `artitwin fleet` of the Python package fetch \
+     inputs and put results"
+)]
+pub(super) struct Uri;
+
+fn is_uri(text: &str) -> bool {
+    text.split_once("://").is_some_and(|(scheme, _)| {
+        scheme.starts_with(|c: char| c.is_ascii_alphabetic())
+            && scheme.chars().all(|c| c.is_ascii_alphanumeric() || "+.-".contains(c))
+    })
 }
 
 pub(super) fn name(text: &str) -> Result<String, Wanted> {

@@ -16,7 +16,7 @@ pub const ABLATIONS: [(&str, &[&str]); 8] = [
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{Config, Layers};
+    use crate::{Config, Layers};
 
     #[test]
     fn an_ablation_changes_its_own_settings_only() {

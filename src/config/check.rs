@@ -2,10 +2,12 @@
 //!
 //! Groups with rules of their own check themselves; the rest are ranges, listed here.
 
-use super::{Config, Engine, GpuUse, Method, error::ConfigError};
-use crate::{articulate::TrainerError, capture::CaptureError, field::FieldError};
+use super::{Config, Engine, Method, error::ConfigError};
+use articulate::TrainerError;
+use capture::CaptureError;
+use field::FieldError;
 
-/// Smallest value of what must be positive.
+/// Smallest value of what must be positive. chosen: above zero, below any value that means something
 const POSITIVE: f64 = 1e-9;
 
 impl Config {
@@ -40,11 +42,6 @@ impl Config {
             let reason =
                 "this binary was built without GPU support: build it with `--features gpu`, or give cpu";
             return Err(unusable("run.engine", reason));
-        }
-        if cfg!(not(feature = "wgpu")) && self.run.gpu == GpuUse::Always {
-            let reason =
-                "this binary was built without GPU support: build it with `--features wgpu`, or give auto";
-            return Err(unusable("run.gpu", reason));
         }
         if self.run.method == Method::Radiance && self.run.engine != Engine::Cpu {
             return Err(unusable("run.engine", "radiance fields are trained on the CPU alone; give cpu"));
@@ -193,7 +190,7 @@ fn look(config: &Config) -> Ranges {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::Layers;
+    use crate::Layers;
 
     /// The message for `--set key=value`.
     fn refused(assignment: &str) -> String {
@@ -207,7 +204,7 @@ mod tests {
     #[test]
     fn defaults_and_presets_are_usable() {
         Config::default().check().unwrap();
-        for (name, _) in crate::config::PRESETS {
+        for (name, _) in crate::PRESETS {
             let mut layers = Layers::new(&Config::default()).unwrap();
             layers.preset(name).unwrap();
             layers.resolve::<Config>().unwrap().config.check().unwrap();
@@ -242,13 +239,6 @@ mod tests {
             let (key, _) = assignment.split_once('=').unwrap();
             assert!(message.starts_with(&format!("{key}: ")) && message.ends_with("(--set)"), "{message}");
         }
-    }
-
-    #[cfg(not(feature = "wgpu"))]
-    #[test]
-    fn a_gpu_that_must_be_used_is_refused_by_a_build_without_it() {
-        let message = refused("run.gpu=always");
-        assert!(message.starts_with("run.gpu: ") && message.contains("--features wgpu"), "{message}");
     }
 
     #[test]

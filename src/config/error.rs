@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::origins::Origins;
-use crate::limits::CONFIG;
+use common::limits::CONFIG;
 
 /// Why a configuration was refused; every message says where and what to do.
 #[derive(Debug, thiserror::Error)]

@@ -6,10 +6,8 @@ use serde::{Serialize, de::DeserializeOwned};
 use serde_norway::{Mapping, Value};
 
 use super::{error::ConfigError, lines::key_lines, nearest, origins::Origins, preset::preset};
-use crate::{
-    files,
-    limits::{CONFIG, YamlError, parse_yaml},
-};
+use common::files;
+use common::limits::{CONFIG, YamlError, parse_yaml};
 
 /// Groups within groups; deeper nesting is refused.
 const MAX_DEPTH: usize = 8;
@@ -509,11 +507,11 @@ mod tests {
     fn every_preset_is_valid_and_changes_only_what_it_names() {
         for (name, text) in super::super::PRESETS {
             assert!(text.lines().count() <= 32, "{name}");
-            let mut layers = Layers::new(&crate::config::Config::default()).unwrap();
+            let mut layers = Layers::new(&crate::Config::default()).unwrap();
             layers.preset(name).unwrap();
-            let resolved: Resolved<crate::config::Config> = layers.resolve().unwrap();
+            let resolved: Resolved<crate::Config> = layers.resolve().unwrap();
             resolved.config.check().unwrap();
-            let defaults = to_value(&crate::config::Config::default()).unwrap();
+            let defaults = to_value(&crate::Config::default()).unwrap();
             for (key, origin) in &resolved.origins.0 {
                 let same = get(&defaults, key) == get(&resolved.values, key);
                 assert!(same == (origin == "default"), "{name}: {key} repeats the default");

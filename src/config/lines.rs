@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 /// Line (from 1) of every key in block style, by its path. Keys inside braces are not found: they stand where
 /// the nearest key around them does.
-pub fn key_lines(text: &str) -> BTreeMap<String, usize> {
+pub(crate) fn key_lines(text: &str) -> BTreeMap<String, usize> {
     let mut lines = BTreeMap::new();
     let mut open: Vec<(usize, String)> = Vec::new();
     for (number, line) in text.lines().enumerate() {

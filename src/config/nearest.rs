@@ -4,7 +4,7 @@
 const MAX_KEY: usize = 128;
 
 /// What to try instead of `key`: the nearest of `valid` by edit distance, or where to look.
-pub fn hint(key: &str, valid: &[String]) -> String {
+pub(crate) fn hint(key: &str, valid: &[String]) -> String {
     let distance = |candidate: &str| {
         // A right key in the wrong group, or without one, is nearer than its whole path suggests.
         let of_path = strsim::osa_distance(key, candidate);

@@ -4,7 +4,7 @@ use super::error::ConfigError;
 
 /// Name and text of every preset.
 // Built in, so that the program needs no files beside it.
-pub const PRESETS: [(&str, &str); 9] = [
+pub(crate) const PRESETS: [(&str, &str); 7] = [
     ("default", include_str!("../../launch_configs/default.yaml")),
     ("fields", include_str!("../../launch_configs/fields.yaml")),
     ("preview", include_str!("../../launch_configs/preview.yaml")),
@@ -12,8 +12,6 @@ pub const PRESETS: [(&str, &str); 9] = [
     ("paris", include_str!("../../launch_configs/paris.yaml")),
     ("paris-depth", include_str!("../../launch_configs/paris-depth.yaml")),
     ("paris-depth-multi", include_str!("../../launch_configs/paris-depth-multi.yaml")),
-    ("registration", include_str!("../../launch_configs/registration.yaml")),
-    ("classical", include_str!("../../launch_configs/classical.yaml")),
 ];
 
 /// What a preset costs in accuracy, as measured on rendered recordings (docs/figures.md); nothing for other
@@ -37,12 +35,6 @@ pub fn preset_cost(name: &str) -> Option<&'static str> {
             "published methods on images, for comparison: joint errors ten to two hundred times those of \
                  the preset default, where the motion is found at all",
         ),
-        "registration" => {
-            Some("surfaces of the preset default; joints by registration alone, for comparison")
-        }
-        "classical" => {
-            Some("a cheap baseline for comparison: fails where a part moves by more than its size")
-        }
         _ => None,
     }
 }

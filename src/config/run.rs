@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::error::ConfigError;
 
 /// Most parts an object may be asked to have.
-pub const MAX_PARTS: usize = 16;
+pub(crate) const MAX_PARTS: usize = 16;
 
 /// Settings of the run as a whole.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -19,8 +19,6 @@ pub struct RunConfig {
     pub parts: Option<usize>,
     /// What trains the fields.
     pub engine: Engine,
-    /// Whether a GPU does work of the stages.
-    pub gpu: GpuUse,
     /// Where the part motions start from.
     pub init: Init,
     /// What parts and motions are found by.
@@ -34,7 +32,6 @@ impl Default for RunConfig {
             seed: 0,
             parts: None,
             engine: Engine::default(),
-            gpu: GpuUse::default(),
             init: Init::default(),
             method: Method::default(),
         }
@@ -52,19 +49,6 @@ pub enum Engine {
     Burn,
     /// burn on a GPU; needs the `gpu` feature.
     Gpu,
-}
-
-/// Whether a GPU does work of the stages: fusion, features, distance fields, labels.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum GpuUse {
-    /// One in hardware does what it is clearly faster at in a short trial; needs the `wgpu` feature.
-    #[default]
-    Auto,
-    /// The processor does everything, with the same bytes in every run.
-    Never,
-    /// The best adapter does all of it, also one in software; needs the `wgpu` feature.
-    Always,
 }
 
 /// What parts and motions are found by.

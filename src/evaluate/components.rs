@@ -1,46 +1,31 @@
 //! Connected components of a mesh.
 
-use crate::surface::{TriangleMesh, drop_unused_vertices, weld};
+use surface::{TriangleMesh, components, drop_unused_vertices, weld};
 
 /// The mesh without the components that have less than `share` times the area of the largest one. The
 /// released evaluation counts triangles of marching cubes, which are alike in size; those of a simplified
 /// mesh are not. Triangles are connected by common vertices; vertices at the same position are one.
 #[must_use]
-pub fn large_components(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
+pub(crate) fn large_components(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
     // Textures split vertices at their seams: by position they are one.
     let welded = weld(mesh, 0.0);
-    let mut parent: Vec<u32> = (0..welded.vertices.len() as u32).collect();
-    for &[a, b, c] in &welded.triangles {
-        let root = find(&mut parent, a);
-        for other in [b, c] {
-            let other = find(&mut parent, other);
-            parent[other as usize] = root;
-        }
-    }
-    let roots: Vec<u32> = welded.triangles.iter().map(|t| find(&mut parent, t[0])).collect();
-    let mut area_m2 = vec![0.0; welded.vertices.len()];
-    for (t, &r) in roots.iter().enumerate() {
-        area_m2[r as usize] += f64::from(welded.area_normal(t).norm());
+    let (labels, sizes) = components(&welded);
+    let mut area_m2 = vec![0.0; sizes.len()];
+    for (t, label) in labels.iter().enumerate() {
+        area_m2[*label as usize] += f64::from(welded.area_normal(t).norm());
     }
     let least_m2 = share * area_m2.iter().copied().fold(0.0, f64::max);
-    let kept = welded.triangles.iter().zip(&roots).filter(|(_, r)| area_m2[**r as usize] >= least_m2);
+    let kept =
+        welded.triangles.iter().zip(&labels).filter(|(_, label)| area_m2[**label as usize] >= least_m2);
     let triangles = kept.map(|(t, _)| *t).collect();
     drop_unused_vertices(&TriangleMesh { triangles, ..welded })
-}
-
-/// Root of a set, halving the path on the way.
-fn find(parent: &mut [u32], mut x: u32) -> u32 {
-    while parent[x as usize] != x {
-        parent[x as usize] = parent[parent[x as usize] as usize];
-        x = parent[x as usize];
-    }
-    x
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{model::example::box_mesh, surface::merge};
+    use model::example::box_mesh;
+    use surface::merge;
 
     #[test]
     fn small_components_go_and_large_ones_stay() {

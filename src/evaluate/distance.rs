@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::surface::TriangleMesh;
+use surface::TriangleMesh;
 
 /// Triangles in a leaf at most.
 const LEAF: usize = 4;
@@ -17,7 +17,7 @@ struct Node {
 }
 
 /// Boxes around boxes around triangles.
-pub struct MeshDistance {
+pub(crate) struct MeshDistance {
     nodes: Vec<Node>,
     triangles: Vec<[Point3<f64>; 3]>,
 }
@@ -25,7 +25,7 @@ pub struct MeshDistance {
 impl MeshDistance {
     /// Sorts the triangles of a mesh that has some.
     #[must_use]
-    pub fn new(mesh: &TriangleMesh) -> Self {
+    pub(crate) fn new(mesh: &TriangleMesh) -> Self {
         let mut triangles: Vec<_> =
             (0..mesh.triangles.len()).map(|t| mesh.corners(t).map(|p| p.cast::<f64>())).collect();
         let mut nodes = Vec::with_capacity(triangles.len());
@@ -35,7 +35,7 @@ impl MeshDistance {
 
     /// Distance to the nearest triangle, meters; infinite without triangles.
     #[must_use]
-    pub fn unsigned(&self, point: &Point3<f64>) -> f64 {
+    pub(crate) fn unsigned(&self, point: &Point3<f64>) -> f64 {
         let mut best = f64::INFINITY;
         if !self.triangles.is_empty() {
             self.visit(0, point, &mut best);
@@ -129,10 +129,10 @@ fn closest([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> Point3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        evaluate::surface_metrics::sample_surface, model::example::box_mesh, random::stage_rng,
-        surface::merge,
-    };
+    use crate::surface_metrics::sample_surface;
+    use model::example::box_mesh;
+    use numeric::random::stage_rng;
+    use surface::merge;
 
     #[test]
     fn agrees_with_boxes_and_with_a_full_search() {

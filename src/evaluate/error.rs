@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::io::{MeshFileError, NpyError, UrdfError};
+use io::{MeshFileError, NpyError, UrdfError};
 
 /// Most samples per surface.
 pub const MAX_SAMPLES: usize = 1_000_000;

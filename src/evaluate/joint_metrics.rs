@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use serde::Serialize;
 
 use super::{run_files::RunFiles, surface_metrics::mean, truth::TrueJoint};
-use crate::geometry::{Pose, line_distance_m, rotation_angle_rad};
+use geometry::{Pose, line_distance_m, rotation_angle_rad};
 
 /// One movable part against the truth. Numbers that have no meaning for the true joint's type are left out,
 /// and all of them where the part was not found.
@@ -73,7 +73,7 @@ impl JointRow {
         let states = truth.motions().take(run.states.len() - 1).enumerate();
         let motions: Vec<f64> = states.map(|(k, t)| motion(t, &run.motion(found, k + 1))).collect();
         let angle = |(d, _): &(nalgebra::Unit<nalgebra::Vector3<f64>>, _)| {
-            // (13.1) by atan2: the arccosine loses small angles to rounding.
+            // docs/method.md (13.1) by atan2: the arccosine loses small angles to rounding.
             d.cross(&truth.axis).norm().atan2(d.dot(&truth.axis).abs())
         };
         let gap = |(d, p): (nalgebra::Unit<nalgebra::Vector3<f64>>, Point3<f64>)| {
@@ -98,7 +98,7 @@ impl JointRow {
 
 /// Mean displacement in meters between two motions of the same points; `None` without points.
 #[must_use]
-pub fn displacement_m(points: &[Point3<f32>], a: &Pose, b: &Pose) -> Option<f64> {
+pub(crate) fn displacement_m(points: &[Point3<f32>], a: &Pose, b: &Pose) -> Option<f64> {
     let distances: Vec<f64> =
         points.iter().map(|p| p.cast::<f64>()).map(|p| (a * p - b * p).norm()).collect();
     mean(&distances)

@@ -1,13 +1,13 @@
 //! Which found part is which true part.
 
 /// Most parts on either side.
-pub const MAX_PARTS: usize = 20;
+pub(crate) const MAX_PARTS: usize = 20;
 
 /// The one-to-one pairs (row, column) of a cost table with the smallest sum; as many as there are of the
 /// fewer side. Exact, by dynamic programming over the sets of the larger side. Rows in rising order; `None`
 /// beyond [`MAX_PARTS`].
 #[must_use]
-pub fn cheapest_pairs(cost: &[Vec<f64>], columns: usize) -> Option<Vec<(usize, usize)>> {
+pub(crate) fn cheapest_pairs(cost: &[Vec<f64>], columns: usize) -> Option<Vec<(usize, usize)>> {
     let rows = cost.len();
     if rows.max(columns) > MAX_PARTS {
         return None;

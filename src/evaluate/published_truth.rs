@@ -10,11 +10,9 @@ use super::{
     EvaluateError,
     truth::{TrueJoint, TruePart, Truth, read_text},
 };
-use crate::{
-    geometry::{Pose, Screw},
-    io::{JointTransform, JointTransforms, STATES, read_mesh},
-    limits::TRUTH,
-};
+use common::limits::TRUTH;
+use geometry::{Pose, Screw};
+use io::{JointTransform, JointTransforms, STATES, read_mesh};
 
 /// The `trans.json` of a folder: of the dataset itself, of its `gt` or of its `textured_objs`.
 pub(super) fn find(folder: &Path) -> Option<PathBuf> {

@@ -10,13 +10,11 @@ use nalgebra::{Point3, Unit, Vector3};
 use serde::Deserialize;
 
 use super::{EvaluateError, components::large_components, truth::read_text};
-use crate::{
-    geometry::Pose,
-    io::read_urdf,
-    limits::REPORT,
-    model::{JointType, Tree},
-    surface::{TriangleMesh, merge},
-};
+use common::limits::REPORT;
+use geometry::Pose;
+use io::read_urdf;
+use model::{JointType, Tree};
+use surface::{TriangleMesh, merge};
 
 /// What a simulator gets from a run: a tree and the joint positions of the observed states.
 pub struct RunFiles {

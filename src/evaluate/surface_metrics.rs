@@ -5,11 +5,13 @@ use rand_core::Rng;
 use rayon::prelude::*;
 
 use super::distance::MeshDistance;
-use crate::{geometry::NearestPoints, surface::TriangleMesh};
+use geometry::NearestPoints;
+use numeric::random::unit;
+use surface::TriangleMesh;
 
 /// `count` points drawn uniformly by area from a mesh; empty for a mesh without area.
 #[must_use]
-pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> Vec<Point3<f64>> {
+pub(crate) fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> Vec<Point3<f64>> {
     let mut sum = 0.0;
     let cumulative: Vec<f64> = (0..mesh.triangles.len())
         .map(|t| {
@@ -20,13 +22,11 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> 
     if sum <= 0.0 {
         return Vec::new();
     }
-    // 53 bits, the digits of an f64: never 1.
-    let mut unit = || (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
     let mut draw = || {
-        let at = unit() * sum;
+        let at = unit(rng) * sum;
         let triangle = cumulative.partition_point(|&c| c <= at).min(cumulative.len() - 1);
         let [a, b, c] = mesh.corners(triangle).map(|p| p.cast::<f64>());
-        let (mut u, mut v) = (unit(), unit());
+        let (mut u, mut v) = (unit(rng), unit(rng));
         // The other half of the parallelogram is folded back, which keeps the density even.
         if u + v > 1.0 {
             (u, v) = (1.0 - u, 1.0 - v);
@@ -37,9 +37,9 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> 
 }
 
 /// The published Chamfer distance of two point sets, 1e-3 m^2: mean squared distance from `a` to the nearest
-/// of `b`, plus the same from `b` to `a`, times 1000 (docs/method.md 13.2). `None` where a set is empty.
+/// of `b`, plus the same from `b` to `a`, times 1000: docs/method.md (13.2). `None` where a set is empty.
 #[must_use]
-pub fn chamfer(a: &[Point3<f64>], b: &[Point3<f64>]) -> Option<f64> {
+pub(crate) fn chamfer(a: &[Point3<f64>], b: &[Point3<f64>]) -> Option<f64> {
     Some(1000.0 * (mean_squared_m2(a, b)? + mean_squared_m2(b, a)?))
 }
 
@@ -52,7 +52,7 @@ fn mean_squared_m2(from: &[Point3<f64>], to: &[Point3<f64>]) -> Option<f64> {
 
 /// Mean distance from points to a mesh, millimeters; `None` without points or triangles.
 #[must_use]
-pub fn mean_distance_mm(points: &[Point3<f64>], mesh: &TriangleMesh) -> Option<f64> {
+pub(crate) fn mean_distance_mm(points: &[Point3<f64>], mesh: &TriangleMesh) -> Option<f64> {
     if mesh.is_empty() {
         return None;
     }
@@ -69,7 +69,8 @@ pub(super) fn mean(values: &[f64]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{model::example::box_mesh, random::stage_rng};
+    use model::example::box_mesh;
+    use numeric::random::stage_rng;
 
     #[test]
     fn samples_lie_on_the_surface_by_area() {

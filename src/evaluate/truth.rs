@@ -6,13 +6,11 @@ use nalgebra::{Matrix3, Matrix4, Point3, Rotation3, Unit, UnitQuaternion, Vector
 use serde::Deserialize;
 
 use super::EvaluateError;
-use crate::{
-    files,
-    geometry::Pose,
-    io::{read_mesh, read_npy},
-    limits::{FileLimit, TRUTH},
-    surface::TriangleMesh,
-};
+use common::files;
+use common::limits::{FileLimit, TRUTH};
+use geometry::Pose;
+use io::{read_mesh, read_npy};
+use surface::TriangleMesh;
 
 /// The joint between a part and what carries it, in the world as it stands in state 0.
 #[derive(Clone, Debug)]

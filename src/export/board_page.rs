@@ -4,14 +4,15 @@ use std::fmt::Write as _;
 
 use nalgebra::Point2;
 
-use crate::capture::{BoardLayout, Paper};
+use capture::{BoardLayout, Paper};
 
-/// Points of a PDF in a meter.
+/// Points of a PDF in a meter. derived: 72 an inch
 const POINTS: f64 = 72.0 / 0.0254;
 /// The ruler's length, and its height above the lower edge of the sheet, meters.
+/// chosen: a length that any ruler has, beside the tags
 const RULER_M: f64 = 0.1;
 const RULER_UP_M: f64 = 0.017;
-/// From the left edge of the sheet to ruler and text, meters.
+/// From the left edge of the sheet to ruler and text, meters. chosen: a printer's border, and more
 const LEFT_M: f64 = 0.023;
 
 /// The page. Tags are black with white cells in it, a path a tag, so that no hairlines show between cells.

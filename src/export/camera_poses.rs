@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::number::round_significant;
-use crate::capture::{PoseCorrection, SensorCalibration, TrackingFindings};
+use capture::{PoseCorrection, SensorCalibration, TrackingFindings};
 
 /// Significant digits.
 const DIGITS: usize = 4;

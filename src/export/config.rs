@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::model::{PartNames, is_plain_name};
+use model::{PartNames, is_plain_name};
 
 /// Longest prefix: a name of 64 characters still has room for itself.
 const MAX_PREFIX: usize = 24;

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 
-use crate::capture::{Capture, Coverage, RgbdFrame, SECTORS};
+use capture::{Capture, Coverage, RgbdFrame, SECTORS};
 
 /// Views shown of each state.
 const VIEWS: usize = 3;

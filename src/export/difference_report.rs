@@ -3,10 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::number::round_significant;
-use crate::{
-    note::{Note, NoteCode},
-    surface::Difference,
-};
+use common::note::{Note, NoteCode};
+use surface::Difference;
 
 /// Significant digits of a share.
 const DIGITS: usize = 3;

@@ -5,10 +5,8 @@ use std::borrow::Cow;
 use rayon::prelude::*;
 
 use super::look::{Look, LookConfig, look};
-use crate::{
-    model::{ArticulatedModel, Link, identifier},
-    surface::TriangleMesh,
-};
+use model::{ArticulatedModel, Link, identifier};
+use surface::TriangleMesh;
 
 /// A mesh that draws a link.
 pub struct Visual<'a> {
@@ -37,7 +35,7 @@ impl Visual<'_> {
 }
 
 /// The meshes that draw a link, without empty ones.
-pub fn visuals(link: &Link) -> impl Iterator<Item = Visual<'_>> {
+pub(crate) fn visuals(link: &Link) -> impl Iterator<Item = Visual<'_>> {
     let (name, file) = (&link.name, identifier(&link.name));
     let seen = Visual {
         name: format!("{name}_visual"),
@@ -71,7 +69,7 @@ pub struct Drawn<'a> {
 
 /// All meshes of a model, link by link; `looks` of the seen surfaces in the order of the links.
 #[must_use]
-pub fn drawn<'a>(model: &'a ArticulatedModel, looks: &'a [Look]) -> Vec<Drawn<'a>> {
+pub(crate) fn drawn<'a>(model: &'a ArticulatedModel, looks: &'a [Look]) -> Vec<Drawn<'a>> {
     let of_link = |(link, (own, seen)): (usize, (&'a Link, &'a Look))| {
         visuals(own).map(move |visual| (link, visual, seen))
     };
@@ -87,7 +85,7 @@ pub fn drawn<'a>(model: &'a ArticulatedModel, looks: &'a [Look]) -> Vec<Drawn<'a
 
 /// Looks of links without photos: the meshes' own colors are their textures.
 #[must_use]
-pub fn plain_looks(model: &ArticulatedModel) -> Vec<Look> {
+pub(crate) fn plain_looks(model: &ArticulatedModel) -> Vec<Look> {
     model.links.iter().map(|link| plain(&link.visual)).collect()
 }
 
@@ -98,7 +96,7 @@ fn plain(mesh: &TriangleMesh) -> Look {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::{box_mesh, cabinet};
+    use model::example::{box_mesh, cabinet};
 
     #[test]
     fn a_wall_that_no_view_saw_is_a_mesh_of_its_own_in_its_own_color() {

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use base64::Engine as _;
 
 use super::page::{self, count, push_list};
-use crate::model::escape_xml as escape;
+use model::escape_xml as escape;
 
 /// Stands in every such page, so that a later run knows that it may replace it.
 pub const GALLERY_MARK: &str = "<!-- artitwin gallery -->";

@@ -12,10 +12,8 @@ use super::{
     usda,
     xacro::macros,
 };
-use crate::{
-    geometry::Pose,
-    model::{ArticulatedModel, Grasp, PartNames, example::cabinet, named},
-};
+use geometry::Pose;
+use model::{ArticulatedModel, Grasp, PartNames, example::cabinet, named};
 
 /// The cabinet with two places on its door, all names behind a prefix.
 fn twin() -> ArticulatedModel {

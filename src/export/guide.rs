@@ -8,10 +8,8 @@ use super::{
     urdf::SINGLE_JOINT,
     xacro::macro_file,
 };
-use crate::{
-    model::{ArticulatedModel, identifier},
-    note::{Note, NoteCode},
-};
+use common::note::{Note, NoteCode};
+use model::{ArticulatedModel, identifier};
 
 /// What the frames at places to grasp are.
 const GRASPS: &str = "\nSites (MJCF), frames (SDF, xacro) and Xforms (USD) named `PART_grasp_K` are places \
@@ -20,7 +18,7 @@ const GRASPS: &str = "\nSites (MJCF), frames (SDF, xacro) and Xforms (USD) named
 
 /// The text.
 #[must_use]
-pub fn guide(model: &ArticulatedModel, config: &ExportConfig) -> String {
+pub(crate) fn guide(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let (name, macros) = (identifier(&model.name), macro_file(model));
     let mut rows = vec![
         (format!("{name}.urdf"), "any simulator that reads URDF"),
@@ -65,7 +63,7 @@ pub fn guide(model: &ArticulatedModel, config: &ExportConfig) -> String {
 #[must_use]
 pub fn screw_notes(model: &ArticulatedModel, config: &ExportConfig) -> Vec<Note> {
     let name = identifier(&model.name);
-    let of = |joint: &crate::model::Joint| {
+    let of = |joint: &model::Joint| {
         joint.kind.thread_m_per_rad()?;
         let (turn, advance) = (&joint.name, joint.advance_name());
         let urdf = match config.urdf_screw {
@@ -88,10 +86,8 @@ pub fn screw_notes(model: &ArticulatedModel, config: &ExportConfig) -> Vec<Note>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        export::{drawn::plain_looks, package},
-        model::{JointKind, example::cabinet},
-    };
+    use crate::{drawn::plain_looks, package};
+    use model::{JointKind, example::cabinet};
 
     #[test]
     fn every_file_that_is_named_is_written_and_all_are_installed() {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::number::round_significant;
-use crate::model::{ArticulatedModel, LimitSource};
+use model::{ArticulatedModel, LimitSource};
 
 /// Significant digits of swept and closed positions.
 const DIGITS: usize = 10;

@@ -9,7 +9,7 @@ use super::{
     package::ExportFile,
     urdf::{grasp_name, solid_path},
 };
-use crate::model::{Grasp, Link};
+use model::{Grasp, Link};
 
 /// Significant digits of numbers.
 const DIGITS: usize = 10;

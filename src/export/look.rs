@@ -8,25 +8,24 @@ use rand_core::SeedableRng as _;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    capture::Capture,
-    geometry::Pose,
-    model::ArticulatedModel,
-    statistics::median,
-    surface::{
-        BakeView, Light, Lighting, Paint, RenderItem, Shown, Texture, TriangleMesh, bake, keep_components,
-        render, shown, simplify, unwrap,
-    },
+use capture::Capture;
+use geometry::Pose;
+use model::ArticulatedModel;
+use numeric::statistics::median;
+use surface::{
+    BakeView, Light, Lighting, Paint, RenderItem, Shown, Texture, TriangleMesh, bake, keep_components,
+    render, shown, simplify, unwrap,
 };
 
 /// Components of a visual mesh with a smaller share of the largest one's triangles are loose fragments.
+/// chosen: too small to be missed
 const MIN_COMPONENT: f64 = 0.01;
-/// Texels per pixel of the photos, as lengths on the surface.
+/// Texels per pixel of the photos, as lengths on the surface. chosen: photos are blurred by more than a pixel
 const TEXEL_SHARE: f64 = 0.8;
 /// Spots of a mesh at which photos are compared for their exposure and light.
 /// derived: a hundred for each of thirty photos
 const SPOTS: usize = 3000;
-/// Texels across a mesh without photos.
+/// Texels across a mesh without photos. chosen: size against what is seen
 const PLAIN_TEXELS: f64 = 400.0;
 
 /// Settings of what is exported for the eye.
@@ -201,7 +200,7 @@ fn texel_m(mesh: &TriangleMesh, views: &[BakeView]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::{box_mesh, cabinet};
+    use model::example::{box_mesh, cabinet};
 
     #[test]
     fn a_mesh_without_photos_keeps_its_color() {

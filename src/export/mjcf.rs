@@ -11,10 +11,8 @@ use super::{
     number::decimal,
     urdf::{advance_limit, grasp_name, short, solid_name, solid_path, triple},
 };
-use crate::{
-    geometry::Pose,
-    model::{ArticulatedModel, Joint, Limit, Link, escape_xml as escape},
-};
+use geometry::Pose;
+use model::{ArticulatedModel, Joint, Limit, Link, escape_xml as escape};
 
 /// Settings that every body shares; PREFIX keeps the classes of several twins apart. Collision geoms carry no
 /// mass: the bodies state theirs.
@@ -43,7 +41,7 @@ const HARD_THREAD: &str = "solref=\"0.004 1\" solimp=\"0.99 0.999 0.001 0.5 2\""
 /// MJCF text of a model. Paths are relative to the file's folder; link 0 stands still in the world, or is
 /// free.
 #[must_use]
-pub fn mjcf(model: &ArticulatedModel, config: &ExportConfig) -> String {
+pub(crate) fn mjcf(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let head = HEAD.replace("PREFIX", &config.prefix);
     let mut text = format!("<mujoco model=\"{}\">\n{head}  <asset>\n", escape(&model.name));
     for link in &model.links {
@@ -233,7 +231,7 @@ pub(super) fn quaternion(rotation: &UnitQuaternion<f64>) -> [f64; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{JointKind, Seat, example::cabinet};
+    use model::{JointKind, Seat, example::cabinet};
 
     #[test]
     fn every_link_joint_pair_and_state_is_there() {

@@ -10,11 +10,9 @@ use super::{
     viewer::viewer_html,
     *,
 };
-use crate::{
-    gap::{model::effects::catalogue, twin_tree::TwinTree},
-    io::twin_of,
-    model::{ArticulatedModel, escape_xml, example::cabinet, is_xml_text, validate},
-};
+use gap::{model::effects::catalogue, twin_tree::TwinTree};
+use io::twin_of;
+use model::{ArticulatedModel, escape_xml, example::cabinet, is_xml_text, validate};
 
 /// What would be a joint, were it not escaped.
 const INJECTED: &str = "j\"/><joint name=\"injected\" type=\"slide";
@@ -114,7 +112,7 @@ proptest! {
     #[test]
     fn a_screw_as_a_pair_keeps_its_names(name in name()) {
         let mut model = renamed(&name);
-        model.joints[1].kind = crate::model::JointKind::Screw { pitch_m_per_rad: 0.01 };
+        model.joints[1].kind = model::JointKind::Screw { pitch_m_per_rad: 0.01 };
         let text = urdf(&model, UrdfScrew::Pair);
         let advance = format!("{}_advance", model.joints[1].name);
         prop_assert!(names(&text, "joint").contains(&advance));
@@ -130,7 +128,7 @@ proptest! {
     #[test]
     fn names_in_the_mjcf_of_a_diagnosis_are_read_back(name in name()) {
         let tree = twin(&name);
-        let (text, _) = crate::export::diagnosed::mjcf::mjcf(&tree, &[], &catalogue(0), "twin.xml");
+        let (text, _) = crate::diagnosed::mjcf::mjcf(&tree, &[], &catalogue(0), "twin.xml");
         prop_assert_eq!(names(&text, "joint"), [tree.joints[0].name.clone()]);
         prop_assert_eq!(names(&text, "general"), [tree.joints[0].name.clone()]);
         prop_assert_eq!(names(&text, "body"), [tree.links[1].name.clone()]);
@@ -158,7 +156,7 @@ proptest! {
     #[test]
     fn where_names_are_identifiers_no_other_is_written(name in name()) {
         let model = renamed(&name);
-        prop_assume!(!crate::model::is_plain_name(&model.name));
+        prop_assume!(!model::is_plain_name(&model.name));
         // Nothing with such a name is exported; were it, it would be a name all the same.
         prop_assert!(!validate(&model).is_empty());
         let plain = |n: &str| !n.is_empty() && n.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');

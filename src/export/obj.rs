@@ -5,7 +5,8 @@ use std::fmt::Write as _;
 use nalgebra::Vector3;
 
 use super::{look::Look, number::decimal};
-use crate::{model::identifier, surface::ConvexSolid};
+use model::identifier;
+use surface::ConvexSolid;
 
 /// Digits after the point of a vertex position: 0.1 micrometer.
 const POSITION_PLACES: usize = 7;
@@ -40,7 +41,7 @@ pub fn textured_obj(look: &Look, name: &str) -> String {
 
 /// The material of a textured mesh: its texture and nothing that tints it.
 #[must_use]
-pub fn mtl(name: &str) -> String {
+pub(crate) fn mtl(name: &str) -> String {
     // Importers multiply the texture by Kd: 1 leaves its colors as they are.
     let name = identifier(name);
     format!("newmtl {name}\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nd 1\nillum 1\nmap_Kd {name}.png\n")
@@ -48,7 +49,7 @@ pub fn mtl(name: &str) -> String {
 
 /// OBJ text of a convex solid: positions and triangles with the normals of their faces.
 #[must_use]
-pub fn solid_obj(solid: &ConvexSolid, name: &str) -> String {
+pub(crate) fn solid_obj(solid: &ConvexSolid, name: &str) -> String {
     let mesh = solid.mesh();
     let mut text = format!("o {}\n", identifier(name));
     for p in &solid.vertices {
@@ -78,9 +79,9 @@ fn push(text: &mut String, word: &str, values: &[f64], places: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::export::look::{LookConfig, look};
-    use crate::surface::TriangleMesh;
+    use crate::look::{LookConfig, look};
     use nalgebra::Point3;
+    use surface::TriangleMesh;
 
     fn triangle() -> TriangleMesh {
         TriangleMesh {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{difference_report::StateDifference, page::count};
-use crate::note::Note;
+use common::note::Note;
 
 /// What can be done with a twin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -12,7 +12,7 @@ pub enum OverallWord {
     /// There is no warning.
     #[default]
     Usable,
-    /// No warning puts a part, a joint or a shape in question ([`crate::note::NoteCode::doubts_twin`]).
+    /// No warning puts a part, a joint or a shape in question ([`common::note::NoteCode::doubts_twin`]).
     UsableWithWarnings,
     /// A warning is.
     LookBeforeUse,
@@ -81,7 +81,7 @@ fn agreement(differences: &[StateDifference]) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::note::NoteCode;
+    use common::note::NoteCode;
 
     #[test]
     fn the_word_follows_the_warnings() {

@@ -22,7 +22,7 @@ use super::{
     viewer::viewer_html,
     xacro,
 };
-use crate::model::{ArticulatedModel, identifier};
+use model::{ArticulatedModel, identifier};
 
 /// A file in memory.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -30,13 +30,13 @@ pub struct ExportFile {
     /// Path relative to the model's folder, with `/`.
     pub path: String,
     /// Contents.
-    #[serde(with = "crate::geometry::bytes")]
+    #[serde(with = "geometry::bytes")]
     pub bytes: Vec<u8>,
 }
 
 /// All files of a model but its report: URDF (for simulators and for ROS), MJCF, SDF, USD, ROS package,
 /// meshes, textures, previews, viewer. `looks` in the order of the links. The model must be without findings
-/// ([`crate::model::validate`]).
+/// ([`model::validate`]).
 #[must_use]
 pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) -> Vec<ExportFile> {
     let drawn = drawn(model, looks);

@@ -2,16 +2,16 @@
 
 use std::fmt::Write as _;
 
-use crate::model::escape_xml as escape;
+use model::escape_xml as escape;
 
 const STYLE: &str = include_str!("report.css");
 
 /// The end of a page.
-pub const TAIL: &str = "</main>\n</body>\n</html>\n";
+pub(crate) const TAIL: &str = "</main>\n</body>\n</html>\n";
 
 /// A page up to its first section; `title` is escaped, `style` is added to that of all pages.
 #[must_use]
-pub fn head(title: &str, style: &str) -> String {
+pub(crate) fn head(title: &str, style: &str) -> String {
     // The policy admits nothing but pictures inside the page and its own style: no name out of a recording
     // can make the page load or run something.
     format!(
@@ -26,7 +26,7 @@ pub fn head(title: &str, style: &str) -> String {
 // Writing to a string cannot fail: the results below are dropped.
 
 /// A section with a list of sentences, which it escapes; nothing without any.
-pub fn push_list(out: &mut String, class: &str, title: &str, sentences: &[String]) {
+pub(crate) fn push_list(out: &mut String, class: &str, title: &str, sentences: &[String]) {
     if sentences.is_empty() {
         return;
     }
@@ -37,7 +37,7 @@ pub fn push_list(out: &mut String, class: &str, title: &str, sentences: &[String
 /// A row of a table under a head. On a narrow screen, where every cell has a line of its own, each but the
 /// first shows what stands above it in the head.
 #[must_use]
-pub fn row(head: &[&str], cells: &[String]) -> String {
+pub(crate) fn row(head: &[&str], cells: &[String]) -> String {
     let label = |k: usize| if k > 0 { format!(" data-label=\"{}\"", head[k]) } else { String::new() };
     let cell = |(k, cell): (usize, &String)| format!("<td{}><div>{cell}</div></td>", label(k));
     let cells: String = cells.iter().take(head.len()).enumerate().map(cell).collect();
@@ -45,7 +45,7 @@ pub fn row(head: &[&str], cells: &[String]) -> String {
 }
 
 /// A section with a table of such rows; nothing without any.
-pub fn push_table(out: &mut String, title: &str, head: &[&str], rows: &str) {
+pub(crate) fn push_table(out: &mut String, title: &str, head: &[&str], rows: &str) {
     if rows.is_empty() {
         return;
     }
@@ -60,13 +60,13 @@ pub fn push_table(out: &mut String, title: &str, head: &[&str], rows: &str) {
 
 /// Text with true minus signs.
 #[must_use]
-pub fn minus(text: &str) -> String {
+pub(crate) fn minus(text: &str) -> String {
     text.replace('-', "\u{2212}")
 }
 
 /// A number, escaped, with its unit.
 #[must_use]
-pub fn unit(number: &str, unit: &str) -> String {
+pub(crate) fn unit(number: &str, unit: &str) -> String {
     let space = if unit == "\u{b0}" { "" } else { "\u{a0}" };
     format!("{}{space}<span class=\"unit\">{unit}</span>", escape(number))
 }

@@ -6,7 +6,7 @@ use super::{
     number::{decimal, round_significant},
     page::row,
 };
-use crate::articulate::EvidencePoint;
+use articulate::EvidencePoint;
 
 /// Significant digits of evidence.
 const DIGITS: usize = 6;

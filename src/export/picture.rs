@@ -7,15 +7,13 @@ use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder, codecs::
 use nalgebra::{Point3, Vector3};
 
 use super::number::decimal;
-use crate::model::escape_xml as escape;
-use crate::{
-    geometry::{Intrinsics, Pose},
-    model::{ArticulatedModel, Joint, JointKind},
-};
+use geometry::{Intrinsics, Pose};
+use model::escape_xml as escape;
+use model::{ArticulatedModel, Joint, JointKind};
 
 /// Quality of photos, 1 to 100.
 const JPEG_QUALITY: u8 = 85;
-/// Half length of a drawn axis as a share of the child's longest side.
+/// Half length of a drawn axis as a share of the child's longest side. chosen: for the eye
 const AXIS_SHARE: f64 = 0.6;
 /// Colors of parts in drawings: the one that stays, then the movable ones in turn.
 const PART_COLORS: [[u8; 3]; 7] = [
@@ -313,7 +311,7 @@ pub fn axis_arrows(
 /// The stretch of a joint's axis that is drawn, in the frame of its child: through the middle of the part, a
 /// slider's from there towards rising positions; `None` of a part without surface.
 #[must_use]
-pub fn axis_line(model: &ArticulatedModel, joint: &Joint) -> Option<[Point3<f64>; 2]> {
+pub(crate) fn axis_line(model: &ArticulatedModel, joint: &Joint) -> Option<[Point3<f64>; 2]> {
     let (lower, upper) = model.links[joint.child].visual.bounds()?;
     let middle = nalgebra::center(&lower.cast::<f64>(), &upper.cast::<f64>());
     let half = joint.axis.into_inner() * (AXIS_SHARE * f64::from((upper - lower).max()));
@@ -331,7 +329,7 @@ pub fn axis_line(model: &ArticulatedModel, joint: &Joint) -> Option<[Point3<f64>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::cabinet;
+    use model::example::cabinet;
 
     #[test]
     fn a_figure_holds_its_image_and_arrows() {

@@ -6,12 +6,10 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::drawn::{Drawn, visuals};
-use crate::{
-    geometry::Intrinsics,
-    model::ArticulatedModel,
-    surface::TriangleMesh,
-    surface::{Paint, RenderItem, render, simplify},
-};
+use geometry::Intrinsics;
+use model::ArticulatedModel;
+use surface::TriangleMesh;
+use surface::{Paint, RenderItem, render, simplify};
 
 /// Sides of the thumbnail, pixels.
 const THUMBNAIL_PX: [usize; 2] = [480, 360];
@@ -23,20 +21,20 @@ const FRAMES: usize = 24;
 const FRAME_DELAY: u16 = 11;
 /// The fastest of the encoder's speeds: it samples fewer pixels for a palette.
 const SPEED: i32 = 30;
-/// Distance of the camera in radii of the object.
+/// Distance of the camera in radii of the object. chosen: for the eye
 const DISTANCE: f64 = 3.0;
-/// Height of the camera above the object's middle, in radii.
+/// Height of the camera above the object's middle, in radii. chosen: for the eye
 const ELEVATION: f64 = 1.3;
-/// Focal length in picture widths.
+/// Focal length in picture widths. chosen: for the eye
 const FOCAL: f64 = 1.2;
-/// Direction of the thumbnail's camera, radians about z from x.
+/// Direction of the thumbnail's camera, radians about z from x. chosen: for the eye
 const AZIMUTH_RAD: f64 = -0.9;
 /// Triangles of a mesh in the turntable.
 const TURNTABLE_FACES: usize = 8000;
 
 /// A PNG of the model in its last observed state; world z is up.
 #[must_use]
-pub fn thumbnail(model: &ArticulatedModel) -> Vec<u8> {
+pub(crate) fn thumbnail(model: &ArticulatedModel) -> Vec<u8> {
     let meshes: Vec<(usize, &TriangleMesh)> = meshes(model).collect();
     let none = Vec::new();
     let rgb = view(model, &meshes, model.states.last().unwrap_or(&none), AZIMUTH_RAD, THUMBNAIL_PX);
@@ -50,7 +48,7 @@ pub fn thumbnail(model: &ArticulatedModel) -> Vec<u8> {
 /// An animated GIF: one turn around the object while the joints go from the first observed state to the last
 /// and back.
 #[must_use]
-pub fn turntable(model: &ArticulatedModel, drawn: &[Drawn]) -> Vec<u8> {
+pub(crate) fn turntable(model: &ArticulatedModel, drawn: &[Drawn]) -> Vec<u8> {
     // Of the meshes as they are exported, which have few triangles already.
     let fewer = |d: &Drawn| (d.link, simplify(&d.look.mesh, TURNTABLE_FACES, f64::INFINITY));
     let small: Vec<(usize, TriangleMesh)> = drawn.par_iter().map(fewer).collect();
@@ -131,10 +129,8 @@ fn view(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        export::drawn::{drawn, plain_looks},
-        model::example::cabinet,
-    };
+    use crate::drawn::{drawn, plain_looks};
+    use model::example::cabinet;
 
     #[test]
     fn pictures_show_the_object_and_the_turntable_turns() {

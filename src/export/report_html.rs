@@ -13,7 +13,7 @@ use super::{
     picture::{Picture, PictureError, part_color},
     report_json::{JointReport, Quantity, RecordedCamera, Report, SpreadReport},
 };
-use crate::model::escape_xml as escape;
+use model::escape_xml as escape;
 
 /// In place of a deviation that no guess would exceed.
 const NOT_DETERMINED: &str = "not determined";
@@ -453,12 +453,10 @@ fn duration(seconds: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::export::overall::Overall;
-    use crate::note::{Note, NoteCode};
-    use crate::{
-        export::{InitialMotion, InputFacts, PictureKind, RunFacts, StageTime, limit_report::SeatReport},
-        model::example::cabinet,
-    };
+    use crate::overall::Overall;
+    use crate::{InitialMotion, InputFacts, PictureKind, RunFacts, StageTime, limit_report::SeatReport};
+    use common::note::{Note, NoteCode};
+    use model::example::cabinet;
 
     fn picture(caption: &str) -> Picture {
         Picture {

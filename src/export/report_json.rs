@@ -16,14 +16,12 @@ use super::{
     part_count::PartCountReport,
     start::InitialMotion,
 };
-use crate::{
-    geometry::{Intrinsics, Pose},
-    model::{ArticulatedModel, Deviations, Joint, JointKind, ParentScore},
-    note::Note,
-};
+use common::note::Note;
+use geometry::{Intrinsics, Pose};
+use model::{ArticulatedModel, Deviations, Joint, JointKind, ParentScore};
 
 /// Version of the layout of `report.json`.
-pub const REPORT_FORMAT: &str = "artitwin-report/2";
+pub(crate) const REPORT_FORMAT: &str = "artitwin-report/2";
 /// Significant digits of numbers in the report.
 const DIGITS: usize = 10;
 
@@ -292,7 +290,7 @@ pub struct StageTime {
 
 impl Report {
     /// The report of a model, its `files` and its run. The model must be without findings
-    /// ([`crate::model::validate`]).
+    /// ([`model::validate`]).
     #[must_use]
     pub fn new(model: &ArticulatedModel, files: &[ExportFile], run: RunFacts) -> Self {
         let state = |positions: &Vec<f64>| StateReport {
@@ -438,11 +436,9 @@ mod tests {
     use nalgebra::{Matrix3, Vector3};
 
     use super::*;
-    use crate::{
-        export::start::{compare_starts, nearest_starts},
-        geometry::Pose,
-        model::example::cabinet,
-    };
+    use crate::start::{compare_starts, nearest_starts};
+    use geometry::Pose;
+    use model::example::cabinet;
 
     fn facts() -> RunFacts {
         RunFacts {
@@ -452,7 +448,7 @@ mod tests {
                 StageTime { name: "articulate".into(), seconds: 7.5 },
             ],
             seed: 7,
-            warnings: vec![Note::new(crate::note::NoteCode::PosesMissing, "2 frames had no pose")],
+            warnings: vec![Note::new(common::note::NoteCode::PosesMissing, "2 frames had no pose")],
             ..RunFacts::default()
         }
     }

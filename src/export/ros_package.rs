@@ -6,16 +6,16 @@ use super::{
     config::{ExportConfig, UrdfScrew},
     xacro::commanded,
 };
-use crate::model::{ArticulatedModel, escape_xml as escape, identifier};
+use model::{ArticulatedModel, escape_xml as escape, identifier};
 
 /// `package.xml`. ament installs it by itself.
-pub const PACKAGE_XML: &str = "package.xml";
+pub(crate) const PACKAGE_XML: &str = "package.xml";
 /// `CMakeLists.txt`.
-pub const CMAKE_LISTS: &str = "CMakeLists.txt";
+pub(crate) const CMAKE_LISTS: &str = "CMakeLists.txt";
 
 /// `package.xml`.
 #[must_use]
-pub fn package_xml(model: &ArticulatedModel, config: &ExportConfig) -> String {
+pub(crate) fn package_xml(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let name = escape(&model.name);
     // `check` refuses any other form.
     let (maintainer, address) = config.maintainer().unwrap_or_default();
@@ -38,7 +38,7 @@ pub fn package_xml(model: &ArticulatedModel, config: &ExportConfig) -> String {
 
 /// `CMakeLists.txt`: installs all files at these paths, those of folders by their folder.
 #[must_use]
-pub fn cmake_lists<'a>(model: &ArticulatedModel, paths: impl Iterator<Item = &'a str>) -> String {
+pub(crate) fn cmake_lists<'a>(model: &ArticulatedModel, paths: impl Iterator<Item = &'a str>) -> String {
     let name = identifier(&model.name);
     let (mut folders, mut files) = (BTreeSet::new(), BTreeSet::new());
     for path in paths.filter(|p| ![PACKAGE_XML, CMAKE_LISTS].contains(p)) {
@@ -59,7 +59,7 @@ pub fn cmake_lists<'a>(model: &ArticulatedModel, paths: impl Iterator<Item = &'a
 
 /// `launch/display.launch.py`: the twin in RViz, with a slider for every joint.
 #[must_use]
-pub fn display_launch(model: &ArticulatedModel) -> String {
+pub(crate) fn display_launch(model: &ArticulatedModel) -> String {
     format!(
         r#""""Shows the twin in RViz, with a slider for every joint."""
 
@@ -87,7 +87,7 @@ def generate_launch_description():
 
 /// `rviz/display.rviz`: the twin in the frame of its root.
 #[must_use]
-pub fn display_rviz(model: &ArticulatedModel) -> String {
+pub(crate) fn display_rviz(model: &ArticulatedModel) -> String {
     let root = model.links.first().map_or("world", |l| l.name.as_str());
     format!(
         r"Visualization Manager:
@@ -121,7 +121,7 @@ pub fn display_rviz(model: &ArticulatedModel) -> String {
 
 /// `config/controllers.yaml`: controllers for the block of `ros2_control`, without a prefix of xacro.
 #[must_use]
-pub fn controllers(model: &ArticulatedModel, screws: UrdfScrew) -> String {
+pub(crate) fn controllers(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     let name = identifier(&model.name);
     let mut text = format!(
         "controller_manager:\n  ros__parameters:\n    update_rate: 100\n    joint_state_broadcaster:\n      \
@@ -141,7 +141,7 @@ pub fn controllers(model: &ArticulatedModel, screws: UrdfScrew) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::cabinet;
+    use model::example::cabinet;
 
     #[test]
     fn the_package_says_who_maintains_it_and_under_which_license() {

@@ -10,22 +10,25 @@ use super::{
     mjcf::positions,
     urdf::{short, triple},
 };
-use crate::model::{ArticulatedModel, Joint, JointLoad, escape_xml as escape, joint_load};
+use model::{ArticulatedModel, Joint, JointLoad, escape_xml as escape, joint_load};
 
 /// Where the camera stands, from the object's middle: before it, to the side and above; along no axis.
+/// chosen: for the eye
 const VIEW: [f64; 3] = [1.0, -0.7, 0.6];
-/// Distance of the camera in radii of the object.
+/// Distance of the camera in radii of the object. chosen: for the eye
 const AWAY: f64 = 3.0;
-/// Natural frequency of a position actuator without friction, rad/s: a choice, a second to settle.
+/// Natural frequency of a position actuator without friction, rad/s.
+/// chosen: a second to settle.
 const SERVO_RAD_S: f64 = 10.0;
-/// Share of the range by which an actuator may stay off its goal where friction or gravity holds: a choice.
+/// Share of the range by which an actuator may stay off its goal where friction or gravity holds.
+/// chosen: too little to be seen.
 const SERVO_ERROR: f64 = 0.02;
-/// Highest natural frequency that the time step of 2 ms follows, rad/s: derived, a tenth of the step's.
+/// Highest natural frequency that the time step of 2 ms follows, rad/s. chosen: 0.4 rad a step.
 const FASTEST_RAD_S: f64 = 200.0;
 
 /// `scene.xml`: the twin on a floor, with a light and a camera.
 #[must_use]
-pub fn scene(model: &ArticulatedModel, twin_file: &str) -> String {
+pub(crate) fn scene(model: &ArticulatedModel, twin_file: &str) -> String {
     let (lower, upper) = bounds(model);
     let (center, radius_m) = (nalgebra::center(&lower, &upper), (0.5 * (upper - lower).norm()).max(1e-3));
     let eye = center + Vector3::from(VIEW).normalize() * AWAY * radius_m;
@@ -69,7 +72,7 @@ pub fn scene(model: &ArticulatedModel, twin_file: &str) -> String {
 /// `scene_actuated.xml`: the scene with a position actuator a joint, and a keyframe `hold0`, ... a state in
 /// which they hold it.
 #[must_use]
-pub fn actuated(model: &ArticulatedModel, config: &ExportConfig) -> String {
+pub(crate) fn actuated(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let mut text = format!(
         "<mujoco model=\"{}_actuated\">\n  <include file=\"scene.xml\"/>\n  <actuator>\n",
         escape(&model.name)
@@ -129,7 +132,8 @@ fn bounds(model: &ArticulatedModel) -> (Point3<f64>, Point3<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{export::config::Base, model::example::cabinet};
+    use crate::config::Base;
+    use model::example::cabinet;
 
     #[test]
     fn the_floor_is_below_all_and_the_camera_looks_at_the_middle() {

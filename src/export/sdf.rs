@@ -10,13 +10,11 @@ use super::{
         solid_path, triple,
     },
 };
-use crate::{
-    geometry::Pose,
-    model::{ArticulatedModel, Joint, JointDynamics, Limit, Link, escape_xml as escape},
-};
+use geometry::Pose;
+use model::{ArticulatedModel, Joint, JointDynamics, Limit, Link, escape_xml as escape};
 
 /// File with SDF's own screw joints, beside `model.sdf`, of a model that has some.
-pub const SCREW_SDF: &str = "screw.sdf";
+pub(crate) const SCREW_SDF: &str = "screw.sdf";
 /// Names elements for Drake; other readers leave them out.
 const DRAKE: &str = "http://drake.mit.edu";
 /// Friction between surfaces: assumed, like wood on wood.
@@ -36,13 +34,13 @@ enum Screws {
 ///
 /// A screw is a slide and a turn that Drake ties to it: Drake's screw joint has no limits.
 #[must_use]
-pub fn sdf(model: &ArticulatedModel, config: &ExportConfig) -> String {
+pub(crate) fn sdf(model: &ArticulatedModel, config: &ExportConfig) -> String {
     text_of(model, config, Screws::Pair)
 }
 
 /// The same with SDF's own screw joints, for Gazebo; `None` where no joint is one.
 #[must_use]
-pub fn screw_sdf(model: &ArticulatedModel, config: &ExportConfig) -> Option<String> {
+pub(crate) fn screw_sdf(model: &ArticulatedModel, config: &ExportConfig) -> Option<String> {
     let is_screw = |j: &Joint| j.kind.thread_m_per_rad().is_some();
     model.joints.iter().any(is_screw).then(|| text_of(model, config, Screws::Own))
 }
@@ -92,7 +90,7 @@ fn screw_joints(model: &ArticulatedModel) -> usize {
 
 /// `model.config`, by which Gazebo finds the model.
 #[must_use]
-pub fn model_config(model: &ArticulatedModel, config: &ExportConfig) -> String {
+pub(crate) fn model_config(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let file = if screw_joints(model) > 0 { SCREW_SDF } else { "model.sdf" };
     let (name, address) = config.maintainer().unwrap_or_default();
     format!(
@@ -236,7 +234,7 @@ fn pose(target_from_source: &Pose) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{JointKind, example::cabinet};
+    use model::{JointKind, example::cabinet};
 
     #[test]
     fn links_stand_where_position_0_puts_them() {

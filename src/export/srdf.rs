@@ -9,7 +9,7 @@ use super::{
     urdf::short,
     xacro::commanded,
 };
-use crate::model::{ArticulatedModel, escape_xml as escape};
+use model::{ArticulatedModel, escape_xml as escape};
 
 /// Positions looked at along a chain of one, two or three joints, each; longer chains are not looked at.
 const STEPS: [usize; 3] = [25, 12, 6];
@@ -17,7 +17,7 @@ const STEPS: [usize; 3] = [25, 12, 6];
 /// SRDF text of a model. Pairs are disabled where a joint joins them, and where the boxes of all places that
 /// both can reach within the limits lie apart.
 #[must_use]
-pub fn srdf(model: &ArticulatedModel, config: &ExportConfig) -> String {
+pub(crate) fn srdf(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let root = model.links.first().map_or(String::new(), |l| escape(&l.name));
     let name = escape(&model.name);
     let kind = if config.base == Base::Floating { "floating" } else { "fixed" };
@@ -56,8 +56,7 @@ fn unchecked_pairs(model: &ArticulatedModel) -> Vec<(usize, usize, &'static str)
     let mut pairs = Vec::new();
     for a in 0..model.links.len() {
         for b in a + 1..model.links.len() {
-            let joined =
-                |j: &crate::model::Joint| (j.parent, j.child) == (a, b) || (j.parent, j.child) == (b, a);
+            let joined = |j: &model::Joint| (j.parent, j.child) == (a, b) || (j.parent, j.child) == (b, a);
             if model.joints.iter().any(joined) {
                 pairs.push((a, b, "Adjacent"));
             } else if let (Some((la, ua)), Some((lb, ub))) = (reach[a], reach[b])
@@ -119,7 +118,7 @@ fn reach(model: &ArticulatedModel, link: usize) -> Option<(Point3<f64>, Point3<f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{JointKind, example::cabinet};
+    use model::{JointKind, example::cabinet};
 
     fn disabled(model: &ArticulatedModel) -> Vec<(usize, usize, &'static str)> {
         unchecked_pairs(model)
@@ -131,7 +130,7 @@ mod tests {
         // The door's sweep and the drawer's way come near each other.
         assert_eq!(disabled(&model), [(0, 1, "Adjacent"), (0, 2, "Adjacent")]);
         // Not so where the drawer goes out at the other side, half a meter away.
-        model.joints[1].parent_from_joint = crate::geometry::Pose::translation(-1.2, 0.0, 0.0);
+        model.joints[1].parent_from_joint = geometry::Pose::translation(-1.2, 0.0, 0.0);
         assert_eq!(disabled(&model), [(0, 1, "Adjacent"), (0, 2, "Adjacent"), (1, 2, "Never")]);
         // What was not looked at is not said.
         model.links[2].collision.clear();

@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{geometry::Pose, geometry::rotation_angle_rad, model::ArticulatedModel};
+use geometry::Pose;
+use geometry::rotation_angle_rad;
+use model::ArticulatedModel;
 
 /// A motion that a part's refinement started from, or could have, and how far the final motion is from it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

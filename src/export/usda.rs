@@ -14,11 +14,9 @@ use super::{
     number::{decimal, significant},
     urdf::{grasp_name, solid_name},
 };
-use crate::{
-    geometry::Pose,
-    model::{ArticulatedModel, Inertial, Joint, identifier},
-    surface::TriangleMesh,
-};
+use geometry::Pose;
+use model::{ArticulatedModel, Inertial, Joint, identifier};
+use surface::TriangleMesh;
 
 /// USD text of a model; `drawn` are its meshes. The root is held to the world, or floats.
 #[must_use]
@@ -310,10 +308,8 @@ fn short(x: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        export::drawn::{drawn, plain_looks},
-        model::example::cabinet,
-    };
+    use crate::drawn::{drawn, plain_looks};
+    use model::example::cabinet;
 
     fn text(model: &ArticulatedModel) -> String {
         usda(model, &drawn(model, &plain_looks(model)), Base::Fixed)

@@ -9,10 +9,8 @@ use super::{
     look::Look,
     picture::{axis_line, part_color},
 };
-use crate::{
-    model::{ArticulatedModel, Link, escape_xml, script_json},
-    surface::TriangleMesh,
-};
+use model::{ArticulatedModel, Link, escape_xml, script_json};
+use surface::TriangleMesh;
 
 const PAGE: &str = include_str!("viewer.html");
 
@@ -63,9 +61,9 @@ struct JointData {
 
 /// The page with the meshes of a model. It loads nothing else.
 #[must_use]
-pub fn viewer_html(model: &ArticulatedModel, drawn: &[Drawn]) -> String {
+pub(crate) fn viewer_html(model: &ArticulatedModel, drawn: &[Drawn]) -> String {
     let first = model.states.first();
-    let joint = |(j, joint): (usize, &crate::model::Joint)| JointData {
+    let joint = |(j, joint): (usize, &model::Joint)| JointData {
         name: joint.name.clone(),
         kind: joint.kind.nearest().name(),
         pitch: joint.kind.pitch_m_per_rad().unwrap_or(0.0),
@@ -149,10 +147,8 @@ fn sphere(model: &ArticulatedModel) -> (Point3<f64>, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        export::drawn::{drawn, plain_looks},
-        model::example::cabinet,
-    };
+    use crate::drawn::{drawn, plain_looks};
+    use model::example::cabinet;
 
     #[test]
     fn the_page_holds_everything_and_asks_for_nothing() {

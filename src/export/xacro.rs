@@ -7,7 +7,7 @@ use super::{
     config::UrdfScrew,
     urdf::{Form, advance_limit, grasp_name, origin, push_elements, short},
 };
-use crate::model::{ArticulatedModel, Joint, Limit, Link, escape_xml as escape, identifier};
+use model::{ArticulatedModel, Joint, Limit, Link, escape_xml as escape, identifier};
 
 /// Xacro's namespace.
 const SPACE: &str = "xmlns:xacro=\"http://www.ros.org/wiki/xacro\"";
@@ -16,14 +16,14 @@ const MOCK: &str = "mock_components/GenericSystem";
 
 /// Name of the file of [`macros`].
 #[must_use]
-pub fn macro_file(model: &ArticulatedModel) -> String {
+pub(crate) fn macro_file(model: &ArticulatedModel) -> String {
     format!("{}_macro.xacro", identifier(&model.name))
 }
 
 /// Two macros: the twin, with a prefix before all names and on request held by a link; and its joints for
 /// `ros2_control`.
 #[must_use]
-pub fn macros(model: &ArticulatedModel, screws: UrdfScrew) -> String {
+pub(crate) fn macros(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     let name = identifier(&model.name);
     let paths = format!("package://{name}/");
     // Writing to a string cannot fail, here and below.
@@ -65,7 +65,7 @@ fn push_grasps(text: &mut String, link: &Link) {
 
 /// The twin by itself, made by the macros.
 #[must_use]
-pub fn top(model: &ArticulatedModel) -> String {
+pub(crate) fn top(model: &ArticulatedModel) -> String {
     let (name, file) = (identifier(&model.name), macro_file(model));
     format!(
         "<?xml version=\"1.0\"?>\n<robot name=\"{name}\" {SPACE}>\n  <xacro:arg name=\"prefix\" \
@@ -135,7 +135,7 @@ fn push_states(text: &mut String, start: f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{JointKind, example::cabinet};
+    use model::{JointKind, example::cabinet};
 
     #[test]
     fn every_name_has_the_prefix_and_every_joint_is_controlled_once() {

@@ -39,7 +39,7 @@ pub(super) struct Scratch {
 }
 
 impl Scratch {
-    pub fn new(network: &Network, widest: usize) -> Self {
+    pub(crate) fn new(network: &Network, widest: usize) -> Self {
         Self {
             geometry: GeometryPass::new(network, widest),
             color: ColorPass::new(network, widest),

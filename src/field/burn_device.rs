@@ -48,6 +48,52 @@ pub(super) fn guarded<T>(
     })
 }
 
+/// What wgpu can open.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Adapter {
+    /// Its name, kind, interface and driver.
+    pub description: String,
+    /// Whether it is a renderer in software, which is slower than the CPU engine on the same processor.
+    pub is_software: bool,
+}
+
+/// Adapters that wgpu sees.
+///
+/// # Errors
+/// [`EngineError::NotBuilt`] without the `gpu` feature, [`EngineError::Failed`] if a driver panics.
+#[cfg(feature = "gpu")]
+pub fn adapters() -> Result<Vec<Adapter>, EngineError> {
+    use burn::tensor::{read_sync, wgpu::wgpu};
+    guarded("listed the adapters", || {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+        let found = read_sync(instance.enumerate_adapters(wgpu::Backends::all()));
+        let described = |adapter: &wgpu::Adapter| {
+            let i = adapter.get_info();
+            let driver = format!("{} {}", i.driver, i.driver_info);
+            Adapter {
+                description: format!(
+                    "{} ({:?}, {:?}, driver {})",
+                    i.name,
+                    i.device_type,
+                    i.backend,
+                    driver.trim()
+                ),
+                is_software: i.device_type == wgpu::DeviceType::Cpu,
+            }
+        };
+        Ok(found.iter().map(described).collect())
+    })
+}
+
+/// Adapters that wgpu sees: this binary has no GPU support.
+///
+/// # Errors
+/// Always [`EngineError::NotBuilt`].
+#[cfg(not(feature = "gpu"))]
+pub fn adapters() -> Result<Vec<Adapter>, EngineError> {
+    Err(EngineError::NotBuilt)
+}
+
 /// The best adapter, opened once in a process.
 ///
 /// Refused without atomic addition of floats: burn then scatters the table's gradient in one thread, which

@@ -19,7 +19,7 @@ pub(super) struct FieldShape {
 }
 
 impl FieldShape {
-    pub fn of(params: &FieldParams) -> Self {
+    pub(crate) fn of(params: &FieldParams) -> Self {
         let layers = params.geometry.iter().chain(&params.color).map(|l| [l.outputs, l.inputs]);
         Self {
             levels: params.levels.clone(),

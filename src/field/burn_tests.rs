@@ -315,22 +315,14 @@ fn a_build_without_gpu_says_so() {
     assert_eq!(BurnEngine::wgpu(fresh(&small_field(9))).err(), Some(EngineError::NotBuilt));
 }
 
-/// The checks above on the default adapter; without one, the engine must say so and the rest is skipped.
+/// The checks above on the default adapter.
 #[cfg(feature = "gpu")]
 #[test]
+#[ignore = "needs an adapter of a GPU: apt-get install mesa-vulkan-drivers"]
 fn the_gpu_agrees_with_the_equations() {
     let wgpu = |s| BurnEngine::wgpu(s).unwrap_or_else(|e| panic!("{e}"));
-    eprintln!("adapters: {:?}", crate::gpu::adapters());
-    match BurnEngine::wgpu(fresh(&small_field(9))) {
-        Err(error) => {
-            assert!(matches!(error, EngineError::Unavailable { .. } | EngineError::Failed { .. }), "{error}");
-            eprintln!("skipped: {error}");
-        }
-        Ok(_) => {
-            check_gradients(wgpu);
-            check_adam(wgpu);
-        }
-    }
+    check_gradients(wgpu);
+    check_adam(wgpu);
 }
 
 /// Milliseconds of the parts of a step of 65,536 points on a GPU, each waited for: `cargo test --release

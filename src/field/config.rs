@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::FieldConfig;
-use crate::capture::NoiseConfig;
-use crate::geometry::SceneBox;
+use capture::NoiseConfig;
+use geometry::SceneBox;
 
 /// Schedule, samples and loss weights of a field (docs/method.md 12).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -97,7 +97,7 @@ pub enum SurfaceDistance {
     Plane,
 }
 
-/// Weight of the released code's term on rays that hit nothing.
+/// Weight of the released code's term on rays that hit nothing. derived: that of the released code
 pub(super) const NON_NEGATIVE_WEIGHT: f64 = 100.0;
 
 impl Default for TrainConfig {

@@ -38,7 +38,8 @@ pub enum SdfTarget {
 }
 
 /// TSDF target where a sample on an empty ray must stay above it: docs/method.md (12.6).
-pub const BACKGROUND_TSDF: f32 = 0.001;
+/// derived: that of the released program (docs/method.md 12.9)
+pub(crate) const BACKGROUND_TSDF: f32 = 0.001;
 
 /// The samples of one optimiser step: `rays` rays of `samples_per_ray` samples each, ray-major.
 #[derive(Clone, Debug, Default)]
@@ -89,8 +90,9 @@ pub struct EngineState {
 }
 
 /// Adam: beta 0.9 and 0.999, epsilon 1e-15, no weight decay (docs/method.md 12.6).
+/// derived: the published ones
 pub const ADAM_BETAS: (f32, f32) = (0.9, 0.999);
-/// Adam's epsilon.
+/// Adam's epsilon. chosen: far below the root of any second moment that counts
 pub const ADAM_EPSILON: f32 = 1e-15;
 
 /// Trains the parameters of one field.

@@ -2,11 +2,11 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::geometry::Grid3;
+use geometry::Grid3;
 
 /// Share of the truncation from which on a fused distance only says that the surface is farther.
 ///
-/// derived: one, less rounding
+/// chosen: one, less rounding
 const CUT: f32 = 0.999;
 
 /// Whether a view from `eye` (world) sees the side of the surface that a place is on, by the slope of the
@@ -65,7 +65,7 @@ pub(super) fn extended(distance_m: &Grid3<f32>, truncation_m: f64) -> Grid3<f32>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::SceneBox;
+    use geometry::SceneBox;
 
     /// A plate between z = -0.02 and z = 0.02, known down to its middle from both sides, and for x < 0 alone.
     fn plate() -> Grid3<f32> {

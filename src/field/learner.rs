@@ -45,7 +45,7 @@ impl Learner {
     ///
     /// # Panics
     /// If the moments do not have the parameters' number.
-    pub fn resume(state: EngineState, isa: InstructionSet) -> Self {
+    pub(crate) fn resume(state: EngineState, isa: InstructionSet) -> Self {
         let EngineState { params, first, second, steps } = state;
         let n = params.parameters();
         assert!(
@@ -66,7 +66,7 @@ impl Learner {
     }
 
     /// What [`Self::resume`] needs.
-    pub fn state(&self) -> EngineState {
+    pub(crate) fn state(&self) -> EngineState {
         EngineState {
             params: self.params.clone(),
             first: self.first.clone(),
@@ -76,13 +76,13 @@ impl Learner {
     }
 
     /// Counts a step; its coefficients are `step_of(number)`, numbers from 1.
-    pub fn begin_step(&mut self, step_of: impl FnOnce(u64) -> AdamStep) -> AdamStep {
+    pub(crate) fn begin_step(&mut self, step_of: impl FnOnce(u64) -> AdamStep) -> AdamStep {
         self.steps += 1;
         step_of(self.steps)
     }
 
     /// Features of all levels at all points, level-major: `[2 levels][points]`.
-    pub fn encode(&self, points: PointColumns<'_>, features: &mut Vec<f32>) {
+    pub(crate) fn encode(&self, points: PointColumns<'_>, features: &mut Vec<f32>) {
         let columns = points.x.len();
         features.resize(FEATURES * self.params.levels.len() * columns, 0.0);
         if columns == 0 {
@@ -108,7 +108,7 @@ impl Learner {
     }
 
     /// Adds the table's gradient, every level by one task, and lets Adam move the table.
-    pub fn scatter(&mut self, features: FeatureGradient<'_>, learning: Option<AdamStep>) {
+    pub(crate) fn scatter(&mut self, features: FeatureGradient<'_>, learning: Option<AdamStep>) {
         let d_rows = padded(FEATURES * self.params.levels.len());
         let isa = self.isa;
         let sizes: Vec<usize> = self.params.levels.iter().map(|l| l.entries * FEATURES).collect();
@@ -139,7 +139,7 @@ impl Learner {
     }
 
     /// Adam on the layers.
-    pub fn update_layers(&mut self, step: AdamStep, gradient: &NetworkGradient) {
+    pub(crate) fn update_layers(&mut self, step: AdamStep, gradient: &NetworkGradient) {
         let mut gradient = gradient.unpack(&self.params);
         let floats = self.params.table.len();
         let (mut first, mut second) = (&mut self.first[floats..], &mut self.second[floats..]);
@@ -158,7 +158,7 @@ impl Learner {
 
     /// The whole gradient in the order of [`FieldParams::flatten`]; the table's is cleared, as a step expects
     /// it.
-    pub fn take_gradient(&mut self, layers: &NetworkGradient) -> Vec<f32> {
+    pub(crate) fn take_gradient(&mut self, layers: &NetworkGradient) -> Vec<f32> {
         let mut all = self.table_gradient.clone();
         self.table_gradient.fill(0.0);
         all.extend(layers.unpack(&self.params));

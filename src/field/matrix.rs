@@ -22,7 +22,7 @@ pub(super) struct Matrix {
 
 impl Matrix {
     /// A layer, its outputs padded to tiles, its inputs to `inputs`.
-    pub fn pack(layer: &Layer, inputs: usize) -> Self {
+    pub(crate) fn pack(layer: &Layer, inputs: usize) -> Self {
         let outputs = padded(layer.outputs);
         let mut weights = vec![0.0; outputs * inputs];
         for (row, source) in weights.chunks_exact_mut(inputs).zip(layer.weights.chunks_exact(layer.inputs)) {
@@ -34,7 +34,7 @@ impl Matrix {
     }
 
     /// The transposed weights from input row `from` on, without biases: what carries gradients back.
-    pub fn transposed(&self, from: usize) -> Self {
+    pub(crate) fn transposed(&self, from: usize) -> Self {
         let outputs = padded(self.inputs - from);
         let mut weights = vec![0.0; outputs * self.outputs];
         for (o, row) in self.weights.chunks_exact(self.inputs).enumerate() {
@@ -46,14 +46,14 @@ impl Matrix {
     }
 
     /// The weights of a range of inputs, without biases.
-    pub fn columns(&self, range: std::ops::Range<usize>) -> Self {
+    pub(crate) fn columns(&self, range: std::ops::Range<usize>) -> Self {
         let weights =
             self.weights.chunks_exact(self.inputs).flat_map(|row| &row[range.clone()]).copied().collect();
         Self { outputs: self.outputs, inputs: range.len(), weights, biases: None }
     }
 
     /// `y = epilogue(W x + b)`; `y` has `outputs` rows of `cols` floats.
-    pub fn apply(
+    pub(crate) fn apply(
         &self,
         isa: InstructionSet,
         x: Columns<'_>,
@@ -65,7 +65,7 @@ impl Matrix {
     }
 
     /// `y = epilogue(W x)`.
-    pub fn apply_linear(
+    pub(crate) fn apply_linear(
         &self,
         isa: InstructionSet,
         x: Columns<'_>,
@@ -86,7 +86,7 @@ pub(super) struct Network {
 }
 
 impl Network {
-    pub fn pack(params: &FieldParams) -> Self {
+    pub(crate) fn pack(params: &FieldParams) -> Self {
         let hidden = padded(params.geometry[0].outputs);
         let [g, c] = [&params.geometry, &params.color];
         Self {
@@ -100,7 +100,7 @@ impl Network {
     }
 
     /// Rows of hidden activations.
-    pub fn hidden(&self) -> usize {
+    pub(crate) fn hidden(&self) -> usize {
         self.geometry[0].outputs
     }
 }
@@ -115,7 +115,7 @@ pub(super) struct BackwardNetwork {
 impl BackwardNetwork {
     /// `from` is the first input of the color network that has a gradient: [`VIEW_COEFFICIENTS`] where view
     /// directions are given and nothing is carried back to them, else 0.
-    pub fn pack(network: &Network, from: usize) -> Self {
+    pub(crate) fn pack(network: &Network, from: usize) -> Self {
         let (g, c) = (&network.geometry, &network.color);
         Self {
             geometry: [g[0].transposed(0), g[1].transposed(0)],
@@ -139,7 +139,7 @@ struct LayerGradient {
 }
 
 impl NetworkGradient {
-    pub fn zeros(network: &Network) -> Self {
+    pub(crate) fn zeros(network: &Network) -> Self {
         let layer = |m: &Matrix| LayerGradient {
             weights: vec![0.0; m.weights.len()],
             biases: vec![0.0; m.outputs],
@@ -150,7 +150,7 @@ impl NetworkGradient {
 
     /// Adds the gradient of layer `layer` (0, 1 geometry; 2, 3, 4 color) from its output's gradient and its
     /// input.
-    pub fn accumulate(
+    pub(crate) fn accumulate(
         &mut self,
         isa: InstructionSet,
         layer: usize,
@@ -162,7 +162,7 @@ impl NetworkGradient {
         isa.weight_gradient(dy, x, cols, &mut g.weights, &mut g.biases);
     }
 
-    pub fn add(&mut self, other: &Self) {
+    pub(crate) fn add(&mut self, other: &Self) {
         for (a, b) in self.layers.iter_mut().zip(&other.layers) {
             for (x, y) in a.weights.iter_mut().chain(&mut a.biases).zip(b.weights.iter().chain(&b.biases)) {
                 *x += y;
@@ -171,7 +171,7 @@ impl NetworkGradient {
     }
 
     /// The gradient of the unpadded layers in the order of [`FieldParams::flatten`], without the table.
-    pub fn unpack(&self, params: &FieldParams) -> Vec<f32> {
+    pub(crate) fn unpack(&self, params: &FieldParams) -> Vec<f32> {
         let mut flat = Vec::new();
         for (layer, g) in params.geometry.iter().chain(&params.color).zip(&self.layers) {
             for row in g.weights.chunks_exact(g.inputs).take(layer.outputs) {

@@ -11,8 +11,8 @@ use super::simd::{
     COLUMN_ALIGN, Columns, Epilogue, InstructionSet, LevelGeometry, LevelJacobian, PointColumns,
 };
 use super::{FEATURES, FieldParams, GEOMETRY_OUTPUTS, VIEW_COEFFICIENTS};
-use crate::geometry::{Grid3, SceneBox};
-use crate::surface::{ColorField, ColorSample, TriangleMesh};
+use geometry::{Grid3, SceneBox};
+use surface::{ColorField, ColorSample, TriangleMesh};
 
 /// Points that one task evaluates at a time.
 const CHUNK: usize = 512;
@@ -333,7 +333,7 @@ mod tests {
     use super::super::FieldConfig;
     use super::super::reference::{Reference, field, uniform};
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     fn object() -> ObjectField {
         let config = FieldConfig {

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::geometry::SceneBox;
+use geometry::SceneBox;
 
 /// Cells along a side at most.
 const MAX_CELLS: usize = 512;

@@ -22,7 +22,7 @@ pub(super) struct GeometryPass {
 
 impl GeometryPass {
     /// For blocks of at most `widest` columns.
-    pub fn new(network: &Network, widest: usize) -> Self {
+    pub(crate) fn new(network: &Network, widest: usize) -> Self {
         let rows = |n: usize| vec![0.0; n * widest];
         let hidden = network.hidden();
         Self {
@@ -33,7 +33,13 @@ impl GeometryPass {
         }
     }
 
-    pub fn forward(&mut self, isa: InstructionSet, network: &Network, features: Columns<'_>, cols: usize) {
+    pub(crate) fn forward(
+        &mut self,
+        isa: InstructionSet,
+        network: &Network,
+        features: Columns<'_>,
+        cols: usize,
+    ) {
         let hidden = network.hidden();
         network.geometry[0].apply(isa, features, &mut self.hidden, cols, Epilogue::Relu);
         let inner = dense(&self.hidden, hidden, cols);
@@ -42,7 +48,7 @@ impl GeometryPass {
 
     /// Adds to the layers' gradient and writes that of the features, `padded(2 levels)` rows: layer by layer
     /// first the gradient of the weights, then that of the layer's inputs.
-    pub fn backward(
+    pub(crate) fn backward(
         &mut self,
         isa: InstructionSet,
         backward: &BackwardNetwork,
@@ -81,7 +87,7 @@ pub(super) struct ColorPass {
 
 impl ColorPass {
     /// For blocks of at most `widest` columns.
-    pub fn new(network: &Network, widest: usize) -> Self {
+    pub(crate) fn new(network: &Network, widest: usize) -> Self {
         let rows = |n: usize| vec![0.0; n * widest];
         let (hidden, outputs) = (network.hidden(), network.color[2].outputs);
         Self {
@@ -98,7 +104,7 @@ impl ColorPass {
 
     /// Fills the inputs at some columns of a block, given its geometry outputs with `block_cols` columns, the
     /// ray of a column and the unit direction of a ray; returns the number of columns rounded up.
-    pub fn gather(
+    pub(crate) fn gather(
         &mut self,
         (outputs, block_cols): (&[f32], usize),
         columns: &[usize],
@@ -130,7 +136,7 @@ impl ColorPass {
 
     /// Writes the features' gradient to the geometry outputs' gradient of the block, at the columns that were
     /// gathered; `features` is the row of `d_inputs` that the features begin at.
-    pub fn return_features(
+    pub(crate) fn return_features(
         &self,
         features: usize,
         (columns, cols): (&[usize], usize),
@@ -144,7 +150,7 @@ impl ColorPass {
         }
     }
 
-    pub fn forward(&mut self, isa: InstructionSet, network: &Network, cols: usize) {
+    pub(crate) fn forward(&mut self, isa: InstructionSet, network: &Network, cols: usize) {
         let hidden = network.hidden();
         let inputs = dense(&self.inputs, COLOR_INPUTS, cols);
         network.color[0].apply(isa, inputs, &mut self.first, cols, Epilogue::Relu);
@@ -156,7 +162,7 @@ impl ColorPass {
     }
 
     /// Adds to the layers' gradient and writes that of the inputs.
-    pub fn backward(
+    pub(crate) fn backward(
         &mut self,
         isa: InstructionSet,
         backward: &BackwardNetwork,

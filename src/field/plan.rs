@@ -38,7 +38,7 @@ impl Plan {
     ///
     /// # Panics
     /// If the batch's vectors do not have the lengths that its counts ask for.
-    pub fn new(batch: &SampleBatch) -> Self {
+    pub(crate) fn new(batch: &SampleBatch) -> Self {
         let (rays, per_ray) = (batch.rays, batch.samples_per_ray);
         let n = rays * per_ray;
         assert!(
@@ -89,21 +89,21 @@ impl Plan {
     }
 
     /// Number of columns, padding included.
-    pub fn columns(&self) -> usize {
+    pub(crate) fn columns(&self) -> usize {
         self.sample.len()
     }
 
-    pub fn points(&self) -> PointColumns<'_> {
+    pub(crate) fn points(&self) -> PointColumns<'_> {
         PointColumns { x: &self.x, y: &self.y, z: &self.z }
     }
 
     /// Columns of the largest block.
-    pub fn widest(&self) -> usize {
+    pub(crate) fn widest(&self) -> usize {
         self.blocks.iter().map(|b| b.cols).max().unwrap_or(0)
     }
 
     /// Columns of a group of blocks.
-    pub fn group_columns(&self, group: &Range<usize>) -> Range<usize> {
+    pub(crate) fn group_columns(&self, group: &Range<usize>) -> Range<usize> {
         let last = &self.blocks[group.end - 1];
         self.blocks[group.start].start..last.start + last.cols
     }

@@ -4,13 +4,12 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{FieldError, Occupancy, TrainConfig};
-use crate::{
-    capture::{RgbdFrame, dilated, pixel_weights},
-    geometry::{Intrinsics, Pose},
-    statistics::median,
-};
+use capture::{RgbdFrame, dilated, pixel_weights};
+use geometry::{Intrinsics, Pose};
+use numeric::statistics::median;
 
 /// Smallest and largest z-depth at which rays are sampled, meters (docs/method.md 12.3).
+/// chosen: no usual camera reads nearer or farther
 pub(super) const NEAR_M: f64 = 0.1;
 pub(super) const FAR_M: f64 = 10.0;
 /// Pixels next to the mask's border are of neither side.
@@ -47,7 +46,7 @@ pub(super) struct View {
 
 impl View {
     /// World origin and direction of a pixel's ray; the parameter is z-depth.
-    pub fn ray(&self, pixel: u32) -> (Point3<f64>, Vector3<f64>) {
+    pub(crate) fn ray(&self, pixel: u32) -> (Point3<f64>, Vector3<f64>) {
         let (u, v) = (pixel as usize % self.intrinsics.width, pixel as usize / self.intrinsics.width);
         let direction = self.world_from_camera * self.intrinsics.ray(u as f64, v as f64);
         (Point3::from(self.world_from_camera.translation.vector), direction)
@@ -70,7 +69,7 @@ impl RayPool {
     ///
     /// # Errors
     /// [`FieldError::NoRays`], [`FieldError::TooManyFrames`].
-    pub fn new(
+    pub(crate) fn new(
         frames: &[RgbdFrame],
         occupancy: &Occupancy,
         config: &TrainConfig,

@@ -4,7 +4,7 @@ use super::block::sdf_loss;
 use super::{
     FieldConfig, FieldParams, GEOMETRY_OUTPUTS, Layer, LevelLayout, SampleBatch, SdfTarget, view_coefficients,
 };
-use crate::random::stage_rng;
+use numeric::random::stage_rng;
 use rand_core::Rng;
 
 /// A field whose table is large enough to matter.

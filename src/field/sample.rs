@@ -8,10 +8,8 @@ use super::engine::BACKGROUND_TSDF;
 use super::fused::sees_side;
 use super::pool::{FAR_M, NEAR_M, RayPool, SurfaceRay};
 use super::{BackgroundLoss, Occupancy, SampleBatch, SdfTarget, SurfaceDistance, TrainConfig};
-use crate::{
-    geometry::{Grid3, SceneBox},
-    random::{STREAM_STEP, mix, unit_of},
-};
+use geometry::{Grid3, SceneBox};
+use numeric::random::{STREAM_STEP, mix, unit_of};
 
 /// Rays that one task draws.
 const RAYS_PER_TASK: usize = 256;
@@ -35,7 +33,7 @@ pub(super) struct Sampler<'a> {
 pub(super) struct Stream(pub u64);
 
 impl Stream {
-    pub fn next(&mut self) -> f64 {
+    pub(crate) fn next(&mut self) -> f64 {
         let bits = mix(self.0);
         self.0 = self.0.wrapping_add(STREAM_STEP);
         unit_of(bits)
@@ -55,7 +53,7 @@ struct RaySlot<'a> {
 impl Sampler<'_> {
     /// The batch of a step, whose random key is `key`. Rays are stratified over the pool: the k-th of n comes
     /// from the k-th n-th of the pool, so that every batch sees all views and all parts of the images.
-    pub fn batch(&self, key: u64) -> SampleBatch {
+    pub(crate) fn batch(&self, key: u64) -> SampleBatch {
         let c = self.config;
         let (rays, per_ray) = (c.rays, c.free_samples + c.band_samples);
         let with_background = c.background != BackgroundLoss::Off && !self.pool.background.is_empty();
@@ -148,7 +146,7 @@ impl Sampler<'_> {
                 let value = value as f32 - base;
                 slot.targets[i] = SdfTarget::Surface { value, weight: weight * falloff as f32 };
             }
-            // The derivative of a logistic function: a bell about the surface.
+            // docs/method.md (12.8): the derivative of a logistic function, a bell about the surface.
             let e = (-c.color_sharpness * value).exp();
             slot.color_weights[i] = if colored { (e / ((1.0 + e) * (1.0 + e))) as f32 } else { 0.0 };
             bell += slot.color_weights[i];

@@ -14,12 +14,12 @@ use super::{
     CpuEngine, EngineError, EngineState, FieldEngine, FieldError, FieldLosses, FieldParams, ObjectField,
     Occupancy, TrainConfig,
 };
-use crate::capture::RgbdFrame;
-use crate::geometry::{Grid3, SceneBox};
-use crate::random::stage_rng;
+use capture::RgbdFrame;
+use geometry::{Grid3, SceneBox};
+use numeric::random::stage_rng;
 
 /// Makes an engine that continues from a state.
-pub type EngineFactory<'a> = &'a dyn Fn(EngineState) -> Box<dyn FieldEngine>;
+pub(crate) type EngineFactory<'a> = &'a dyn Fn(EngineState) -> Box<dyn FieldEngine>;
 
 /// What a field is trained on.
 #[derive(Clone, Copy)]
@@ -62,7 +62,7 @@ pub struct TrainerCheckpoint {
     /// Steps done.
     pub done: usize,
     /// Trust in every ray of the pool, of 255.
-    #[serde(with = "crate::geometry::bytes")]
+    #[serde(with = "geometry::bytes")]
     pub trust: Vec<u8>,
 }
 

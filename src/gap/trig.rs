@@ -10,7 +10,7 @@ const QUARTER: (f64, f64) = (1.570_796_326_734_125_6, 6.077_100_506_506_192e-11)
 /// derived: `1.5 * 2^52`.
 const ROUNDING: f64 = 6_755_399_441_055_744.0;
 /// Angles beyond it go to the standard library, radians.
-/// derived: below 2^20 quarters, whose product with the first 33 bits is exact.
+/// chosen: below 2^20 quarters, whose product with the first 33 bits is exact.
 const MAX_ANGLE: f64 = 1e5;
 
 /// Coefficients of `sin(r) / r^3` and of `cos(r) / r^4` after their first terms, by even powers.

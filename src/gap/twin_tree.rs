@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, Matrix3, Point3, Unit, Vector3};
 
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// What a joint lets its child do, as far as its dynamics go.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::Pose;
 
 /// Share of the normalised cube's half side that the object's longest side spans (docs/method.md 1.3).
+/// derived: the published one
 const FILL: f64 = 0.9;
 
 /// Maps world meters to the normalised cube `[-1, 1]^3`: `normalised = (world - center) * scale`.

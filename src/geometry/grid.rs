@@ -16,7 +16,7 @@ pub struct Grid3<T> {
     /// Number of nodes along x, y, z.
     pub dims: [usize; 3],
     /// One value a node.
-    #[serde(with = "crate::geometry::bytes")]
+    #[serde(with = "crate::bytes")]
     pub values: Vec<T>,
 }
 

@@ -14,6 +14,7 @@ impl NearestPoints {
     /// Builds the search tree; non-finite points are never found.
     #[must_use]
     pub fn new(points: &[Point3<f64>]) -> Self {
+        /// chosen: beyond any point, and its square is finite
         const NOWHERE: f64 = 1e12;
         let entries: Vec<[f64; 3]> = points
             .iter()

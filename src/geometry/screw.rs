@@ -8,9 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use super::Pose;
 
-/// Below this sine two directions count as parallel.
+/// Below this sine two directions count as parallel. chosen: above rounding, below any reading
 const PARALLEL_SIN: f64 = 1e-6;
 /// Below this angle in radians a motion has no observable rotation axis.
+/// chosen: above rounding, below any reading
 const MIN_ANGLE_RAD: f64 = 1e-9;
 
 /// The screw of a rigid motion: direction, the point of its line closest to the origin, angle and advance.

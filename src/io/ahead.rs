@@ -8,7 +8,7 @@ use std::{
 };
 
 use super::{bag::Bag, tracked_state::TrackedState};
-use crate::capture::{CaptureConfig, KnownFeatures};
+use capture::{CaptureConfig, KnownFeatures};
 
 /// Images whose features are kept.
 /// derived: two states of the 150 views that the node keeps of each by default, and as many again

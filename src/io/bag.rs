@@ -16,12 +16,10 @@ use super::{
     expansion::{Expansion, Within},
     mcap_file::{Channels, FileReport, RECORD_LIMIT, RawMessage, read_messages, summary_channels},
 };
-use crate::{
-    capture::CaptureError,
-    files,
-    limits::{METADATA, NAMED, YamlError, parse_yaml},
-    note::{Note, NoteCode},
-};
+use capture::CaptureError;
+use common::files;
+use common::limits::{METADATA, NAMED, YamlError, parse_yaml};
+use common::note::{Note, NoteCode};
 
 /// Most files of one bag.
 const MAX_FILES: usize = 10_000;

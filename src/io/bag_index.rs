@@ -15,12 +15,10 @@ use super::{
     },
     topics::{INFO_TYPE, TopicSummary},
 };
-use crate::{
-    capture::{CaptureError, MAX_TF_FRAMES, Split, TfBuffer},
-    geometry::Pose,
-    limits::NAMED,
-    note::{Note, NoteCode},
-};
+use capture::{CaptureError, MAX_TF_FRAMES, Split, TfBuffer};
+use common::limits::NAMED;
+use common::note::{Note, NoteCode};
+use geometry::Pose;
 
 /// Most transforms, images and poses that are indexed.
 const MAX_ENTRIES: usize = 5_000_000;
@@ -33,7 +31,7 @@ const MAX_COEFFICIENTS: usize = 64;
 
 /// Images of other topics are kept so long after the end of a state, and before the next, nanoseconds: they
 /// are paired by stamps, and recorded at other times.
-pub const BETWEEN_NANOS: i64 = 1_000_000_000;
+const BETWEEN_NANOS: i64 = 1_000_000_000;
 
 /// Why a message is not used.
 #[derive(Debug, thiserror::Error)]

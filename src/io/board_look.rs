@@ -3,10 +3,8 @@
 use rayon::prelude::*;
 
 use super::{bag::Bag, pixels::decode_views, views::Views};
-use crate::{
-    capture::{CaptureConfig, UseBoard, find_board},
-    note::{Note, NoteCode},
-};
+use capture::{CaptureConfig, UseBoard, find_board};
+use common::note::{Note, NoteCode};
 
 /// Views that are looked at, spread over the recording.
 const LOOKED_AT: usize = 6;

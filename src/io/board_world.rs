@@ -1,17 +1,15 @@
 //! The world of a tracked recording whose views show a printed board of tags.
 
 use super::tracked_state::{TrackedState, Worlds, unaligned};
-use crate::{
-    capture::{
-        BoardInView, BoardInWorld, BoardPlace, CaptureError, ColorTurn, Paper, UNREAD_BOARD, Unaligned, UpBy,
-        Upright, board_scale, stretched,
-    },
-    geometry::Pose,
-    note::{Note, NoteCode},
+use capture::{
+    BoardInView, BoardInWorld, BoardPlace, CaptureError, ColorTurn, Paper, UNREAD_BOARD, Unaligned, UpBy,
+    Upright, board_scale, stretched,
 };
+use common::note::{Note, NoteCode};
+use geometry::Pose;
 
 /// A size that depth finds further off than this, as a share, is doubted, and depth counts.
-/// derived: what data sheets of stereo cameras allow at 2 m; a page fitted to the printer's margins is 3 to
+/// chosen: what data sheets of stereo cameras allow at 2 m; a page fitted to the printer's margins is 3 to
 /// 6 % smaller
 const LARGEST_OFF: f64 = 0.02;
 /// A board that what stands still moves further than this between states was moved: meters, and radians.
@@ -19,12 +17,13 @@ const LARGEST_OFF: f64 = 0.02;
 /// remains after it is corrected up to as much (docs/method.md 2.8)
 const MOVED: [f64; 2] = [0.010, 0.02];
 /// A board tilted further than this against the plane that the object stands on is said, radians.
-/// derived: normals of a plane by depth with a warp of 0.4 % of the range, over a third of it
+/// chosen: normals of a plane by depth with a warp of 0.4 % of the range, over a third of it
 const TILTED_RAD: f64 = 0.035;
 /// ... and one that is tilted further stands on its own, against a wall or on a slope, radians.
-/// derived: nobody calls 20 deg level
+/// chosen: nobody calls 20 deg level
 const STANDS_RAD: f64 = 0.35;
 /// The same against what is up in the images, which are held level to tens of degrees, radians.
+/// chosen: about two deviations of that
 const STANDS_BY_IMAGES_RAD: f64 = 1.0;
 
 /// Where the maps of states lie on boards; `None` where no state shows one often enough.

@@ -1,10 +1,8 @@
 //! Camera parameters out of `sensor_msgs/CameraInfo`.
 
 use super::{image_codec::MAX_SIDE, ros2msg::CameraInfo};
-use crate::{
-    capture::{CaptureError, Distortion},
-    geometry::Intrinsics,
-};
+use capture::{CaptureError, Distortion};
+use geometry::Intrinsics;
 
 /// The ideal camera and the lens of a camera_info. A topic whose name says that it is rectified has no
 /// distortion left and the camera matrix of `P`.

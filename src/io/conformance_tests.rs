@@ -19,11 +19,12 @@ use super::{
     mcap_file::{Channels, RawMessage, read_messages, summary_channels},
     read_joint_log,
 };
-use crate::{capture::CaptureError, gap::record::tracks::Streams};
+use capture::CaptureError;
+use gap::record::tracks::Streams;
 
 /// Files of a packed folder, by path.
 pub(super) fn files(name: &str) -> BTreeMap<String, Vec<u8>> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/conformance").join(name);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/conformance").join(name);
     let mut tar = Vec::new();
     zstd::Decoder::new(fs::File::open(path).unwrap()).unwrap().read_to_end(&mut tar).unwrap();
     let text =

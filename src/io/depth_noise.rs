@@ -1,8 +1,8 @@
 //! The depth noise of a recording against the model of the settings.
 
-use crate::capture::{CaptureConfig, NoiseConfig, RgbdFrame, noise_factor};
+use capture::{CaptureConfig, NoiseConfig, RgbdFrame, noise_factor};
 
-/// Least and greatest factor on the noise model.
+/// Least and greatest factor on the noise model. chosen: sensors do not differ by more
 const NOISE_FACTORS: [f64; 2] = [0.25, 8.0];
 
 /// Depth noise of frames against the model of the settings; `None` where it is not to be measured, or cannot

@@ -2,7 +2,7 @@
 
 use std::io::{self, Read};
 
-use crate::limits::{CHUNK_FREE, EXPANDED_FREE, EXPANSION};
+use common::limits::{CHUNK_FREE, EXPANDED_FREE, EXPANSION};
 
 /// A bag that unpacks to more than is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -7,14 +7,12 @@ use super::{
     bag::Bag, bag_index::BagIndex, depth_noise::measured_noise, pixels::decode_views, poses::PoseSource,
     read_joint_log, ros2msg::definitions::RosMessage as _, views::Views,
 };
-use crate::{
-    capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, TrackCamera, isolate, spread_views},
-    gap::{camera::record::frames::FrameRun, record::tracks::Streams},
-    geometry::Pose,
-    note::{Note, NoteCode},
-    random::stage_rng,
-    statistics::median,
-};
+use capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, TrackCamera, isolate, spread_views};
+use common::note::{Note, NoteCode};
+use gap::{camera::record::frames::FrameRun, record::tracks::Streams};
+use geometry::Pose;
+use numeric::random::stage_rng;
+use numeric::statistics::median;
 
 /// Poses this long before and after a frame give the camera's velocity, nanoseconds.
 const VELOCITY_NANOS: i64 = 1_000_000;
@@ -84,7 +82,7 @@ pub fn read_frame_run(
 fn with_masks(
     frames: Vec<RgbdFrame>,
     config: &CaptureConfig,
-    noise: crate::capture::NoiseConfig,
+    noise: capture::NoiseConfig,
     seed: u64,
     warnings: &mut Vec<Note>,
 ) -> Result<Vec<RgbdFrame>, CaptureError> {

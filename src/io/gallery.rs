@@ -9,11 +9,9 @@ use std::{
 use serde::Deserialize;
 
 use super::manifest::{MANIFEST, Manifest, ResultKind};
-use crate::{
-    export::{GalleryCard, count},
-    files,
-    limits::{FileLimit, REPORT},
-};
+use common::files;
+use common::limits::{FileLimit, REPORT};
+use export::{GalleryCard, count};
 
 /// Folders within folders that are looked through: objects in dates in labs.
 const MAX_DEPTH: usize = 6;
@@ -180,7 +178,7 @@ fn encoded(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::temp::Temp;
+    use common::temp::Temp;
 
     fn write(folder: &Path, name: &str, text: &str) {
         let path = folder.join(name);

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use super::ros2msg::gap::{GapFinding, GapParameter, GapReport};
-use crate::{files, limits::REPORT};
+use common::files;
+use common::limits::REPORT;
 
 /// Why the report of a diagnosis cannot be read.
 #[derive(Debug, thiserror::Error)]

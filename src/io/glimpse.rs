@@ -1,102 +1,185 @@
 //! How much a recording holds, by its summary and a few messages: what a run will cost is estimated from it.
 
 use std::{
+    collections::BTreeMap,
     io,
     path::{Path, PathBuf},
 };
 
+use mcap::records::op;
+
 use super::{
     bag::Bag,
-    excerpt::{Wanted, excerpts, first_image, summaries, topics_of},
+    expansion::Expansion,
+    file_ranges::FileRanges,
     joint_log::is_joint_topic,
+    mcap_file::{Channels, RawMessage, read_messages},
     mcap_summary::McapSummary,
-    ranges::{FileRanges, Ranges, stored_bytes},
-    remembered::Remembered,
+    ros2msg::{CameraInfo, CompressedFront, DecodeError, ImageFront, decode},
     source::Source,
-    topics::choose,
+    topics::{IMAGE_TYPES, INFO_TYPE, TopicSummary, choose},
 };
-use crate::{capture::CaptureConfig, gap::record::tracks::Streams};
+use capture::CaptureConfig;
+use gap::record::tracks::Streams;
 
-/// How much a bag holds.
+/// Most image topics whose first messages are looked at.
+const MAX_IMAGE_TOPICS: usize = 64;
+/// Largest chunk whose first messages are looked at, bytes.
+const MAX_LOOK: u64 = 64 << 20;
+
+/// How many views a bag holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Glimpse {
-    /// Bytes of its files.
-    pub bytes: u64,
-    /// Bytes of them that are needed.
-    pub needed_bytes: u64,
     /// Color images; `None` where the bag does not say.
     pub frames: Option<u64>,
     /// Columns and rows of the color images.
     pub size: Option<(u32, u32)>,
-    /// Messages about joints.
-    pub samples: u64,
 }
 
-/// Looks at a bag.
+/// Looks at the bags of recordings, each a state or all of them; of a dataset nothing is known.
 ///
 /// # Errors
 /// Where a file cannot be read.
-pub fn glimpse(files: &[Remembered], wanted: Wanted) -> io::Result<Glimpse> {
-    let bytes = files.iter().map(Ranges::size).sum();
-    let plans = excerpts(files, wanted)?;
-    let needed_bytes = plans.iter().map(|p| stored_bytes(p)).sum();
-    let mut found = Glimpse { bytes, needed_bytes, ..Glimpse::default() };
-    let Some(bag) = summaries(files)? else { return Ok(found) };
-    if let Wanted::Views(config) | Wanted::ViewsAndJoints(config, _) = wanted {
-        views(files, &bag, config, &mut found)?;
-    }
-    if let Wanted::Joints(streams) | Wanted::ViewsAndJoints(_, streams) = wanted {
-        found.samples = samples(&bag, streams);
-    }
-    Ok(found)
-}
-
-fn views(
-    files: &[Remembered],
-    bag: &[McapSummary],
-    config: &CaptureConfig,
-    found: &mut Glimpse,
-) -> io::Result<()> {
-    let Some(topics) = topics_of(files, bag)? else { return Ok(()) };
-    let Ok(choice) = choose(&topics, &config.topics, Path::new("")) else { return Ok(()) };
-    found.frames = topics.iter().find(|t| t.name == choice.color).map(|t| t.count as u64);
-    found.size = first_image(files, bag, &choice.color)?.and_then(|i| i.size);
-    if found.size.is_none() {
-        found.size = first_image(files, bag, &choice.color_info)?.and_then(|i| i.size);
-    }
-    Ok(())
-}
-
-fn samples(bag: &[McapSummary], streams: &Streams) -> u64 {
-    let channels = bag.iter().flat_map(|s| s.channels.values());
-    let read =
-        channels.filter(|c| is_joint_topic(&c.topic, &c.type_name, c.message_encoding == "cdr", streams));
-    read.map(|c| c.count).sum()
-}
-
-/// Looks at the bags of recordings on this machine, each a state or all of them; of a dataset its bytes
-/// alone.
-///
-/// # Errors
-/// Where a file cannot be read.
-pub fn glimpse_paths(paths: &[PathBuf], wanted: Wanted) -> io::Result<Vec<Glimpse>> {
+pub fn glimpse_views(paths: &[PathBuf], config: &CaptureConfig) -> io::Result<Vec<Glimpse>> {
     let bags = match Source::of(paths) {
         Ok(Source::States(paths)) => paths,
         Ok(Source::Both(path)) => vec![path],
         // What is none is refused by the command itself.
         _ => return Ok(vec![Glimpse::default()]),
     };
-    bags.iter().map(|path| glimpse_bag(path, wanted)).collect()
+    let look = |path: &PathBuf| {
+        let Some(summaries) = Summaries::of(path)? else { return Ok(Glimpse::default()) };
+        Ok(summaries.views(config)?.unwrap_or_default())
+    };
+    bags.iter().map(look).collect()
 }
 
-/// Looks at one bag of this machine.
+/// Number of messages about joints in a bag; 0 where it does not say.
 ///
 /// # Errors
 /// Where a file cannot be read.
-pub fn glimpse_bag(path: &Path, wanted: Wanted) -> io::Result<Glimpse> {
-    let Ok(bag) = Bag::open(path) else { return Ok(Glimpse::default()) };
-    let sources: Vec<FileRanges> =
-        bag.files.iter().map(|f| FileRanges::open(f)).collect::<io::Result<_>>()?;
-    let files: Vec<Remembered> = sources.iter().map(|s| Remembered::of(s)).collect();
-    glimpse(&files, wanted)
+pub fn count_joint_messages(path: &Path, streams: &Streams) -> io::Result<u64> {
+    let Some(summaries) = Summaries::of(path)? else { return Ok(0) };
+    let channels = summaries.all.iter().flat_map(|(_, s)| s.channels.values());
+    let read =
+        channels.filter(|c| is_joint_topic(&c.topic, &c.type_name, c.message_encoding == "cdr", streams));
+    Ok(read.map(|c| c.count).sum())
 }
+
+/// The files of a bag with their summaries.
+struct Summaries {
+    all: Vec<(FileRanges, McapSummary)>,
+}
+
+impl Summaries {
+    /// `None` where a file has none.
+    fn of(path: &Path) -> io::Result<Option<Self>> {
+        let Ok(bag) = Bag::open(path) else { return Ok(None) };
+        let mut all = Vec::new();
+        for path in &bag.files {
+            let file = FileRanges::open(path)?;
+            // What is no MCAP file is refused by its reader.
+            if file.size() < 8 || file.range(0, 8)? != mcap::MAGIC {
+                return Ok(None);
+            }
+            let Some(summary) = McapSummary::read(&file)? else { return Ok(None) };
+            all.push((file, summary));
+        }
+        Ok(Some(Self { all }))
+    }
+
+    fn views(&self, config: &CaptureConfig) -> io::Result<Option<Glimpse>> {
+        let Some(topics) = self.topics()? else { return Ok(None) };
+        let Ok(choice) = choose(&topics, &config.topics, Path::new("")) else { return Ok(None) };
+        let frames = topics.iter().find(|t| t.name == choice.color).map(|t| t.count as u64);
+        let mut size = self.first_image(&choice.color)?.and_then(|i| i.size);
+        if size.is_none() {
+            size = self.first_image(&choice.color_info)?.and_then(|i| i.size);
+        }
+        Ok(Some(Glimpse { frames, size }))
+    }
+
+    /// The topics as the choice between them needs them, images with the encoding of their first message.
+    fn topics(&self) -> io::Result<Option<Vec<TopicSummary>>> {
+        let mut topics: BTreeMap<&str, TopicSummary> = BTreeMap::new();
+        let channels = self.all.iter().flat_map(|(_, s)| s.channels.values());
+        for channel in channels.filter(|c| c.count > 0) {
+            let topic = topics.entry(&channel.topic).or_insert_with(|| TopicSummary {
+                name: channel.topic.clone(),
+                type_name: channel.type_name.clone(),
+                ..TopicSummary::default()
+            });
+            // ROS 1, or a topic of two types: the reader of the whole says what it makes of that.
+            if channel.message_encoding != "cdr" || topic.type_name != channel.type_name {
+                return Ok(None);
+            }
+            topic.count += usize::try_from(channel.count).unwrap_or(usize::MAX);
+        }
+        let images = topics.values_mut().filter(|t| IMAGE_TYPES.contains(&t.type_name.as_str()));
+        for (i, topic) in images.enumerate() {
+            if i == MAX_IMAGE_TOPICS {
+                return Ok(None);
+            }
+            let Some(front) = self.first_image(&topic.name)? else { return Ok(None) };
+            topic.encoding = front.encoding;
+        }
+        Ok(Some(topics.into_values().collect()))
+    }
+
+    /// The first image or camera of a topic; `None` where it cannot be read.
+    fn first_image(&self, topic: &str) -> io::Result<Option<FirstImage>> {
+        for (file, summary) in &self.all {
+            let holds = |c: &u16| summary.channels.get(c).is_some_and(|c| c.topic == topic);
+            let may_hold = |channels: &[u16]| channels.is_empty() || channels.iter().any(holds);
+            for chunk in summary.chunks.iter().filter(|c| may_hold(&c.channels)) {
+                if chunk.bytes > MAX_LOOK {
+                    return Ok(None);
+                }
+                let records = file.range(chunk.start, chunk.bytes)?;
+                // A file of this chunk alone, with the names of all channels.
+                let alone = [mcap::MAGIC, &summary.names[..], &records, &[op::DATA_END], &[0; 8]].concat();
+                let mut found = None;
+                let mut first = |message: &RawMessage| -> Result<(), DecodeError> {
+                    if message.topic == topic && found.is_none() {
+                        found = Some(front(message)?);
+                    }
+                    Ok(())
+                };
+                let mut expansion = Expansion::of(file.size());
+                if read_messages(&alone[..], &mut Channels::default(), &mut expansion, &mut first).is_err() {
+                    return Ok(None);
+                }
+                // An index may name a message where none can be read.
+                if found.is_some() || !chunk.channels.is_empty() {
+                    return Ok(found);
+                }
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// What the first message of an image topic says of itself.
+struct FirstImage {
+    /// Encoding or format.
+    encoding: String,
+    /// Width and height, pixels, where it says so.
+    size: Option<(u32, u32)>,
+}
+
+fn front(message: &RawMessage) -> Result<FirstImage, DecodeError> {
+    if message.type_name == INFO_TYPE {
+        let info: CameraInfo = decode(message.data)?;
+        return Ok(FirstImage { encoding: String::new(), size: Some((info.width, info.height)) });
+    }
+    if message.type_name == IMAGE_TYPES[0] {
+        let front: ImageFront = decode(message.data)?;
+        return Ok(FirstImage { encoding: front.encoding, size: Some((front.width, front.height)) });
+    }
+    let front: CompressedFront = decode(message.data)?;
+    Ok(FirstImage { encoding: front.format, size: None })
+}
+
+#[cfg(test)]
+#[path = "glimpse_tests.rs"]
+mod tests;

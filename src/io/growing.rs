@@ -17,10 +17,8 @@ use super::{
     tracking::{track, unmasked, views_at_a_time},
     views::Views,
 };
-use crate::{
-    capture::{CaptureConfig, CaptureError, RgbdFrame},
-    files,
-};
+use capture::{CaptureConfig, CaptureError, RgbdFrame};
+use common::files;
 
 /// A growing recording is read for one part of the time in so many and one, as all of it is read again.
 /// measured: shared/bags/laptop played to the node, 2 cores: with 3 its twin came 0.2 s later
@@ -171,14 +169,14 @@ fn ends_as_mcap(path: &Path) -> std::io::Result<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::{open, open_ahead};
+    use crate::{open, open_ahead};
 
     /// What a run reads of a recording is the same with what was worked out while it grew, and it looks at no
     /// image again.
     #[test]
     fn a_recording_that_grew_is_read_as_any_other() {
-        let shipped = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("bags/drawer");
-        let folder = crate::temp::Temp::new("growing");
+        let shipped = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../bags/drawer");
+        let folder = common::temp::Temp::new("growing");
         let config = CaptureConfig { frames_per_state: 8, ..CaptureConfig::default() };
         let ahead = Ahead::new();
         let paths = ["state0", "state1"].map(|s| folder.0.join(s));
@@ -219,8 +217,8 @@ mod tests {
     /// What cannot be used is looked at once.
     #[test]
     fn a_closed_recording_that_cannot_be_used_is_let_go() {
-        let folder = crate::temp::Temp::new("unusable");
-        let from = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("bags/drawer/state0/state0.mcap");
+        let folder = common::temp::Temp::new("unusable");
+        let from = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../bags/drawer/state0/state0.mcap");
         let path = folder.0.join("state0.mcap");
         fs::copy(from, &path).unwrap();
         let mut config = CaptureConfig::default();
@@ -233,9 +231,8 @@ mod tests {
     /// A closed recording without poses is tracked ahead, and not by the run.
     #[test]
     fn the_way_of_a_camera_is_found_ahead_once() {
-        let config =
-            CaptureConfig { tracking: crate::capture::TrackCamera::Always, ..CaptureConfig::default() };
-        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("bags/drawer/state0");
+        let config = CaptureConfig { tracking: capture::TrackCamera::Always, ..CaptureConfig::default() };
+        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../bags/drawer/state0");
         let ahead = Ahead::new();
         let mut growing = GrowingState::new(&path, 0);
         assert!(growing.work_ahead(&config, 3, &ahead).unwrap().is_some());

@@ -6,7 +6,7 @@ use image::{
     DynamicImage, ExtendedColorType, ImageBuffer, ImageFormat, ImageResult, codecs::jpeg::JpegEncoder,
 };
 
-use crate::geometry::Intrinsics;
+use geometry::Intrinsics;
 
 /// Depth of 16 bits as PNG.
 pub(super) fn depth_png(k: &Intrinsics, depth: &[u16]) -> ImageResult<Vec<u8>> {

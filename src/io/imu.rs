@@ -5,10 +5,8 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 
 use super::ros2msg::imu::Imu;
-use crate::{
-    capture::{Accelerometer, TfBuffer},
-    note::{Note, NoteCode},
-};
+use capture::{Accelerometer, TfBuffer};
+use common::note::{Note, NoteCode};
 
 /// Type of the messages.
 pub const IMU_TYPE: &str = "sensor_msgs/msg/Imu";
@@ -88,10 +86,8 @@ pub(super) fn accelerometer(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        geometry::Pose,
-        io::ros2msg::{Header, Time},
-    };
+    use crate::ros2msg::{Header, Time};
+    use geometry::Pose;
 
     fn found(with_frame: bool) -> (Option<Accelerometer>, Option<Note>) {
         let (mut tf, mut topics) = (TfBuffer::default(), BTreeMap::<String, ImuTopic>::new());

@@ -15,11 +15,9 @@ use super::{
     topics::INFO_TYPE,
     views::Views,
 };
-use crate::{
-    capture::{CaptureConfig, CaptureError, Split},
-    limits::SHOWN,
-    note::Note,
-};
+use capture::{CaptureConfig, CaptureError, Split};
+use common::limits::SHOWN;
+use common::note::Note;
 
 /// A topic of a bag.
 #[derive(Clone, Debug, PartialEq)]
@@ -227,7 +225,7 @@ fn inspect_dataset(
     folder: &Path,
     format: &str,
     config: &CaptureConfig,
-    open: fn(&Path, &CaptureConfig) -> Result<crate::capture::Capture, CaptureError>,
+    open: fn(&Path, &CaptureConfig) -> Result<capture::Capture, CaptureError>,
 ) -> StateInspection {
     let mut seen =
         StateInspection { path: folder.to_owned(), format: format.to_owned(), ..StateInspection::default() };

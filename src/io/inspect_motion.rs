@@ -6,7 +6,7 @@ use super::{
     joint_commands::{CONTROLLER_STATE, TRAJECTORY},
     joint_log::{DYNAMIC, JOINT_STATE, read_joint_log},
 };
-use crate::gap::record::{
+use gap::record::{
     command::Told,
     recording::{JointSamples, Recording},
     tracks::Streams,

@@ -6,7 +6,7 @@ use super::ros2msg::{
     JointState,
     joints::{ControllerStateFront, Float64MultiArray, JointTrajectory},
 };
-use crate::gap::record::command::Command;
+use gap::record::command::Command;
 
 /// Type of the messages that a controller publishes of itself.
 pub const CONTROLLER_STATE: &str = "control_msgs/msg/JointTrajectoryControllerState";
@@ -151,7 +151,7 @@ impl Commanded {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::ros2msg::{Time, joints::TrajectoryPoint};
+    use crate::ros2msg::{Time, joints::TrajectoryPoint};
 
     fn trajectory(points: &[(i32, f64)]) -> JointTrajectory {
         let point = |(sec, q): &(i32, f64)| TrajectoryPoint {

@@ -14,13 +14,11 @@ use super::{
         joints::{ControllerStateFront, DynamicJointState, Float64MultiArray, JointTrajectory},
     },
 };
-use crate::{
-    capture::CaptureError,
-    gap::record::{
-        recording::{JointSamples, Recording},
-        tracks::{PoseTrack, Streams, WrenchTrack},
-    },
-    note::{Note, NoteCode},
+use capture::CaptureError;
+use common::note::{Note, NoteCode};
+use gap::record::{
+    recording::{JointSamples, Recording},
+    tracks::{PoseTrack, Streams, WrenchTrack},
 };
 
 /// Type of the messages that most drivers publish.

@@ -3,13 +3,10 @@
 use super::{
     camera::pinhole, depth_noise::noise_of, image_codec::Raster, pixels::limit_depth, ros2msg::CameraInfo,
 };
-use crate::{
-    capture::{
-        CaptureConfig, CaptureError, Distortion, KnownFeatures, NoiseConfig, Observation, RgbdFrame,
-        UndistortMap,
-    },
-    geometry::{Intrinsics, Pose},
+use capture::{
+    CaptureConfig, CaptureError, Distortion, KnownFeatures, NoiseConfig, Observation, RgbdFrame, UndistortMap,
 };
+use geometry::{Intrinsics, Pose};
 
 /// A camera as its camera_info says.
 #[derive(Clone, Copy, PartialEq)]

@@ -26,22 +26,6 @@ impl LockedFile {
             Err(TryLockError::Error(source)) => Err(source),
         }
     }
-
-    /// Whether `path` still leads to this file.
-    #[cfg(unix)]
-    #[must_use]
-    pub fn is_at(&self, path: &Path) -> bool {
-        use std::{fs, os::unix::fs::MetadataExt as _};
-        let same = |a: fs::Metadata, b: fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
-        self.0.metadata().is_ok_and(|a| fs::symlink_metadata(path).is_ok_and(|b| same(a, b)))
-    }
-
-    /// Whether `path` still leads to this file.
-    #[cfg(not(unix))]
-    #[must_use]
-    pub fn is_at(&self, path: &Path) -> bool {
-        path.exists()
-    }
 }
 
 impl Drop for LockedFile {
@@ -55,7 +39,7 @@ impl Drop for LockedFile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::temp::Temp;
+    use common::temp::Temp;
 
     #[test]
     fn a_dropped_lock_is_free_although_a_copy_of_its_file_is_open() {

@@ -12,7 +12,7 @@ use std::{
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use crate::files;
+use common::files;
 
 /// Name of the file.
 pub(super) const MANIFEST: &str = "manifest.json";
@@ -145,27 +145,6 @@ enum Held {
     Other,
 }
 
-/// Every file of a result folder, the manifest included: relative path with `/`, bytes, SHA-256; by path.
-///
-/// # Errors
-/// If the folder or a file cannot be read, or the folder holds what is no file.
-pub fn result_files(folder: &Path) -> io::Result<Vec<(String, u64, String)>> {
-    let mut files = Vec::new();
-    for (path, held) in listed(folder)? {
-        match held {
-            Held::File { bytes } => files.push((path.clone(), bytes, sha256(&folder.join(&path))?)),
-            Held::Folder => {}
-            Held::Other => return Err(io::Error::other(format!("{path} is no file"))),
-        }
-    }
-    let manifest = folder.join(MANIFEST);
-    if manifest.is_file() {
-        files.push((MANIFEST.to_owned(), fs::metadata(&manifest)?.len(), sha256(&manifest)?));
-    }
-    files.sort();
-    Ok(files)
-}
-
 /// Everything below a folder but its manifest.
 fn listed(folder: &Path) -> io::Result<BTreeMap<String, Held>> {
     let mut found = BTreeMap::new();
@@ -221,7 +200,7 @@ pub fn hex(bytes: &[u8]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::temp::Temp;
+    use common::temp::Temp;
 
     /// A folder as a command leaves it.
     fn written(name: &str) -> Temp {

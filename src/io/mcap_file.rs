@@ -14,17 +14,15 @@ use mcap::records::op;
 
 use super::{
     expansion::{Expansion, ExpansionError},
-    mcap_record::{ChannelRecord, ChunkRecord, MessageRecord, RecordError, SchemaRecord, summary_start},
+    mcap_record::{
+        ChannelRecord, ChunkRecord, MessageRecord, RecordError, SchemaRecord, TAIL, summary_start,
+    },
 };
 
-use crate::note::{Note, NoteCode};
+use common::note::{Note, NoteCode};
 
 /// Largest record and largest decompressed chunk, bytes.
 pub const RECORD_LIMIT: u64 = 256 << 20;
-/// Largest summary section that is looked at, bytes.
-const SUMMARY_LIMIT: u64 = 64 << 20;
-/// Length of the end of a file: footer record (9 + 20 bytes) and magic.
-const TAIL: i64 = 9 + 20 + 8;
 /// Most damaged chunks whose reason is kept.
 const REASONS: usize = 20;
 
@@ -242,17 +240,10 @@ pub fn summary_channels(source: &mut (impl Read + Seek)) -> std::io::Result<Chan
 }
 
 fn summary(source: &mut (impl Read + Seek)) -> Option<Channels> {
-    let tail_at = source.seek(SeekFrom::End(-TAIL)).ok()?;
+    let tail_at = source.seek(SeekFrom::End(-(TAIL as i64))).ok()?;
     let mut tail = [0; TAIL as usize];
     source.read_exact(&mut tail).ok()?;
-    if tail[0] != op::FOOTER || tail[29..] != *mcap::MAGIC {
-        return None;
-    }
-    let start = summary_start(&tail[9..29]).ok()?;
-    // 0 says that the file has no summary.
-    if start == 0 || start >= tail_at || tail_at - start > SUMMARY_LIMIT {
-        return None;
-    }
+    let start = summary_start(&tail, tail_at + TAIL)?;
     source.seek(SeekFrom::Start(start)).ok()?;
     let mut section = source.by_ref().take(tail_at - start);
     let mut channels = Channels::default();
@@ -306,48 +297,6 @@ pub fn read_messages<R: Read, E>(
             return Ok(report.stopped_by(&McapDamage::CutFile));
         }
     }
-}
-
-/// Whether the records of a file, by their lengths, lead from its magic to the end of its data, and those of
-/// its chunks that are stored as they are to the ends of these.
-///
-/// # Errors
-/// Where it cannot be read.
-pub fn is_whole_mcap(source: impl Read) -> std::io::Result<bool> {
-    let mut source = std::io::BufReader::with_capacity(1 << 20, source);
-    let mut magic = [0; 8];
-    if read_up_to(&mut source, &mut magic)? != 8 || magic != *mcap::MAGIC {
-        return Ok(false);
-    }
-    loop {
-        let record = match next_record(&mut source) {
-            Ok(Some(record)) if !record.cut => record,
-            Err(McapDamage::Read(error)) => return Err(error),
-            _ => return Ok(false),
-        };
-        match record.opcode {
-            op::DATA_END | op::FOOTER => return Ok(true),
-            // 0 is no opcode.
-            0 => return Ok(false),
-            op::CHUNK if !has_whole_records(&record.body) => return Ok(false),
-            _ => {}
-        }
-    }
-}
-
-/// Whether the records of a chunk lead to its end; of a compressed one nothing is looked at.
-fn has_whole_records(chunk: &[u8]) -> bool {
-    let Ok(header) = ChunkRecord::read(chunk) else { return false };
-    let mut rest = header.data;
-    while header.compression.is_empty() && !rest.is_empty() {
-        let Some((front, behind)) = rest.split_first_chunk::<9>() else { return false };
-        let length = front[1..].iter().rev().fold(0u64, |n, b| n << 8 | u64::from(*b));
-        match usize::try_from(length).ok().and_then(|n| behind.get(n..)) {
-            Some(next) if matches!(front[0], op::SCHEMA | op::CHANNEL | op::MESSAGE) => rest = next,
-            _ => return false,
-        }
-    }
-    true
 }
 
 /// A record outside a chunk or in a decompressed one. The inner error is damage.

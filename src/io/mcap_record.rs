@@ -1,6 +1,12 @@
 //! The records of an MCAP file, read in place: no length in them leads beyond their bytes, and none is
 //! allocated for.
 
+use mcap::records::op;
+
+/// Length of the end of a file, bytes: footer record (9 + 20) and magic.
+pub const TAIL: u64 = 9 + 20 + 8;
+/// Largest summary section that is read, bytes: 500,000 chunks.
+const SUMMARY_LIMIT: u64 = 64 << 20;
 /// Longest name of a topic, type or compression, bytes; ROS takes 255.
 const MAX_NAME: usize = 4096;
 
@@ -172,8 +178,6 @@ impl<'a> ChunkRecord<'a> {
 /// What the summary says of a chunk.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChunkIndexRecord {
-    /// Recording times of its first and last message, nanoseconds.
-    pub times: [u64; 2],
     /// Where its record begins in the file.
     pub start: u64,
     /// Bytes of its record, opcode and length included.
@@ -182,8 +186,6 @@ pub struct ChunkIndexRecord {
     pub channels: Vec<u16>,
     /// Bytes of the message indexes behind it.
     pub index_bytes: u64,
-    /// Whether its records are stored as they are.
-    pub is_stored: bool,
 }
 
 impl ChunkIndexRecord {
@@ -193,45 +195,15 @@ impl ChunkIndexRecord {
     /// What is damaged.
     pub fn read(body: &[u8]) -> Result<Self, RecordError> {
         let mut fields = Fields(body);
-        let times = [fields.number(8)?, fields.number(8)?];
+        // Recording times of the first and last message.
+        fields.bytes(16)?;
         let (start, bytes) = (fields.number(8)?, fields.number(8)?);
         let (mut offsets, mut channels) = (Fields(fields.counted()?), Vec::new());
         while !offsets.0.is_empty() {
             channels.push(offsets.id()?);
             offsets.bytes(8)?;
         }
-        let index_bytes = fields.number(8)?;
-        Ok(Self { times, start, bytes, channels, index_bytes, is_stored: fields.text()?.is_empty() })
-    }
-}
-
-/// Where the messages of a channel begin in a chunk.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct MessageIndexRecord {
-    /// The channel.
-    pub channel_id: u16,
-    /// From the first record of the chunk on.
-    pub offsets: Vec<u64>,
-}
-
-impl MessageIndexRecord {
-    /// Reads the body of a message index record.
-    ///
-    /// # Errors
-    /// What is damaged.
-    pub fn read(body: &[u8]) -> Result<Self, RecordError> {
-        let mut fields = Fields(body);
-        let channel_id = fields.id()?;
-        let (mut entries, mut offsets) = (Fields(fields.counted()?), Vec::new());
-        if let [_, ..] = fields.0 {
-            return Err(RecordError::Field { count: 0, has: fields.0.len() });
-        }
-        while !entries.0.is_empty() {
-            // The time of the message comes first.
-            entries.bytes(8)?;
-            offsets.push(entries.number(8)?);
-        }
-        Ok(Self { channel_id, offsets })
+        Ok(Self { start, bytes, channels, index_bytes: fields.number(8)? })
     }
 }
 
@@ -263,12 +235,15 @@ impl StatisticsRecord {
     }
 }
 
-/// Where the summary of a file begins, by the body of its footer.
-///
-/// # Errors
-/// What is damaged.
-pub fn summary_start(footer: &[u8]) -> Result<u64, RecordError> {
-    Fields(footer).number(8)
+/// Where the summary begins, by the last bytes of a file of this size.
+pub fn summary_start(end: &[u8], size: u64) -> Option<u64> {
+    let tail = &end[end.len().checked_sub(TAIL as usize)?..];
+    if tail[0] != op::FOOTER || tail[1..9] != 20u64.to_le_bytes() || tail[29..] != *mcap::MAGIC {
+        return None;
+    }
+    let start = Fields(&tail[9..29]).number(8).ok()?;
+    // 0 says that there is none.
+    (start > 8 && start < size - TAIL && size - TAIL - start <= SUMMARY_LIMIT).then_some(start)
 }
 
 /// Checksum of a summary and of the footer before it, by the body of the footer; 0 = none.
@@ -326,6 +301,6 @@ mod tests {
         assert!(ChunkRecord::read(&[&[0; 28][..], &huge].concat()).is_err());
         let bytes = SchemaRecord::read(&[&[7, 0][..], &2u32.to_le_bytes(), &[0xff, 0xfe]].concat());
         assert!(matches!(bytes, Err(RecordError::NotText(_))));
-        assert!(summary_start(&[0; 7]).is_err());
+        assert!(summary_start(&[0; 7], 7).is_none());
     }
 }

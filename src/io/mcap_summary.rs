@@ -5,18 +5,14 @@ use std::{collections::BTreeMap, io};
 use mcap::records::op;
 
 use super::{
+    file_ranges::FileRanges,
     mcap_file::RECORD_LIMIT,
     mcap_record::{
-        ChannelRecord, ChunkIndexRecord, RecordError, SchemaRecord, StatisticsRecord, summary_crc,
+        ChannelRecord, ChunkIndexRecord, RecordError, SchemaRecord, StatisticsRecord, TAIL, summary_crc,
         summary_start,
     },
-    ranges::Ranges,
 };
 
-/// Largest summary section that is read, bytes: 500,000 chunks.
-const SUMMARY_LIMIT: u64 = 64 << 20;
-/// Footer record (9 + 20 bytes) and magic.
-const TAIL: u64 = 9 + 20 + 8;
 /// What is read from the end at first, bytes: the summary of most recordings in one request.
 const FIRST_LOOK: u64 = 64 << 10;
 
@@ -52,14 +48,14 @@ impl McapSummary {
     ///
     /// # Errors
     /// Where the file cannot be read.
-    pub fn read(source: &dyn Ranges) -> io::Result<Option<Self>> {
+    pub fn read(source: &FileRanges) -> io::Result<Option<Self>> {
         let size = source.size();
         if size < TAIL + 8 {
             return Ok(None);
         }
         let look = FIRST_LOOK.min(size);
         let mut end = source.range(size - look, look)?;
-        let Some(start) = place(&end, size) else { return Ok(None) };
+        let Some(start) = summary_start(&end, size) else { return Ok(None) };
         if start < size - look {
             let mut front = source.range(start, size - look - start)?;
             front.append(&mut end);
@@ -140,17 +136,6 @@ impl McapSummary {
         }
         true
     }
-}
-
-/// Where the summary begins, by the last bytes of a file of this size.
-fn place(end: &[u8], size: u64) -> Option<u64> {
-    let tail = &end[end.len().checked_sub(TAIL as usize)?..];
-    if tail[0] != op::FOOTER || tail[1..9] != 20u64.to_le_bytes() || tail[29..] != *mcap::MAGIC {
-        return None;
-    }
-    let start = summary_start(&tail[9..29]).ok()?;
-    // 0 says that there is none.
-    (start > 8 && start < size - TAIL && size - TAIL - start <= SUMMARY_LIMIT).then_some(start)
 }
 
 /// Opcode and body of the record at the front, and what lies behind it.

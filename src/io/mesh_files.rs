@@ -6,11 +6,9 @@ use super::{
     obj::{ObjError, parse_obj},
     ply::{PlyError, parse_ply},
 };
-use crate::{
-    files,
-    limits::{FileLimit, MESH},
-    surface::TriangleMesh,
-};
+use common::files;
+use common::limits::{FileLimit, MESH};
+use surface::TriangleMesh;
 
 /// Why a mesh could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -108,10 +106,8 @@ fn check(mesh: &TriangleMesh) -> Result<(), MeshFault> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        export::{LookConfig, look, textured_obj},
-        model::example::box_mesh,
-    };
+    use export::{LookConfig, look, textured_obj};
+    use model::example::box_mesh;
 
     #[test]
     fn what_is_written_reads_back() {
@@ -153,7 +149,7 @@ mod tests {
 
     #[test]
     fn the_truth_of_a_recording_is_read() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags/drawer/truth/state0");
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/drawer/truth/state0");
         let part = read_mesh(&folder.join("part_0.ply")).unwrap();
         assert_eq!((part.vertices.len(), part.triangles.len()), (48, 72));
         assert!(read_mesh(&folder.join("seen.npy")).unwrap_err().to_string().contains("'.npy' are not read"));

@@ -5,11 +5,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::{
-    export::{Folder, named_files},
-    files,
-    limits::{MODEL_FOLDER, URDF},
-};
+use common::files;
+use common::limits::{MODEL_FOLDER, URDF};
+use export::{Folder, named_files};
 
 /// Most files.
 const MAX_FILES: usize = 20_000;
@@ -117,7 +115,7 @@ pub fn read_model_folder(folder: &Path) -> Result<Folder, ModelFolderError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::temp::Temp;
+    use common::temp::Temp;
 
     #[test]
     fn a_urdf_is_read_with_what_it_names_and_nothing_else() {

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use crate::{files, limits::NPY};
+use common::files;
+use common::limits::NPY;
 
 /// A two-dimensional array, row-major.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,8 +95,11 @@ pub fn read_npy(path: &Path) -> Result<NpyArray, NpyError> {
     parse_npy(&files::read(path, NPY).map_err(disk)?).map_err(format)
 }
 
-/// Reads an array from the bytes of a `.npy` file.
-fn parse_npy(bytes: &[u8]) -> Result<NpyArray, NpyFault> {
+/// Type, header and values of a `.npy` file. The header is a Python dictionary in text.
+///
+/// # Errors
+/// Where it is no such file.
+pub fn npy_parts(bytes: &[u8]) -> Result<(&str, &str, &[u8]), NpyFault> {
     if bytes.len() < 12 || &bytes[..6] != b"\x93NUMPY" {
         return Err(NpyFault::NoNpy);
     }
@@ -108,14 +112,19 @@ fn parse_npy(bytes: &[u8]) -> Result<NpyArray, NpyFault> {
     let end = start.checked_add(length).filter(|&e| e <= bytes.len()).ok_or(NpyFault::Cut)?;
     let header = std::str::from_utf8(&bytes[start..end])?;
     let descr = field(header, "descr").ok_or(NpyFault::NoType)?;
-    let descr = descr.trim_matches(|c| c == '\'' || c == '"');
+    Ok((descr.trim_matches(|c| c == '\'' || c == '"'), header, &bytes[end..]))
+}
+
+/// Reads an array from the bytes of a `.npy` file.
+fn parse_npy(bytes: &[u8]) -> Result<NpyArray, NpyFault> {
+    let (descr, header, data) = npy_parts(bytes)?;
     if field(header, "fortran_order") != Some("False") {
         return Err(NpyFault::Order);
     }
     let (rows, columns) = shape(header)?;
     // The shape is a claim of the header: nothing is allocated before the bytes are found to be there.
     let count = rows.checked_mul(columns).ok_or(NpyFault::Large)?;
-    let values = decode(descr, &bytes[end..], count)?;
+    let values = decode(descr, data, count)?;
     Ok(NpyArray { rows, columns, values })
 }
 
@@ -201,7 +210,7 @@ mod tests {
 
     #[test]
     fn reads_the_seen_points_of_a_recording() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags/drawer/truth/state0/seen.npy");
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/drawer/truth/state0/seen.npy");
         let seen = read_npy(&path).unwrap();
         assert_eq!((seen.rows, seen.columns), (13593, 4));
         assert!((0..seen.rows).all(|i| [0.0, 1.0].contains(&seen.row(i)[3])));

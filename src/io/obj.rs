@@ -1,7 +1,7 @@
 //! OBJ meshes: vertices, their colors, faces.
 
 use super::mesh_faces::{FaceError, MAX_ELEMENTS, fan};
-use crate::surface::TriangleMesh;
+use surface::TriangleMesh;
 
 /// Why an OBJ text is no mesh.
 #[derive(Debug, thiserror::Error)]

@@ -81,7 +81,7 @@ mod absent {
     use std::path::Path;
 
     use super::OnnxError;
-    use crate::capture::{Correspondence, RgbdFrame};
+    use capture::{Correspondence, RgbdFrame};
 
     /// A matcher that this build does not have.
     #[derive(Debug)]

@@ -10,10 +10,8 @@ use std::{
 use tract_onnx::{prelude::*, tract_hir::infer::Factoid as _};
 
 use super::onnx::{MAX_MODEL_BYTES, MAX_PAIR_MATCHES, OnnxError};
-use crate::{
-    articulate::{ImageFormat, ModelImage},
-    capture::{Correspondence, RgbdFrame},
-};
+use articulate::{ImageFormat, ModelImage};
+use capture::{Correspondence, RgbdFrame};
 
 const INPUTS: [&str; 2] = ["image0", "image1"];
 const POINTS: [&str; 2] = ["keypoints0", "keypoints1"];
@@ -163,7 +161,7 @@ impl OnnxMatcher {
 /// The file, if it is not too large.
 fn read(path: &Path) -> Result<Vec<u8>, OnnxError> {
     let fails = |source| OnnxError::Read { path: path.to_owned(), source };
-    let file = crate::files::open(path).map_err(fails)?;
+    let file = common::files::open(path).map_err(fails)?;
     let stated_bytes = file.metadata().map_err(fails)?.len();
     let mut bytes = Vec::new();
     // A file that is too large is not read at all; one that grows meanwhile is cut a byte beyond the limit.

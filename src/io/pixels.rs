@@ -11,10 +11,8 @@ use super::{
     ros2msg::{CompressedImage, Image, decode},
     views::{Camera, View, Views, check_size},
 };
-use crate::{
-    capture::{CaptureConfig, CaptureError, RgbdFrame, UndistortMap},
-    geometry::Intrinsics,
-};
+use capture::{CaptureConfig, CaptureError, RgbdFrame, UndistortMap};
+use geometry::Intrinsics;
 
 /// One message that is needed: its topic's place in [`Wanted::topics`] and its number in the topic.
 type Key = (usize, usize);
@@ -213,10 +211,7 @@ impl Decoder<'_> {
     ) -> Result<Raster<T>, FrameError> {
         let topic = self.payloads.topics[key.0].as_deref().unwrap_or_default();
         let broken = |why: String| {
-            FrameError::Frame(format!(
-                "{topic} at {:.6} s: {why}",
-                crate::capture::stamp_secs(view.stamp_nanos)
-            ))
+            FrameError::Frame(format!("{topic} at {:.6} s: {why}", capture::stamp_secs(view.stamp_nanos)))
         };
         let (data, is_compressed) = match self.payloads.found.get(&key) {
             Some(Some(Ok(payload))) => payload,

@@ -14,7 +14,7 @@ use super::{
     manifest::{MANIFEST, Manifest, ResultKind},
     sibling::free_sibling,
 };
-use crate::model::is_plain_name;
+use model::is_plain_name;
 
 /// Names and changes that a refusal lists, at most.
 const LISTED: usize = 4;

@@ -57,7 +57,7 @@ mod tests {
 
     #[test]
     fn links_pipes_and_folders_are_not_opened_and_nothing_is_emptied() {
-        let folder = crate::temp::Temp::new("plain");
+        let folder = common::temp::Temp::new("plain");
         let root = folder.0.clone();
         fs::create_dir_all(root.join("folder")).unwrap();
         let [victim, link, pipe] = ["victim", "link", "pipe"].map(|n| root.join(n));

@@ -1,7 +1,7 @@
 //! PLY meshes, ASCII or binary little-endian.
 
 use super::mesh_faces::{FaceError, MAX_ELEMENTS, fan};
-use crate::surface::TriangleMesh;
+use surface::TriangleMesh;
 
 /// Most corners of a face and most entries of any other list.
 const MAX_LIST: usize = 1024;

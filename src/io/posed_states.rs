@@ -10,10 +10,8 @@ use super::{
     tracking::{track, worlds},
     views::Views,
 };
-use crate::{
-    capture::{Capture, CaptureConfig, CaptureError, TrackCamera, stretched},
-    geometry::Pose,
-};
+use capture::{Capture, CaptureConfig, CaptureError, TrackCamera, stretched};
+use geometry::Pose;
 
 /// The bags of all states, a bag a state, with their views; the camera is tracked where none has poses.
 pub(super) fn posed_states(

@@ -1,7 +1,7 @@
 //! Where the camera's poses come from.
 
 use super::{bag_index::BagIndex, topics::TopicChoice};
-use crate::capture::{CaptureConfig, CaptureError, TfBuffer, TrackCamera, stamp_secs};
+use capture::{CaptureConfig, CaptureError, TfBuffer, TrackCamera, stamp_secs};
 
 /// Where the camera's poses come from.
 pub struct PoseSource {

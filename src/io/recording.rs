@@ -20,16 +20,14 @@ use super::{
     tracking::{track, worlds},
     views::{View, Views, views_kept},
 };
-use crate::{
-    capture::{
-        Capture, CaptureConfig, CaptureError, KnownFeatures, PoseAgreement, PoseCorrection, PoseFindings,
-        RefinePoses, RgbdFrame, Split, TrackCamera, cameras, denoise, fill_from_color, isolate, refine_poses,
-        spread_views,
-    },
-    geometry::Pose,
-    note::{Note, NoteCode},
-    random::stage_rng,
+use capture::{
+    Capture, CaptureConfig, CaptureError, KnownFeatures, PoseAgreement, PoseCorrection, PoseFindings,
+    RefinePoses, RgbdFrame, Split, TrackCamera, cameras, denoise, fill_from_color, isolate, refine_poses,
+    spread_views,
 };
+use common::note::{Note, NoteCode};
+use geometry::Pose;
+use numeric::random::stage_rng;
 
 /// Opens paths: a bag a state, a folder with `state0`, `state1`, ..., one bag with both states, or a dataset
 /// folder. Every frame of the result has a mask, and each state has at least one frame with depth on the

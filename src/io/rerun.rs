@@ -23,13 +23,11 @@ use super::{
     image_files::{depth_png, jpeg},
     write_new,
 };
-use crate::{
-    capture::{Capture, RgbdFrame},
-    geometry::Pose,
-    model::ArticulatedModel,
-    note::Note,
-    surface::TriangleMesh,
-};
+use capture::{Capture, RgbdFrame};
+use common::note::Note;
+use geometry::Pose;
+use model::ArticulatedModel;
+use surface::TriangleMesh;
 
 /// Timeline of the views, in the order in which they were recorded.
 const VIEW: &str = "view";
@@ -39,9 +37,9 @@ const MOTION: &str = "motion";
 const STEPS: usize = 60;
 /// Quality of the color images: a choice, a tenth of the size of PNG.
 const JPEG_QUALITY: u8 = 85;
-/// Depth of the images, units a meter.
+/// Depth of the images, units a meter. derived: millimeters
 const DEPTH_UNITS: f32 = 1000.0;
-/// Length and thickness of a joint's arrow, parts of the size of its child: choices.
+/// Length and thickness of a joint's arrow, parts of the size of its child. chosen: for the eye
 const ARROW: f64 = 0.6;
 const ARROW_RADIUS: f64 = 0.01;
 
@@ -210,7 +208,7 @@ fn transform(pose: &Pose) -> Transform3D {
 
 /// Joints, units of their curves, warnings.
 fn text(seen: &Seen) -> String {
-    let joint = |j: &crate::model::Joint| {
+    let joint = |j: &model::Joint| {
         let (unit, scale) = if j.kind.turns() { ("deg", 1f64.to_degrees()) } else { ("mm", 1e3) };
         let [lower, upper] = [j.limit.lower, j.limit.upper].map(|x| x * scale);
         format!("- `{}`: {}, {lower:.1} to {upper:.1} {unit}\n", j.name, j.kind.name())

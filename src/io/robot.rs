@@ -4,10 +4,8 @@ use nalgebra::{Matrix3, Translation3, UnitQuaternion, Vector3};
 use roxmltree::Node;
 
 use super::urdf_fault::UrdfFault;
-use crate::{
-    geometry::Pose,
-    limits::{LINKS, parse_xml},
-};
+use common::limits::{LINKS, parse_xml};
+use geometry::Pose;
 
 /// Links and joints in the order of the text.
 pub(super) struct Robot {

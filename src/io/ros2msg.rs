@@ -1,7 +1,7 @@
 //! The ROS 2 messages that recordings hold, as serde structs in CDR field order, and their decoding.
 //!
 //! A payload is a 4-byte encapsulation header followed by plain CDR (XCDR1), in either byte order. Whatever
-//! comes out of the decoder is still untrusted: see [`crate::io::image_codec`] and [`crate::capture`] for the
+//! comes out of the decoder is still untrusted: see [`crate::image_codec`] and [`capture`] for the
 //! checks of meaning.
 
 pub mod definitions;
@@ -262,7 +262,7 @@ impl Transform {
     /// `parent_from_child`; `None` where a number is not finite, a coordinate exceeds 1e6 m or the
     /// quaternion's length is off unity by more than 1 %.
     #[must_use]
-    pub fn checked(&self) -> Option<crate::geometry::Pose> {
+    pub fn checked(&self) -> Option<geometry::Pose> {
         let (t, q) = (self.translation, self.rotation);
         // False for NaN, too.
         if ![t.x, t.y, t.z].iter().all(|v| v.abs() <= 1e6) {
@@ -274,7 +274,7 @@ impl Transform {
         if unit.is_nan() || unit > 0.01 {
             return None;
         }
-        Some(crate::geometry::Pose::from_parts(
+        Some(geometry::Pose::from_parts(
             nalgebra::Translation3::new(t.x, t.y, t.z),
             nalgebra::UnitQuaternion::from_quaternion(q),
         ))
@@ -282,7 +282,7 @@ impl Transform {
 
     /// The message of a pose.
     #[must_use]
-    pub fn from_pose(pose: &crate::geometry::Pose) -> Self {
+    pub fn from_pose(pose: &geometry::Pose) -> Self {
         let (t, q) = (pose.translation.vector, pose.rotation);
         Self {
             translation: Vector3 { x: t.x, y: t.y, z: t.z },
@@ -410,7 +410,7 @@ mod tests {
 
     #[test]
     fn a_transform_must_be_one() {
-        let pose = crate::geometry::Pose::translation(1.0, -2.0, 3.0);
+        let pose = geometry::Pose::translation(1.0, -2.0, 3.0);
         let good = Transform::from_pose(&pose);
         assert_eq!(good.checked().unwrap(), pose);
         let mut bad = good;

@@ -13,7 +13,7 @@ use super::{
     sibling::{first_free, free_sibling},
 };
 
-use crate::note::{Note, NoteCode};
+use common::note::{Note, NoteCode};
 
 /// Longest relative path, bytes.
 const MAX_PATH: usize = 240;
@@ -214,7 +214,7 @@ fn disk(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> RunDirErro
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::temp::Temp;
+    use common::temp::Temp;
 
     const KIND: ResultKind = ResultKind::Reconstruct;
 

@@ -10,14 +10,11 @@ use nalgebra::{Unit, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use super::robot::{Robot, RobotJoint};
-use crate::{
-    export::{SINGLE_JOINT, require_numbers},
-    files,
-    geometry::Pose,
-    limits::{FileLimit, REPORT, URDF},
-    model::{JointKind, escape_xml},
-    note::Note,
-};
+use common::files;
+use common::limits::{FileLimit, REPORT, URDF};
+use export::{SINGLE_JOINT, require_numbers};
+use geometry::Pose;
+use model::{JointKind, escape_xml};
 
 /// Why a run folder could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -159,18 +156,6 @@ pub fn read_result_fingerprint(folder: &Path) -> Option<String> {
     Some(made.fingerprint)
 }
 
-/// The warnings that the report in a result folder holds; none where it cannot be read.
-#[must_use]
-pub fn read_warnings(folder: &Path) -> Vec<Note> {
-    #[derive(Default, Deserialize)]
-    #[serde(default)]
-    struct Warned {
-        warnings: Vec<Note>,
-    }
-    let report = files::read_text(&folder.join("report.json"), REPORT).unwrap_or_default();
-    serde_json::from_str::<Warned>(&report).unwrap_or_default().warnings
-}
-
 #[derive(Deserialize)]
 struct ReportFile {
     name: String,
@@ -277,12 +262,10 @@ fn sorted(mut joints: Vec<SummaryJoint>, root: &str) -> Option<Vec<SummaryJoint>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        export::{ExportConfig, Report, RunFacts, urdf_package},
-        io::{Place, ResultKind, RunDir, read_urdf},
-        model::example::cabinet,
-        temp::Temp,
-    };
+    use crate::{Place, ResultKind, RunDir, read_urdf};
+    use common::temp::Temp;
+    use export::{ExportConfig, Report, RunFacts, urdf_package};
+    use model::example::cabinet;
 
     #[test]
     fn a_screw_that_is_a_pair_in_the_urdf_is_one_joint_here() {

@@ -3,11 +3,9 @@
 use std::{collections::BTreeMap, path::Path};
 
 use super::{UrdfError, read_urdf, urdf::read_urdf_text, urdf_fault::UrdfFault};
-use crate::{
-    export::require_sound,
-    gap::camera::model::{tree::JointFacts, twin::SeenTwin},
-    limits::{XmlError, parse_xml},
-};
+use common::limits::{XmlError, parse_xml};
+use export::require_sound;
+use gap::camera::model::{tree::JointFacts, twin::SeenTwin};
 
 /// Reads a twin with its visual meshes, and gives its text too.
 ///

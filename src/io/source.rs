@@ -6,7 +6,7 @@ use std::{
 };
 
 use super::{bag::Bag, dataset::STATES};
-use crate::capture::{CaptureError, MAX_STATES};
+use capture::{CaptureError, MAX_STATES};
 
 /// What is to be opened.
 #[derive(Clone, Debug, PartialEq)]
@@ -196,7 +196,7 @@ mod tests {
 
     #[test]
     fn all_states_of_a_folder_are_found_and_a_gap_is_refused() {
-        let folder = crate::temp::Temp::new("states");
+        let folder = common::temp::Temp::new("states");
         let root = folder.0.clone();
         let add = |s: usize| std::fs::write(root.join(format!("state{s}.mcap")), b"\x89MCAP0\r\n").unwrap();
         let of = || Source::of(std::slice::from_ref(&root));

@@ -14,10 +14,8 @@ use super::{
     },
     synth_error::SynthError,
 };
-use crate::{
-    geometry::{Intrinsics, Pose},
-    synth::{ImuReading, SynthFrame, SynthState, optical_from_imu},
-};
+use geometry::{Intrinsics, Pose};
+use synth::{ImuReading, SynthFrame, SynthState, optical_from_imu};
 
 const COLOR: &str = "/camera/camera/color/image_raw/compressed";
 const COLOR_INFO: &str = "/camera/camera/color/camera_info";

@@ -15,11 +15,9 @@ use super::{
     synth_folder::{least_bytes, ply},
     synth_matrix::rows,
 };
-use crate::{
-    geometry::{Intrinsics, Pose},
-    surface::{TriangleMesh, merge},
-    synth::{Object, PartJointKind, SynthConfig, SynthFrame, SynthState, generate, record},
-};
+use geometry::{Intrinsics, Pose};
+use surface::{TriangleMesh, merge};
+use synth::{Object, PartJointKind, SynthConfig, SynthFrame, SynthState, generate, record};
 
 /// A published layout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! Why an object could not be made or written.
 
 use super::{RunDirError, bag_writer::BagWriteError, ros2msg::DecodeError};
-use crate::synth::{NoPositions, NoShape, SynthConfigError};
+use synth::{NoPositions, NoShape, SynthConfigError};
 
 /// Why an object could not be made or written.
 #[derive(Debug, thiserror::Error)]

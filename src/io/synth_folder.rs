@@ -9,13 +9,11 @@ use super::{
     Committed, Place, ResultKind, RunDir, RunDirError, synth_bag::synth_bag, synth_error::SynthError,
     synth_matrix::rows, synth_sensor::SensorEntry, synth_twin::put_twin,
 };
-use crate::{
-    geometry::Pose,
-    surface::{TriangleMesh, merge},
-    synth::{
-        Board, HandleKind, Object, PartJointKind, SeenSample, SynthConfig, SynthState, film, further_states,
-        generate, imu_bias, record, workspace,
-    },
+use geometry::Pose;
+use surface::{TriangleMesh, merge};
+use synth::{
+    Board, HandleKind, Object, PartJointKind, SeenSample, SynthConfig, SynthState, film, further_states,
+    generate, imu_bias, record, workspace,
 };
 
 /// Bytes of recording for every pixel of every view, at least. Measured: 1.4 to 1.6 without noise and texture

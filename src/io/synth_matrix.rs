@@ -1,6 +1,6 @@
 //! Motions as `truth.json` holds them.
 
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// The homogeneous matrix of a motion, by rows.
 pub(super) fn rows(pose: &Pose) -> [[f64; 4]; 4] {

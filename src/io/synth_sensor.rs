@@ -3,10 +3,8 @@
 use serde::Serialize;
 
 use super::synth_matrix::rows;
-use crate::{
-    geometry::Pose,
-    synth::{Effect, HandheldCamera, SynthConfig, SynthState, handheld_camera},
-};
+use geometry::Pose;
+use synth::{Effect, HandheldCamera, SynthConfig, SynthState, handheld_camera};
 
 /// Nodes of the warp along the image's width.
 const WARP_NODES: usize = 32;

@@ -3,11 +3,9 @@
 use std::fmt::Write as _;
 
 use super::{RunDir, RunDirError};
-use crate::{
-    geometry::Pose,
-    model::escape_xml,
-    synth::{Object, PartJointKind},
-};
+use geometry::Pose;
+use model::escape_xml;
+use synth::{Object, PartJointKind};
 
 /// Writes `truth/twin.urdf` and `truth/meshes/part_K.obj`. Joints are at 0 in the object's rest frame; URDF
 /// has no screw joint, one is a revolute joint with its pitch in an element `artitwin:thread`.
@@ -51,7 +49,7 @@ pub(super) fn put_twin(folder: &RunDir, object: &Object) -> Result<(), RunDirErr
             Pose::from_parts((-j.origin.coords).into(), Default::default())
         });
         let origin = parent_from_rest * Pose::translation(joint.origin.x, joint.origin.y, joint.origin.z);
-        let (t, [r, p, y]) = (origin.translation.vector, crate::export::roll_pitch_yaw(&origin.rotation));
+        let (t, [r, p, y]) = (origin.translation.vector, export::roll_pitch_yaw(&origin.rotation));
         let (kind, thread) = match joint.kind {
             PartJointKind::Revolute => ("revolute", String::new()),
             PartJointKind::Prismatic => ("prismatic", String::new()),

@@ -3,10 +3,8 @@
 
 use std::path::Path;
 
-use crate::{
-    capture::{CaptureError, TopicConfig},
-    limits::NAMED,
-};
+use capture::{CaptureError, TopicConfig};
+use common::limits::NAMED;
 
 /// What is known about a topic.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -164,15 +162,6 @@ pub fn choose(
     let pose = chooser.asked("pose", wanted.pose.as_ref(), &POSE_TYPES)?;
     let marker = chooser.asked("marker", wanted.marker.as_ref(), &[])?;
     Ok(TopicChoice { color, depth, color_info, depth_info, mask, pose, marker })
-}
-
-/// Image topics that other counts of messages would put in the place of a chosen one: of the same role, with
-/// a name that fits as well.
-pub fn rivals<'a>(topics: &'a [TopicSummary], chosen: &str) -> Vec<&'a str> {
-    let Some(best) = topics.iter().find(|t| t.name == chosen) else { return Vec::new() };
-    let Some(role) = best.image_role() else { return Vec::new() };
-    let equal = |t: &&TopicSummary| t.image_role() == Some(role) && t.rank(role) == best.rank(role);
-    topics.iter().filter(equal).map(|t| t.name.as_str()).collect()
 }
 
 struct Chooser<'a> {

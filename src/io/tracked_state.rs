@@ -1,10 +1,8 @@
 //! A state whose camera was tracked, and where its map lies in the world.
 
-use crate::{
-    capture::{BoardInWorld, BoardSighting, CaptureError, Track, Unaligned},
-    geometry::Pose,
-    note::Note,
-};
+use capture::{BoardInWorld, BoardSighting, CaptureError, Track, Unaligned};
+use common::note::Note;
+use geometry::Pose;
 
 /// The camera's way through a state.
 pub(super) struct TrackedState {

@@ -12,15 +12,13 @@ use super::{
     upright::upright_of,
     views::{View, Views},
 };
-use crate::{
-    capture::{
-        CaptureConfig, CaptureError, Lost, NoiseConfig, Observation, RgbdFrame, Tracker, Unaligned, UseBoard,
-        align_tracks, find_board,
-    },
-    geometry::Pose,
-    limits::{BYTES_PER_PIXEL, NAMED},
-    note::{Note, NoteCode},
+use capture::{
+    CaptureConfig, CaptureError, Lost, NoiseConfig, Observation, RgbdFrame, Tracker, Unaligned, UseBoard,
+    align_tracks, find_board,
 };
+use common::limits::{BYTES_PER_PIXEL, NAMED};
+use common::note::{Note, NoteCode};
+use geometry::Pose;
 
 /// Memory of the views that are decoded at a time, bytes.
 /// derived: 64 views of 640x480; the bag is read once for each such block
@@ -66,7 +64,7 @@ pub(super) fn track(
     let notes = vec![Note::new(NoteCode::CameraTracked, format!("state {state}: {}", track.findings))];
     let stretch = |[first, last]: &[usize; 2]| {
         let why = Lost::mostly(&reasons[*first..=*last]);
-        let stamp = |v: usize| crate::capture::stamp_secs(views.views[seen[v]].stamp_nanos);
+        let stamp = |v: usize| capture::stamp_secs(views.views[seen[v]].stamp_nanos);
         let text = format!(
             "state {state}: the camera was lost from {:.3} to {:.3} s ({} views), which are not used: {why}",
             stamp(*first),

@@ -14,11 +14,9 @@ use super::{
     urdf::read_urdf_text,
     urdf_fault::UrdfFault,
 };
-use crate::{
-    export::require_sound,
-    gap::twin_tree::{Motion, TwinJoint, TwinLink, TwinTree},
-    limits::CHAIN_WORK,
-};
+use common::limits::CHAIN_WORK;
+use export::require_sound;
+use gap::twin_tree::{Motion, TwinJoint, TwinLink, TwinTree};
 
 /// The URDF that a path leads to: of a folder the only one beside those for ROS (`*.ros.urdf`).
 ///
@@ -188,7 +186,7 @@ mod tests {
 
     #[test]
     fn a_folder_leads_to_its_only_urdf() {
-        let temp = crate::temp::Temp::new("twin-path");
+        let temp = common::temp::Temp::new("twin-path");
         let none = twin_path(&temp.0).unwrap_err().to_string();
         assert!(none.contains("holds 0 .urdf files"), "{none}");
         for name in ["box.urdf", "box.ros.urdf", ".box.urdf", "box.xml"] {

@@ -1,9 +1,7 @@
 //! What is said of the direction upwards of a tracked recording.
 
-use crate::{
-    capture::{Track, UpBy, Upright},
-    note::{Note, NoteCode},
-};
+use capture::{Track, UpBy, Upright};
+use common::note::{Note, NoteCode};
 
 /// The world of a tracked state, with what is to be said of its direction upwards: notes, then warnings.
 pub(super) fn upright_of(track: &Track, notes: &mut Vec<Note>, warnings: &mut Vec<Note>) -> Upright {

@@ -14,13 +14,11 @@ use super::{
     robot::{Robot, RobotJoint, RobotLink, RobotMesh},
     urdf_fault::UrdfFault,
 };
-use crate::{
-    export::require_numbers,
-    files,
-    limits::{MESH, URDF, with_declaration},
-    model::{JointType, Mimic, Tree, TreeError, TreeJoint, TreeLink},
-    surface::{TriangleMesh, merge},
-};
+use common::files;
+use common::limits::{MESH, URDF, with_declaration};
+use export::require_numbers;
+use model::{JointType, Mimic, Tree, TreeError, TreeJoint, TreeLink};
+use surface::{TriangleMesh, merge};
 
 /// Why a URDF could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -185,12 +183,10 @@ mod tests {
     use std::fs;
 
     use super::*;
-    use crate::{
-        export::{ExportConfig, urdf_package},
-        io::{Place, ResultKind, RunDir},
-        model::example::cabinet,
-        temp::Temp,
-    };
+    use crate::{Place, ResultKind, RunDir};
+    use common::temp::Temp;
+    use export::{ExportConfig, urdf_package};
+    use model::example::cabinet;
 
     #[test]
     fn a_written_model_reads_back_in_every_pose() {

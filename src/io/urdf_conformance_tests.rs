@@ -5,10 +5,8 @@
 use std::{collections::BTreeSet, fs, path::PathBuf};
 
 use super::{conformance_tests::files, read_model, read_model_folder, read_seen_twin, read_twin, twin_path};
-use crate::{
-    export::{CheckFinding, Level, check_folder},
-    temp::Temp,
-};
+use common::temp::Temp;
+use export::{CheckFinding, Level, check_folder};
 
 /// What a file is to be refused or warned of for: rule and words.
 const FAULTS: [(&str, &str, &str); 32] = [

@@ -1,9 +1,7 @@
 //! What is wrong with the text of a URDF.
 
-use crate::{
-    export::UnsoundUrdf,
-    limits::{CHAIN_WORK, LINKS, XmlError},
-};
+use common::limits::{CHAIN_WORK, LINKS, XmlError};
+use export::UnsoundUrdf;
 
 /// What is wrong with the text of a URDF.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

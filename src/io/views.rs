@@ -9,17 +9,15 @@ use super::{
     poses::PoseSource,
     topics::{TopicChoice, choose},
 };
-use crate::{
-    capture::{Accelerometer, CaptureConfig, CaptureError, Distortion, nearest, pair, stamp_secs},
-    geometry::{Intrinsics, Pose},
-    note::{Note, NoteCode},
-};
+use capture::{Accelerometer, CaptureConfig, CaptureError, Distortion, nearest, pair, stamp_secs};
+use common::note::{Note, NoteCode};
+use geometry::{Intrinsics, Pose};
 
-/// Focal lengths of aligned images may differ by this share.
+/// Focal lengths of aligned images may differ by this share. chosen: drivers round them
 const FOCAL_TOLERANCE: f64 = 0.005;
-/// Principal points of aligned images may differ by this much, pixels.
+/// Principal points of aligned images may differ by this much, pixels. chosen: drivers round them
 const CENTER_TOLERANCE_PX: f64 = 1.0;
-/// Frames of aligned images may be this far apart, meters and radians.
+/// Frames of aligned images may be this far apart, meters and radians. chosen: drivers round them
 const FRAME_TOLERANCE: f64 = 1e-3;
 
 /// The lens and the pinhole that stands for it.

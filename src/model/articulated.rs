@@ -6,11 +6,9 @@ use nalgebra::{Matrix3, Point3, SMatrix, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{JointFamily, TypeScores};
-use crate::{
-    geometry::Pose,
-    note::Note,
-    surface::{ConvexSolid, TriangleMesh},
-};
+use common::note::Note;
+use geometry::Pose;
+use surface::{ConvexSolid, TriangleMesh};
 
 /// What a joint lets its child do.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,7 +31,7 @@ pub enum JointKind {
 }
 
 /// Advance of the finest thread that files hold, meters per radian: a choice, a tenth of that of a fine
-/// screw.
+/// screw. chosen: a tenth of that of a fine screw.
 const LEAST_THREAD_M_PER_RAD: f64 = 1e-5;
 
 impl JointKind {
@@ -353,7 +351,7 @@ impl ArticulatedModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::cabinet;
+    use crate::example::cabinet;
 
     #[test]
     fn a_screw_turns_and_advances() {

@@ -5,16 +5,16 @@ use nalgebra::{Matrix3, SMatrix, Unit, Vector3};
 
 use super::{ArticulatedModel, AxisAlone};
 
-/// Root mean square angle of a line to one drawn evenly from all directions, radians. Derived: sqrt(pi - 2),
+/// Root mean square angle of a line to one drawn evenly from all directions, radians. derived: sqrt(pi - 2),
 /// from the mean of the squared angle over a hemisphere.
 const GUESSED_DIRECTION_RAD: f64 = 1.068_453_1;
-/// Root mean square error of a guessed angle, radians. Derived: pi / sqrt 3, of a uniform distribution over a
+/// Root mean square error of a guessed angle, radians. derived: pi / sqrt 3, of a uniform distribution over a
 /// whole turn.
 const GUESSED_TURN_RAD: f64 = std::f64::consts::PI * INVERSE_SQRT_3;
-/// Root mean square error of a guessed slide, as a share of the object's longest side. Derived: 1 / sqrt 3,
+/// Root mean square error of a guessed slide, as a share of the object's longest side. derived: 1 / sqrt 3,
 /// of a uniform distribution over that side in both directions.
 const GUESSED_SLIDE_SHARE: f64 = INVERSE_SQRT_3;
-/// Root mean square error of a guessed line, as a share of the object's longest side. Derived: 1 / sqrt 6, of
+/// Root mean square error of a guessed line, as a share of the object's longest side. derived: 1 / sqrt 6, of
 /// a uniform distribution over a square of that side across the line.
 const GUESSED_LINE_SHARE: f64 = INVERSE_SQRT_3 * std::f64::consts::FRAC_1_SQRT_2;
 const INVERSE_SQRT_3: f64 = 0.577_350_269_189_625_8;

@@ -3,16 +3,19 @@
 use nalgebra::Vector3;
 
 use super::{ArticulatedModel, JointDynamics, JointKind};
-use crate::geometry::Pose;
+use geometry::Pose;
 
-/// Standard gravity along the world's z axis, m/s^2.
+/// Standard gravity along the world's z axis, m/s^2. derived: the standard value
 const GRAVITY_M_S2: f64 = 9.80665;
 /// Friction against the load that it must hold in the observed states.
+/// chosen: an assumption that the files state (docs/method.md 10)
 const HOLD: f64 = 1.25;
 /// Least friction as a share of the child's weight (times its lever for a joint that turns, with the advance
 /// per radian of a thread): a drawer on runners, a hinge.
+/// chosen: an assumption that the files state (docs/method.md 10)
 const LEAST_SHARE: f64 = 0.02;
 /// A moving part left alone slows down within this time, seconds.
+/// chosen: an assumption that the files state (docs/method.md 10)
 const SLOWING_S: f64 = 0.5;
 
 /// What gravity and inertia do at a joint: the most of the observed states, the world's z axis being up.
@@ -107,7 +110,7 @@ fn pull_of(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::cabinet;
+    use crate::example::cabinet;
 
     #[test]
     fn friction_holds_what_was_seen_at_rest() {

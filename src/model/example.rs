@@ -8,10 +8,8 @@ use super::{
     ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointFamily, JointKind, Limit,
     LimitSource, Link,
 };
-use crate::{
-    geometry::Pose,
-    surface::{ConvexSolid, TriangleMesh},
-};
+use geometry::Pose;
+use surface::{ConvexSolid, TriangleMesh};
 
 /// Axis-aligned box with outward triangles, meters.
 #[must_use]

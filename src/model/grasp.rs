@@ -7,31 +7,27 @@ use nalgebra::{Matrix3, Point3, Rotation3, Unit, UnitQuaternion, Vector3};
 
 use super::{
     ArticulatedModel, Grasp, Joint, Limit,
-    grasp_space::{Block, Seen, Shape, Span},
+    grasp_space::{Block, STANDS_OFF_M, Seen, Shape, Span},
 };
-use crate::{
-    geometry::Pose,
-    surface::{ConvexSolid, Plane},
-};
+use geometry::Pose;
+use surface::{ConvexSolid, Plane};
 
 /// Widest opening, meters. derived: data sheet of the Franka Hand, a usual parallel hand
 const GAP_M: f64 = 0.08;
-/// A finger: thickness along the closing direction, width across it, length, meters. derived: boxes about
+/// A finger: thickness along the closing direction, width across it, length, meters. chosen: boxes about
 /// those of the Franka Hand, as in `run/demonstrate/panda.py`
 const FINGER_M: [f64; 3] = [0.012, 0.02, 0.045];
-/// Half the palm along the closing direction and across it, and its whole depth, meters. derived: as
+/// Half the palm along the closing direction and across it, and its whole depth, meters. chosen: as
 /// [`FINGER_M`]
 const PALM_M: [f64; 3] = [0.1, 0.03, 0.06];
-/// Way of the hand to the grasp, meters. tuned: that of `artitwin demo`
+/// Way of the hand to the grasp, meters. derived: that of `artitwin demo`
 const APPROACH_M: f64 = 0.08;
-/// Least room about a finger, meters; so much may the part bulge under it. derived: a solid may stand 3 mm
-/// off the surface
-const ROOM_M: f64 = 0.003;
-/// From the fingertips back to the middle of the pads, meters. tuned: that of `artitwin demo`
+/// From the fingertips back to the middle of the pads, meters. derived: that of `artitwin demo`
 const PAD_M: f64 = 0.008;
-/// Friction between pad and part. derived: rubber on wood or paint
+/// Friction between pad and part. chosen: of the order of rubber on wood or paint
 const FRICTION: f64 = 1.0;
-/// Distance of places tried on a face, and of the outermost from its rim, meters. derived: half a finger
+/// Distance of places tried on a face, and of the outermost from its rim, meters.
+/// chosen: half a finger's width
 const STEP_M: f64 = 0.01;
 /// Most places along a face beside the first.
 const MOST_STEPS: usize = 24;
@@ -39,16 +35,14 @@ const MOST_STEPS: usize = 24;
 const POSITIONS: usize = 8;
 /// Most grasps of a part.
 const MOST: usize = 3;
-/// Least distance of two of them, meters. derived: two fingers side by side
+/// Least distance of two of them, meters. chosen: two fingers side by side
 const APART_M: f64 = 0.04;
-/// Worth less than the best by which a place is left out. tuned: beside a handle no rim is needed
+/// Worth less than the best by which a place is left out. chosen: beside a handle no rim is needed
 const WORSE: f64 = 0.9;
-/// Largest cosine between the approach and the way that the part opens. derived: behind it is what it closes,
+/// Largest cosine between the approach and the way that the part opens. chosen: behind it is what it closes,
 /// where views saw little
 const FROM_BEHIND: f64 = 0.5;
-/// Least width, meters. derived: a solid may stand 3 mm off the surface
-const LEAST_M: f64 = 0.003;
-/// Least lever as a share of the part's largest. tuned: near a hinge a door's rim is no handle
+/// Least lever as a share of the part's largest. chosen: near a hinge a door's rim is no handle
 const LEAST_LEVER: f64 = 0.3;
 /// What counts how much beside the lever. tuned: near the weights of `artitwin demo`, by which 10 of 10
 /// handles were opened
@@ -61,8 +55,8 @@ const WEIGHTS: Weights = Weights {
     narrow_per_m: 4.0,
     middle_per_m: 0.5,
 };
-/// Depth behind the foremost place of a part over which the worth of a handle fades, meters. tuned: that of
-/// `artitwin demo`
+/// Depth behind the foremost place of a part over which the worth of a handle fades, meters.
+/// derived: that of `artitwin demo`
 const HANDLE_M: f64 = 0.015;
 
 /// Weights of a grasp's worth.
@@ -239,7 +233,7 @@ impl<'a> Scene<'a> {
         let way = self.way(&middle);
         let of = |approach: Vector3<f64>| {
             // How deep the middle of the pads is in the part.
-            let rise_m = self.part.through(&middle, &-approach, ROOM_M)?.ends_m[1];
+            let rise_m = self.part.through(&middle, &-approach, STANDS_OFF_M)?.ends_m[1];
             let pose = pose(&closing, &approach, &(middle + approach * PAD_M));
             let grasp = Grasp { link_from_grasp: pose, width_m, off_rad, is_seen };
             let from_behind =
@@ -251,10 +245,10 @@ impl<'a> Scene<'a> {
     }
 
     /// The part under a place where it is narrower than the hand opens: closing direction, the piece of the
-    /// line along it, the middle of that.
+    /// line along it, the middle of that. See docs/method.md (10.6).
     fn narrow(&self, seed: &Seed) -> Option<(Vector3<f64>, Span, Point3<f64>)> {
-        let fits = |s: &Span| (LEAST_M..=GAP_M - 2.0 * ROOM_M).contains(&s.length_m());
-        let first = self.part.through(&seed.at, &-seed.normal, ROOM_M).filter(fits)?;
+        let fits = |s: &Span| (STANDS_OFF_M..=GAP_M - 2.0 * STANDS_OFF_M).contains(&s.length_m());
+        let first = self.part.through(&seed.at, &-seed.normal, STANDS_OFF_M).filter(fits)?;
         // A place within the part is none.
         if first.ends_m[0] < -1e-6 {
             return None;
@@ -262,7 +256,7 @@ impl<'a> Scene<'a> {
         // Between both faces, which are then equally far from square.
         let closing = (first.normals[1] - first.normals[0]).try_normalize(1e-6)?;
         let inside = seed.at - seed.normal * (0.5 * first.length_m());
-        let span = self.part.through(&inside, &closing, ROOM_M).filter(fits)?;
+        let span = self.part.through(&inside, &closing, STANDS_OFF_M).filter(fits)?;
         let half_m = 0.5 * span.length_m();
         let middle = inside + closing * (span.ends_m[1] - half_m);
         Some((closing, Span { ends_m: [-half_m, half_m], ..span }, middle))
@@ -310,8 +304,8 @@ impl<'a> Scene<'a> {
         let middle = grasp.link_from_grasp * Point3::new(0.0, 0.0, -PAD_M);
         let seen_ends = |k: i8| {
             let at = middle + across * (f64::from(k) * 0.25 * FINGER_M[1]);
-            let meets = |e: &f64| (e.abs() - 0.5 * grasp.width_m).abs() <= ROOM_M;
-            let span = self.part.through(&at, &closing, ROOM_M);
+            let meets = |e: &f64| (e.abs() - 0.5 * grasp.width_m).abs() <= STANDS_OFF_M;
+            let span = self.part.through(&at, &closing, STANDS_OFF_M);
             span.filter(|s| s.ends_m.iter().all(meets)).map_or(0, |s| self.seen_ends(&at, &closing, &s))
         };
         let touch = (-4..=4).map(seen_ends).sum::<usize>() as f64 / 18.0;
@@ -319,7 +313,7 @@ impl<'a> Scene<'a> {
         let ahead_m = |w: Vector3<f64>| self.opens.iter().map(move |s| self.ahead_m(front, &(w * *s)));
         let ahead_m = way.into_iter().flat_map(ahead_m).fold(f64::INFINITY, f64::min);
         let straight = self.axes.iter().map(|a| a.dot(&approach).abs()).fold(0.0, f64::max);
-        // docs/method.md (10.6).
+        // docs/method.md (10.7).
         lever
             + WEIGHTS.handle * (-ahead_m / HANDLE_M).exp()
             + WEIGHTS.touch * touch
@@ -378,20 +372,20 @@ fn pose(closing: &Vector3<f64>, approach: &Vector3<f64>, tip: &Point3<f64>) -> P
 
 /// Both fingers with the room about them, open as far as the part is wide and may bulge.
 fn fingers(grasp: &Grasp) -> [Block; 2] {
-    let inner = 0.5 * grasp.width_m + ROOM_M;
-    let outer = inner + FINGER_M[0] + ROOM_M;
+    let inner = 0.5 * grasp.width_m + STANDS_OFF_M;
+    let outer = inner + FINGER_M[0] + STANDS_OFF_M;
     [[-outer, -inner], [inner, outer]].map(|[a, b]| of_fingers(grasp, a, b))
 }
 
 /// Both fingers and what is between them.
 fn hold(grasp: &Grasp) -> Block {
-    let outer = 0.5 * grasp.width_m + FINGER_M[0] + 2.0 * ROOM_M;
+    let outer = 0.5 * grasp.width_m + FINGER_M[0] + 2.0 * STANDS_OFF_M;
     of_fingers(grasp, -outer, outer)
 }
 
 fn of_fingers(grasp: &Grasp, from_m: f64, to_m: f64) -> Block {
-    let half = 0.5 * FINGER_M[1] + ROOM_M;
-    Block::between(&grasp.link_from_grasp, [from_m, -half, -FINGER_M[2]], [to_m, half, ROOM_M])
+    let half = 0.5 * FINGER_M[1] + STANDS_OFF_M;
+    Block::between(&grasp.link_from_grasp, [from_m, -half, -FINGER_M[2]], [to_m, half, STANDS_OFF_M])
 }
 
 /// The palm on its last way to the grasp.

@@ -2,13 +2,13 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::{
-    geometry::Pose,
-    surface::{ConvexSolid, Plane, TriangleMesh},
-};
+use geometry::Pose;
+use surface::{ConvexSolid, Plane, SolidFit, TriangleMesh};
 
-/// Side of the cells in which surface counts as near, meters. derived: a solid may stand 3 mm off the surface
-const NEAR_M: f64 = 0.003;
+/// As far may a solid stand off its surface, meters: room about a finger, the width of the thinnest part that
+/// is held, the side of the cells in which surface counts as near.
+/// derived: that of sound solids
+pub(super) const STANDS_OFF_M: f64 = SolidFit::MOST_DISTANCE_M;
 
 /// The solids of a link with their planes, in the link's frame.
 pub(super) struct Shape(Vec<Solid>);
@@ -30,7 +30,7 @@ pub(super) struct Span {
 
 impl Span {
     /// Length, meters.
-    pub fn length_m(&self) -> f64 {
+    pub(crate) fn length_m(&self) -> f64 {
         self.ends_m[1] - self.ends_m[0]
     }
 }
@@ -44,14 +44,14 @@ pub(super) struct Block {
 
 impl Block {
     /// A box in a frame from its lower to its upper corner, meters.
-    pub fn between(frame: &Pose, lower: [f64; 3], upper: [f64; 3]) -> Self {
+    pub(crate) fn between(frame: &Pose, lower: [f64; 3], upper: [f64; 3]) -> Self {
         let (lower, upper) = (Vector3::from(lower), Vector3::from(upper));
         let middle = 0.5 * (lower + upper);
         Self { pose: frame * Pose::translation(middle.x, middle.y, middle.z), half_m: 0.5 * (upper - lower) }
     }
 
     /// The same box in another frame.
-    pub fn moved(&self, target_from_source: &Pose) -> Self {
+    pub(crate) fn moved(&self, target_from_source: &Pose) -> Self {
         Self { pose: target_from_source * self.pose, half_m: self.half_m }
     }
 
@@ -66,7 +66,7 @@ impl Block {
     }
 
     /// Whether all of it is in a half space.
-    pub fn is_inside(&self, plane: &Plane) -> bool {
+    pub(crate) fn is_inside(&self, plane: &Plane) -> bool {
         plane.distance_m(&self.pose.translation.vector.into()) + self.reach_m(&plane.normal) <= 0.0
     }
 }
@@ -75,12 +75,12 @@ impl Block {
 pub(super) struct Seen(Vec<[i32; 3]>);
 
 impl Seen {
-    pub fn of(surface: &TriangleMesh) -> Self {
+    pub(crate) fn of(surface: &TriangleMesh) -> Self {
         let mut cells = Vec::new();
         for t in 0..surface.triangles.len() {
             let [a, b, c] = surface.corners(t).map(|p| p.cast::<f64>());
             let longest_m = (b - a).norm().max((c - b).norm()).max((a - c).norm());
-            let n = (longest_m / NEAR_M).ceil().max(1.0) as u32;
+            let n = (longest_m / STANDS_OFF_M).ceil().max(1.0) as u32;
             for (i, k) in (0..=n).flat_map(|i| (0..=n - i).map(move |k| (i, k))) {
                 let share = |x: u32| f64::from(x) / f64::from(n);
                 cells.push(cell(&(a + (b - a) * share(i) + (c - a) * share(k))));
@@ -92,7 +92,7 @@ impl Seen {
     }
 
     /// Whether a cell about a place, or one beside it, holds surface.
-    pub fn is_near(&self, p: &Point3<f64>) -> bool {
+    pub(crate) fn is_near(&self, p: &Point3<f64>) -> bool {
         let [x, y, z] = cell(p);
         let beside = |x: i32| x.saturating_sub(1)..=x.saturating_add(1);
         beside(x).any(|x| beside(y).any(|y| beside(z).any(|z| self.0.binary_search(&[x, y, z]).is_ok())))
@@ -100,7 +100,7 @@ impl Seen {
 }
 
 fn cell(p: &Point3<f64>) -> [i32; 3] {
-    (p / NEAR_M).coords.map(|x| x.floor() as i32).into()
+    (p / STANDS_OFF_M).coords.map(|x| x.floor() as i32).into()
 }
 
 impl Solid {
@@ -162,17 +162,17 @@ impl Solid {
 }
 
 impl Shape {
-    pub fn of(solids: &[ConvexSolid]) -> Self {
+    pub(crate) fn of(solids: &[ConvexSolid]) -> Self {
         Self(solids.iter().map(Solid::of).collect())
     }
 
     /// Corners of all solids.
-    pub fn vertices(&self) -> impl Iterator<Item = &Point3<f64>> {
+    pub(crate) fn vertices(&self) -> impl Iterator<Item = &Point3<f64>> {
         self.0.iter().flat_map(|s| &s.vertices)
     }
 
     /// The piece of a line about a place that lies in the solids; gaps up to `joined_m` count as filled.
-    pub fn through(&self, at: &Point3<f64>, way: &Vector3<f64>, joined_m: f64) -> Option<Span> {
+    pub(crate) fn through(&self, at: &Point3<f64>, way: &Vector3<f64>, joined_m: f64) -> Option<Span> {
         let mut pieces: Vec<Span> = self.0.iter().filter_map(|s| s.cut(at, way)).collect();
         let near =
             |s: &Span, [low, high]: [f64; 2]| s.ends_m[0] <= high + joined_m && s.ends_m[1] >= low - joined_m;
@@ -191,7 +191,7 @@ impl Shape {
     }
 
     /// Whether a box meets a solid.
-    pub fn meets(&self, block: &Block) -> bool {
+    pub(crate) fn meets(&self, block: &Block) -> bool {
         self.0.iter().any(|s| s.meets(block))
     }
 }

@@ -7,10 +7,8 @@ use super::{
     example::{box_mesh, cabinet},
     grasp::grasps,
 };
-use crate::{
-    geometry::Pose,
-    surface::{ConvexSolid, TriangleMesh, merge},
-};
+use geometry::Pose;
+use surface::{ConvexSolid, TriangleMesh, merge};
 
 /// A box: lower and upper corner in the world, meters.
 type Corners = [[f64; 3]; 2];

@@ -45,7 +45,6 @@ pub fn escape_lines(text: &str) -> String {
 }
 
 /// Whether XML can hold a text: it has no form for most control characters.
-#[cfg(test)]
 #[must_use]
 pub fn is_xml_text(text: &str) -> bool {
     text.chars().all(is_xml_char)

@@ -7,17 +7,21 @@ use serde::{Deserialize, Serialize};
 
 use super::{ArticulatedModel, JointKind};
 
-/// An axis is level, or upright, within this sine or cosine: a choice, about 17 deg.
+/// An axis is level, or upright, within this sine or cosine. chosen: about 17 deg.
 const SQUARE: f64 = 0.3;
-/// A panel is so much longer along its hinge than it reaches from it: a choice; what is narrower is an arm.
+/// A panel is so much longer along its hinge than it reaches from it.
+/// chosen: what is narrower is an arm.
 const PANEL_SHARE: f64 = 0.45;
-/// The middle of a hung part is so far from its axis, as a share of its reach: a choice.
+/// The middle of a hung part is so far from its axis, as a share of its reach.
+/// chosen: nearer parts turn about themselves.
 const OFF_AXIS: f64 = 0.25;
-/// A knob is smaller than this share of the object: a choice.
+/// A knob is smaller than this share of the object.
+/// chosen: larger parts are hardly held by fingers.
 const KNOB_SHARE: f64 = 0.25;
-/// Thinner than this share of its height and of its way is a panel that slides in its own plane: a choice.
+/// Thinner than this share of its height and of its way is a panel that slides in its own plane.
+/// chosen: thicker parts are drawers.
 const SLIDING_PANEL: f64 = 0.25;
-/// A lid hangs in the upper share of the base: a choice.
+/// A lid hangs in the upper share of the base. chosen: a quarter is the top.
 const TOP_SHARE: f64 = 0.25;
 
 /// How the moving parts are named.
@@ -197,13 +201,11 @@ fn size(model: &ArticulatedModel, positions: &[f64]) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::{
-        geometry::Pose,
-        model::{
-            example::{box_mesh, cabinet},
-            validate,
-        },
-        note::{Note, NoteCode},
+        example::{box_mesh, cabinet},
+        validate,
     };
+    use common::note::{Note, NoteCode};
+    use geometry::Pose;
 
     /// The cabinet with names as reconstruction gives them.
     fn numbered() -> ArticulatedModel {
@@ -258,9 +260,9 @@ mod tests {
     #[test]
     fn equal_names_are_numbered_and_all_have_the_prefix() {
         let mut model = numbered();
-        model.joints[0] = crate::model::Joint { child: 1, name: "joint_1".into(), ..model.joints[1].clone() };
+        model.joints[0] = crate::Joint { child: 1, name: "joint_1".into(), ..model.joints[1].clone() };
         model.links[1].visual = model.links[2].visual.clone();
-        let score = crate::model::ParentScore { excess: 0.0, gap_m: 0.0 };
+        let score = crate::ParentScore { excess: 0.0, gap_m: 0.0 };
         model.joints[0].evidence.parents.insert("part_2".to_owned(), score);
         let text = "the parent: part_2 would do as well as body, part_21 not";
         model.joints[0].evidence.not_observable.push(Note::new(NoteCode::ParentNotDecided, text));

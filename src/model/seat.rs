@@ -6,14 +6,16 @@
 
 use std::collections::BTreeMap;
 
+use super::sweep::MAX_TURN_RAD;
 use super::{ArticulatedModel, Joint, JointKind, Seat};
-use crate::surface::TriangleMesh;
 use nalgebra::{Point3, Vector3};
+use surface::TriangleMesh;
 
 /// Side of the cells, meters.
 /// derived: the sweep's step; nearer faces are one to it
 const CELL_M: f64 = 0.003;
 /// Most cells along the longest side of the moving part: larger parts have larger cells.
+/// chosen: memory of a square of cells
 const MOST_CELLS: f64 = 400.0;
 /// A face looks along the motion by at least this cosine.
 /// derived: 45 degrees, nearer to it than to any direction across it
@@ -33,14 +35,11 @@ const STANDS_OUT: f64 = 0.25;
 /// derived: the default truncation of both fused surfaces (docs/method.md 3.1)
 const BLUR_SHARE: f64 = 0.04;
 /// A seat at the other end with more than this share of the contact leaves open which one is closed.
-/// derived: odds of two to one
+/// chosen: odds of two to one
 const RIVAL: f64 = 0.5;
 /// Farthest way to a seat beyond the observed positions, in what these span.
 /// measured: on shared/bags 1.1 for a lid, less than 0.3 for all others; handles of scissors meet at 3.3
 const FARTHEST: f64 = 2.0;
-/// The same, radians.
-/// derived: half a turn; farther, the other way round is the nearer one
-const MOST_TURN_RAD: f64 = std::f64::consts::PI;
 
 /// The closed end of a joint: where a broad face of its child meets a surface of its parent that looks
 /// against it, at or beyond the observed positions. `None` for screws, where no face meets one, and where
@@ -119,7 +118,7 @@ impl Ways {
         let leading = first.values().map(|(lever_m, _)| weight(*lever_m)).sum();
         let mut left: Vec<[f64; 2]> = first.into_values().filter_map(|(l, w)| Some([w?, l])).collect();
         if frame.turns {
-            left.retain(|w| w[0] <= MOST_TURN_RAD);
+            left.retain(|w| w[0] <= MAX_TURN_RAD);
         }
         left.sort_by(|a, b| a[0].total_cmp(&b[0]));
         Self { left, leading }
@@ -272,11 +271,9 @@ mod tests {
     use nalgebra::UnitQuaternion;
 
     use super::*;
-    use crate::{
-        geometry::Pose,
-        model::example::{box_mesh, cabinet},
-        surface::merge,
-    };
+    use crate::example::{box_mesh, cabinet};
+    use geometry::Pose;
+    use surface::merge;
 
     const TOLERANCE_M: f64 = 0.003;
 

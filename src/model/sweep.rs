@@ -5,28 +5,29 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{ArticulatedModel, Joint, JointKind};
-use crate::{
-    geometry::Pose,
-    surface::{ConvexConfig, ConvexSolid, Plane, TriangleMesh},
-};
+use geometry::Pose;
+use surface::{ConvexConfig, ConvexSolid, Plane, TriangleMesh};
 
 /// Longest way between two positions of a sweep that are looked at, meters.
+/// chosen: no thicker than the walls that it must not jump
 const STEP_M: f64 = 0.003;
 /// Most positions of a sweep.
 const MAX_STEPS: usize = 600;
-/// Pieces smaller than this are dropped, cubic meters.
+/// Pieces smaller than this are dropped, cubic meters. chosen: a cube of 2 mm, which stops nothing
 const MIN_VOLUME_M3: f64 = 1e-8;
 /// Share of a moving part's extent that it may reach into a part that is not its parent without being stopped
-/// by it.
+/// by it. chosen: solids are that inexact
 const GRAZE_SHARE: f64 = 0.05;
 /// Gap to what is about a part within a gap of its limits, where it may lie on its seat, as a share of that
 /// along the way.
 /// measured: over 2 mm MuJoCo and Bullet make no contact; a part that slides along that close jams in Bullet
 const SEAT_GAP: f64 = 2.0 / 3.0;
 /// Blocks are one where together they are at most so many times as large as apart.
+/// chosen: a quarter of air is little
 const FUSED: f64 = 1.25;
 /// A revolute joint is swept this far at most, radians.
-const MAX_TURN_RAD: f64 = std::f64::consts::PI;
+/// derived: half a turn; farther, the other way round is the nearer one
+pub(super) const MAX_TURN_RAD: f64 = std::f64::consts::PI;
 
 /// Makes room: what comes near the solids of a moving link anywhere between its limits and the observed
 /// positions, where nothing can have been in the way, is cut out of the other links' solids. The gap is as
@@ -355,7 +356,7 @@ fn without_block(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::cabinet;
+    use crate::example::cabinet;
 
     fn cuboid(lower: [f64; 3], upper: [f64; 3]) -> ConvexSolid {
         ConvexSolid::cuboid(&lower.into(), &upper.into())

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 
-use crate::{geometry::Pose, surface::TriangleMesh};
+use geometry::Pose;
+use surface::TriangleMesh;
 
 /// What a joint of a file lets its child do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,11 +5,13 @@ use std::collections::BTreeSet;
 use nalgebra::{Matrix3, SymmetricEigen};
 
 use super::{ArticulatedModel, Inertial, Joint, is_plain_name};
-use crate::surface::TriangleMesh;
+use surface::TriangleMesh;
 
 /// Relative slack of the inertia checks: URDF text keeps nine digits.
+/// chosen: a thousand times the rounding of the text
 const INERTIA_SLACK: f64 = 1e-6;
 /// Slack of a limit against an observed position, radians or meters.
+/// chosen: above rounding, below any reading
 const LIMIT_SLACK: f64 = 1e-9;
 
 /// A defect of a model. One is enough not to export it.
@@ -221,7 +223,7 @@ fn states(model: &ArticulatedModel, found: &mut Findings) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::example::cabinet;
+    use crate::example::cabinet;
     use nalgebra::Unit;
 
     /// Breaks a sound model and returns what is said about it.

@@ -25,7 +25,7 @@ type Goal<J> = ExecutingGoalHandle<<J as Job>::Goal>;
 ///
 /// # Errors
 /// If the name cannot be used or the network refuses.
-pub fn offer<J: Job>(
+pub(crate) fn offer<J: Job>(
     participant: &mut Participant,
     mapping: ServiceMapping,
     job: Arc<J>,

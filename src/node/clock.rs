@@ -5,7 +5,7 @@ use std::{
     time::{SystemTime, UNIX_EPOCH},
 };
 
-use crate::io::ros2msg::Time;
+use io::ros2msg::Time;
 
 /// Simulated time that goes back by more than this is a jump, nanoseconds.
 const JUMP_NANOS: i64 = 100_000_000;
@@ -14,20 +14,20 @@ const UNKNOWN: i64 = i64::MIN;
 
 /// The node's time.
 #[derive(Debug)]
-pub struct NodeClock {
+pub(crate) struct NodeClock {
     simulated: Option<AtomicI64>,
 }
 
 impl NodeClock {
     /// The system's time, or `/clock`'s.
     #[must_use]
-    pub fn new(simulated: bool) -> Self {
+    pub(crate) fn new(simulated: bool) -> Self {
         Self { simulated: simulated.then(|| AtomicI64::new(UNKNOWN)) }
     }
 
     /// Nanoseconds since the epoch; 0 before the first simulated time, as ROS has it.
     #[must_use]
-    pub fn now_nanos(&self) -> i64 {
+    pub(crate) fn now_nanos(&self) -> i64 {
         match &self.simulated {
             Some(time) => match time.load(Ordering::Relaxed) {
                 UNKNOWN => 0,
@@ -41,12 +41,12 @@ impl NodeClock {
 
     /// The time now as a stamp.
     #[must_use]
-    pub fn stamp(&self) -> Time {
+    pub(crate) fn stamp(&self) -> Time {
         Time::from_nanos(self.now_nanos())
     }
 
     /// Takes a simulated time; whether it went back.
-    pub fn set(&self, time: Time) -> bool {
+    pub(crate) fn set(&self, time: Time) -> bool {
         let (Some(simulated), Some(nanos)) = (&self.simulated, time.nanos()) else { return false };
         let before = simulated.swap(nanos, Ordering::Relaxed);
         before != UNKNOWN && nanos < before.saturating_sub(JUMP_NANOS)

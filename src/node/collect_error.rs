@@ -1,11 +1,12 @@
 //! Why a state cannot be begun, ended or read.
 
 use super::session_lock::SessionLockError;
-use crate::{io::BagWriteError, run::chain};
+use io::BagWriteError;
+use run::chain;
 
 /// Why a state cannot be begun, ended or read.
 #[derive(Debug, thiserror::Error)]
-pub enum CollectError {
+pub(crate) enum CollectError {
     /// There are two states.
     #[error("there is no state {0}; give 0 or 1")]
     NoState(usize),

@@ -23,17 +23,17 @@ use super::{
     track_status::{TrackStatus, TrackWatch},
     view::Pixels,
 };
-use crate::io::ros2msg::TransformStamped;
+use io::ros2msg::TransformStamped;
 
 /// Images that wait for the core.
-pub const IMAGE_QUEUE: usize = 16;
+pub(crate) const IMAGE_QUEUE: usize = 16;
 /// Small messages that wait for the core.
-pub const SMALL_QUEUE: usize = 2048;
+pub(crate) const SMALL_QUEUE: usize = 2048;
 /// How often a recording is put on the disk: what a crash may cost.
 const FLUSH_EVERY: Duration = Duration::from_secs(1);
 
 /// What is asked of the core.
-pub enum Command {
+pub(crate) enum Command {
     /// Begins a state.
     Start(usize, oneshot::Sender<Result<(), CollectError>>),
     /// Ends a state; the number of views kept.
@@ -50,7 +50,7 @@ pub enum Command {
 
 /// What the others may know at any time.
 #[derive(Clone, Debug, Default)]
-pub struct Snapshot {
+pub(crate) struct Snapshot {
     /// State being collected.
     pub collecting: Option<usize>,
     /// State being collected, or collected last.
@@ -92,7 +92,7 @@ impl Snapshot {
     ///
     /// # Errors
     /// States that lack views.
-    pub fn both(&self) -> Result<[PathBuf; 2], CollectError> {
+    pub(crate) fn both(&self) -> Result<[PathBuf; 2], CollectError> {
         if let Some(state) = self.collecting {
             return Err(CollectError::Collecting(state));
         }
@@ -106,7 +106,7 @@ impl Snapshot {
 
 /// What the core shares.
 #[derive(Debug, Default)]
-pub struct Shared {
+pub(crate) struct Shared {
     snapshot: Mutex<Snapshot>,
     /// Whether a run reads the session. Held while a state begins, so that no run begins to read it then.
     read: Mutex<bool>,
@@ -116,33 +116,33 @@ pub struct Shared {
 impl Shared {
     /// What is known now.
     #[must_use]
-    pub fn snapshot(&self) -> Snapshot {
+    pub(crate) fn snapshot(&self) -> Snapshot {
         guard(&self.snapshot).clone()
     }
 
     /// Says that a run reads the session, until what is given is dropped; until then no state begins and none
     /// is left.
-    pub fn read_session(self: &Arc<Self>) -> ReadSession {
+    pub(crate) fn read_session(self: &Arc<Self>) -> ReadSession {
         *guard(&self.read) = true;
         ReadSession(Arc::clone(self))
     }
 
     /// Whether a run reads the session.
     #[must_use]
-    pub fn is_read(&self) -> bool {
+    pub(crate) fn is_read(&self) -> bool {
         *guard(&self.read)
     }
 
     /// The cloud now.
     #[must_use]
-    pub fn cloud(&self) -> Vec<([f32; 3], [u8; 3])> {
+    pub(crate) fn cloud(&self) -> Vec<([f32; 3], [u8; 3])> {
         guard(&self.cloud).clone()
     }
 }
 
 /// A run reads the session.
 #[derive(Debug)]
-pub struct ReadSession(Arc<Shared>);
+pub(crate) struct ReadSession(Arc<Shared>);
 
 impl Drop for ReadSession {
     fn drop(&mut self) {
@@ -156,7 +156,7 @@ fn guard<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 /// The collector with its queues.
-pub struct Core {
+pub(crate) struct Core {
     collector: Collector,
     lock: SessionLock,
     watch: Option<MotionWatch>,
@@ -174,7 +174,7 @@ pub struct Core {
 }
 
 /// Where views are tracked, and where their poses are published.
-pub struct Tracking {
+pub(crate) struct Tracking {
     /// Where views go.
     pub queue: TrackQueue,
     /// Where they come back.
@@ -184,7 +184,7 @@ pub struct Tracking {
 }
 
 /// Where messages and commands come from.
-pub struct Inbox {
+pub(crate) struct Inbox {
     /// Images.
     pub images: mpsc::Receiver<Sample>,
     /// Everything else.
@@ -197,7 +197,7 @@ impl Core {
     /// A core about a collector and the right to its session; with a watch the states begin and end by
     /// themselves.
     #[must_use]
-    pub fn new(
+    pub(crate) fn new(
         (collector, lock): (Collector, SessionLock),
         watch: Option<MotionWatch>,
         cloud_points: usize,
@@ -226,7 +226,7 @@ impl Core {
     }
 
     /// Works until it is stopped or everybody is gone.
-    pub async fn run(mut self, mut inbox: Inbox) {
+    pub(crate) async fn run(mut self, mut inbox: Inbox) {
         self.publish();
         // Recordings are flushed and the snapshot is fresh also while nothing comes.
         let mut tick = tokio::time::interval(Duration::from_millis(200));

@@ -21,13 +21,11 @@ use super::{
     synchronizer::{Matched, Synchronizer},
     view::{Pixels, View},
 };
-use crate::{
-    capture::{TrackCamera, stamp_secs},
-    geometry::Pose,
-    io::{
-        BagWriteError,
-        ros2msg::{CameraInfo, Header, PoseStamped, Transform, TransformStamped},
-    },
+use capture::{TrackCamera, stamp_secs};
+use geometry::Pose;
+use io::{
+    BagWriteError,
+    ros2msg::{CameraInfo, Header, PoseStamped, Transform, TransformStamped},
 };
 
 /// Stamps that go back by more than this are a jump in time, nanoseconds.
@@ -35,7 +33,7 @@ const JUMP_NANOS: i64 = 500_000_000;
 
 /// Settings of a collector.
 #[derive(Clone, Debug)]
-pub struct CollectorSettings {
+pub(crate) struct CollectorSettings {
     /// Names of the topics, for messages and the recording.
     pub topics: Topics,
     /// Frame in which the twin stands, where it was given.
@@ -62,7 +60,7 @@ pub struct CollectorSettings {
 
 /// What is being done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Phase {
+pub(crate) enum Phase {
     /// Nothing.
     Idle,
     /// Views of a state are kept.
@@ -71,7 +69,7 @@ pub enum Phase {
 
 /// A view that got its pose; whether it was kept.
 #[derive(Clone, Debug)]
-pub struct Seen {
+pub(crate) struct Seen {
     /// Its stamp, nanoseconds.
     pub stamp_nanos: i64,
     /// Its pose.
@@ -92,7 +90,7 @@ struct Held {
 }
 
 /// Collects the two states of an object.
-pub struct Collector {
+pub(crate) struct Collector {
     settings: CollectorSettings,
     session: PathBuf,
     sync: Synchronizer<Picture>,
@@ -120,7 +118,7 @@ pub struct Collector {
 impl Collector {
     /// A collector that writes below the folder of a session.
     #[must_use]
-    pub fn new(settings: CollectorSettings, session: &Path) -> Self {
+    pub(crate) fn new(settings: CollectorSettings, session: &Path) -> Self {
         let with_masks = settings.topics.mask.is_some();
         let mut tf = LiveTf::default();
         // From the start: a pose on /tf before the first one of the topic would count as well.
@@ -148,37 +146,37 @@ impl Collector {
 
     /// What is being done.
     #[must_use]
-    pub fn phase(&self) -> Phase {
+    pub(crate) fn phase(&self) -> Phase {
         self.phase
     }
 
     /// Folder of the session.
     #[must_use]
-    pub fn session(&self) -> &Path {
+    pub(crate) fn session(&self) -> &Path {
         &self.session
     }
 
     /// Views kept of each state.
     #[must_use]
-    pub fn kept(&self) -> [usize; 2] {
+    pub(crate) fn kept(&self) -> [usize; 2] {
         [0, 1].map(|s| self.keyframes[s].len())
     }
 
     /// The finished recordings of the states.
     #[must_use]
-    pub fn recordings(&self) -> [Option<PathBuf>; 2] {
+    pub(crate) fn recordings(&self) -> [Option<PathBuf>; 2] {
         self.finished.clone()
     }
 
     /// Images that wait for partners, sets that wait for poses.
     #[must_use]
-    pub fn waiting(&self) -> (usize, usize) {
+    pub(crate) fn waiting(&self) -> (usize, usize) {
         (self.sync.waiting(), self.waiting.len())
     }
 
     /// Sets found and images given up.
     #[must_use]
-    pub fn matches(&self) -> (u64, [u64; 3]) {
+    pub(crate) fn matches(&self) -> (u64, [u64; 3]) {
         (self.sync.matched, self.sync.unmatched)
     }
 
@@ -186,7 +184,7 @@ impl Collector {
     ///
     /// # Errors
     /// Another state is being collected, or the disk refuses.
-    pub fn start(&mut self, state: usize) -> Result<(), CollectError> {
+    pub(crate) fn start(&mut self, state: usize) -> Result<(), CollectError> {
         if state > 1 {
             return Err(CollectError::NoState(state));
         }
@@ -210,7 +208,7 @@ impl Collector {
     ///
     /// # Errors
     /// That state is not being collected, nothing was kept, or the disk refuses.
-    pub fn finish(&mut self, state: usize) -> Result<usize, CollectError> {
+    pub(crate) fn finish(&mut self, state: usize) -> Result<usize, CollectError> {
         if self.phase != Phase::Collecting(state) {
             return Err(match self.phase {
                 Phase::Idle => CollectError::NotCollecting(state),
@@ -243,7 +241,7 @@ impl Collector {
     }
 
     /// Drops the views that are held back: they may show the object in motion.
-    pub fn drop_held(&mut self) {
+    pub(crate) fn drop_held(&mut self) {
         if let Phase::Collecting(state) = self.phase {
             self.keyframes[state].forget_last(self.held.len());
         }
@@ -289,7 +287,7 @@ impl Collector {
     ///
     /// # Errors
     /// If the recording that is open cannot be closed.
-    pub fn reset(&mut self, session: &Path) -> Result<(), BagWriteError> {
+    pub(crate) fn reset(&mut self, session: &Path) -> Result<(), BagWriteError> {
         let kept_something =
             matches!(self.phase, Phase::Collecting(state) if self.keyframes[state].len() > 0);
         let bag = self.bag.take();
@@ -310,7 +308,7 @@ impl Collector {
     ///
     /// # Errors
     /// If the disk refuses.
-    pub fn flush(&mut self) -> Result<(), BagWriteError> {
+    pub(crate) fn flush(&mut self) -> Result<(), BagWriteError> {
         self.bag.as_mut().map_or(Ok(()), StateBag::flush)
     }
 
@@ -319,7 +317,7 @@ impl Collector {
     ///
     /// # Errors
     /// If the disk refuses; then the state is not collected any further.
-    pub fn accept(
+    pub(crate) fn accept(
         &mut self,
         sample: Sample,
         now_nanos: i64,
@@ -386,7 +384,7 @@ impl Collector {
 
     /// The time went back to this: forgets the images that wait and the transforms that change, where they
     /// are later.
-    pub fn jump_back(&mut self, now_nanos: i64) {
+    pub(crate) fn jump_back(&mut self, now_nanos: i64) {
         let latest = now_nanos.saturating_add(self.settings.slop_nanos);
         self.counts.jumps += 1;
         self.sync.forget_after(latest);

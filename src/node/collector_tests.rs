@@ -1,14 +1,12 @@
 //! The collector fed with the messages of a shipped recording, without a network.
 
 use super::*;
-use crate::{
-    capture::CaptureConfig,
-    io::{
-        self,
-        ros2msg::{CompressedImage, Image, TfMessage, decode},
-    },
-    node::live_tracking::{Follower, TrackSettings},
-    temp::Temp,
+use crate::live_tracking::{Follower, TrackSettings};
+use capture::CaptureConfig;
+use common::temp::Temp;
+use io::{
+    self,
+    ros2msg::{CompressedImage, Image, TfMessage, decode},
 };
 
 const COLOR: &str = "/camera/camera/color/image_raw/compressed";
@@ -18,7 +16,7 @@ const DEPTH_INFO: &str = "/camera/camera/aligned_depth_to_color/camera_info";
 const MASK: &str = "/object_mask";
 
 fn shipped(state: usize) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("bags/drawer/state{state}"))
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../bags/drawer/state{state}"))
 }
 
 fn settings() -> CollectorSettings {
@@ -273,7 +271,7 @@ fn a_view_of_an_earlier_map_is_left_out_and_one_that_asks_for_poses_is_not_track
     assert_eq!(views.len(), 16);
     always.begin_map();
     let view = View { stamp_nanos: 1, images: [None, None, None], world_from_camera: Pose::identity() };
-    let outcome = crate::node::live_tracking::Outcome::Lost(crate::capture::Lost::Dark);
-    let old = crate::node::live_tracking::Tracked { map: 0, view, outcome, keyframes: (1, false) };
+    let outcome = crate::live_tracking::Outcome::Lost(capture::Lost::Dark);
+    let old = crate::live_tracking::Tracked { map: 0, view, outcome, keyframes: (1, false) };
     assert!(always.accept_tracked(old, 0).unwrap().is_none());
 }

@@ -4,7 +4,7 @@ use super::{keyframes::Verdict, sample::Refusal};
 
 /// Numbers since the start or the last reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
+pub(crate) struct Counts {
     /// Messages whose header was unusable.
     pub bad_header: u64,
     /// Messages whose sizes contradict each other or the bounds.
@@ -29,7 +29,7 @@ pub struct Counts {
 
 impl Counts {
     /// Counts a message that is not used.
-    pub fn refuse(&mut self, refusal: Refusal) {
+    pub(crate) fn refuse(&mut self, refusal: Refusal) {
         match refusal {
             Refusal::Header => self.bad_header += 1,
             Refusal::Size => self.bad_size += 1,
@@ -38,7 +38,7 @@ impl Counts {
     }
 
     /// Counts a view while a state is collected.
-    pub fn judged(&mut self, verdict: Verdict, collecting: bool) {
+    pub(crate) fn judged(&mut self, verdict: Verdict, collecting: bool) {
         match verdict {
             // Between states every view is known; counting those would say nothing.
             _ if !collecting => {}
@@ -51,7 +51,7 @@ impl Counts {
 
     /// What stays after a reset: refusals and jumps, which concern the neighbors.
     #[must_use]
-    pub fn after_reset(self) -> Self {
+    pub(crate) fn after_reset(self) -> Self {
         Self {
             bad_header: self.bad_header,
             bad_size: self.bad_size,

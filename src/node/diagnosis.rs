@@ -6,7 +6,6 @@ use std::{
     time::Duration,
 };
 
-use ros2_client::Message;
 use tokio::sync::watch;
 
 use super::{
@@ -17,28 +16,19 @@ use super::{
     session_folder::free_folder,
     twin::Twin,
 };
-use crate::{
-    gap::{
-        record::{command::Told, drive::Hold, tracks::Streams},
-        twin_tree::Motion,
-    },
-    io::{
-        GapReportError, read_gap_report, read_twin,
-        ros2msg::gap::{DiagnoseFeedback, DiagnoseGoal, DiagnoseResult, GapReport},
-        twin_path,
-    },
-    run::{self, DiagnoseOutcome, DiagnoseRequest, Event, RunError},
+use crate::requests::{DiagnoseFeedback, DiagnoseGoal, DiagnoseResult};
+use gap::{
+    record::{command::Told, drive::Hold, tracks::Streams},
+    twin_tree::Motion,
 };
+use io::{GapReportError, read_gap_report, read_twin, ros2msg::gap::GapReport, twin_path};
+use run::{self, DiagnoseOutcome, DiagnoseRequest, Event, RunError};
 
-impl Message for DiagnoseGoal {}
-impl Message for DiagnoseResult {}
-impl Message for DiagnoseFeedback {}
-
-/// Gravity where a goal gives none, m/s^2.
+/// Gravity where a goal gives none, m/s^2. derived: the standard value, rounded
 const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 
 /// Diagnoses twins.
-pub struct Diagnoser {
+pub(crate) struct Diagnoser {
     /// What the core shares.
     pub shared: Arc<Shared>,
     /// The twin that the node made last.

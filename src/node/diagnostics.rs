@@ -6,12 +6,10 @@ use super::{
     collection::Snapshot, input_count::InputSnapshot, inputs::Input, live_map::LiveStatus,
     track_status::TrackStatus,
 };
-use crate::{
-    field::InstructionSet,
-    io::ros2msg::{
-        Header, Time,
-        diagnostic::{DiagnosticArray, DiagnosticStatus, KeyValue},
-    },
+use field::InstructionSet;
+use io::ros2msg::{
+    Header, Time,
+    diagnostic::{DiagnosticArray, DiagnosticStatus, KeyValue},
 };
 
 /// Levels of `diagnostic_msgs`.
@@ -21,7 +19,7 @@ const STALE: u8 = 3;
 
 /// Makes diagnostics, with rates since the last ones.
 #[derive(Debug)]
-pub struct Diagnostics {
+pub(crate) struct Diagnostics {
     node: String,
     inputs: Vec<Input>,
     last: Vec<InputSnapshot>,
@@ -30,13 +28,13 @@ pub struct Diagnostics {
 impl Diagnostics {
     /// Diagnostics of a node with these inputs.
     #[must_use]
-    pub fn new(node: &str, inputs: Vec<Input>) -> Self {
+    pub(crate) fn new(node: &str, inputs: Vec<Input>) -> Self {
         let last = vec![InputSnapshot::default(); inputs.len()];
         Self { node: node.to_owned(), inputs, last }
     }
 
     /// The present state, `elapsed` after the last.
-    pub fn array(&mut self, stamp: Time, elapsed: Duration, snapshot: &Snapshot) -> DiagnosticArray {
+    pub(crate) fn array(&mut self, stamp: Time, elapsed: Duration, snapshot: &Snapshot) -> DiagnosticArray {
         // Two reports may come at once after the machine was busy.
         let seconds = elapsed.as_secs_f64().max(1e-3);
         let mut status = Vec::new();
@@ -178,7 +176,7 @@ fn status(node: &str, part: &str, level: u8, message: String, values: &[(&str, S
 
 /// Memory that the process holds.
 #[must_use]
-pub fn resident_bytes() -> Option<u64> {
+pub(crate) fn resident_bytes() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = text.lines().find_map(|l| l.strip_prefix("VmRSS:"))?;
     line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
@@ -189,7 +187,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::node::input_count::InputCount;
+    use crate::input_count::InputCount;
 
     #[test]
     fn rates_and_losses_are_those_since_the_last_report() {

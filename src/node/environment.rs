@@ -6,7 +6,7 @@ use ros2_client::ServiceMapping;
 
 /// Settings from environment variables.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Environment {
+pub(crate) struct Environment {
     /// DDS domain.
     pub domain: u16,
     /// Whether only this machine is talked to.
@@ -37,7 +37,7 @@ impl Environment {
     ///
     /// # Errors
     /// A domain that is none; security that is enforced.
-    pub fn read(get: impl Fn(&str) -> Option<String>) -> Result<Self, EnvironmentError> {
+    pub(crate) fn read(get: impl Fn(&str) -> Option<String>) -> Result<Self, EnvironmentError> {
         // An empty variable counts as unset, as in rcl.
         let get = |name: &str| get(name).filter(|v| !v.is_empty());
         let mut warnings = Vec::new();
@@ -84,13 +84,13 @@ impl Environment {
 
     /// The networks that are used; `None`: all.
     #[must_use]
-    pub fn networks(&self) -> Option<[IpAddr; 1]> {
+    pub(crate) fn networks(&self) -> Option<[IpAddr; 1]> {
         self.localhost.then_some([IpAddr::V4(Ipv4Addr::LOCALHOST)])
     }
 
     /// How service requests are distinguished on the wire, which differs between middlewares.
     #[must_use]
-    pub fn service_mapping(&self, parameter: &str) -> ServiceMapping {
+    pub(crate) fn service_mapping(&self, parameter: &str) -> ServiceMapping {
         let cyclone = self.middleware.as_deref().is_some_and(|m| m.contains("cyclonedds"));
         match parameter {
             "cyclone" => ServiceMapping::Cyclone,

@@ -4,7 +4,8 @@ use super::{
     environment::EnvironmentError, parameters::ParameterError, ros_args::RosArgsError, ros_names::NameError,
     session_lock::SessionLockError,
 };
-use crate::{config::ConfigError, io::BagWriteError};
+use config::ConfigError;
+use io::BagWriteError;
 
 /// Why the node does not start, or ends.
 #[derive(Debug, thiserror::Error)]

@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 
 use super::collect_error::CollectError;
-use crate::io::UrdfError;
+use io::UrdfError;
 
 /// Most bags of one goal.
-pub const MAX_RUNS: usize = 1000;
+pub(crate) const MAX_RUNS: usize = 1000;
 
 /// Why a goal cannot be worked on.
 #[derive(Debug, thiserror::Error)]
-pub enum GoalError {
+pub(crate) enum GoalError {
     /// The session has no recordings to read.
     #[error(transparent)]
     Session(#[from] CollectError),

@@ -10,7 +10,7 @@ const MAX_PUBLISHERS: usize = 64;
 
 /// Counts of one subscription.
 #[derive(Debug, Default)]
-pub struct InputCount {
+pub(crate) struct InputCount {
     inner: Mutex<Inner>,
 }
 
@@ -25,7 +25,7 @@ struct Inner {
 
 /// The counts at a time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct InputSnapshot {
+pub(crate) struct InputSnapshot {
     /// Messages decoded.
     pub received: u64,
     /// Messages that are no CDR of their type.
@@ -42,7 +42,7 @@ impl InputCount {
     }
 
     /// Counts a message of a publisher.
-    pub fn receive(&self, publisher: [u8; 16], sequence: i64) {
+    pub(crate) fn receive(&self, publisher: [u8; 16], sequence: i64) {
         let mut inner = self.inner();
         inner.snapshot.received += 1;
         let malformed = std::mem::take(&mut inner.malformed_since);
@@ -66,20 +66,20 @@ impl InputCount {
     }
 
     /// Counts a message that could not be decoded.
-    pub fn malformed(&self) {
+    pub(crate) fn malformed(&self) {
         let mut inner = self.inner();
         inner.snapshot.malformed += 1;
         inner.malformed_since += 1;
     }
 
     /// Counts a message that was dropped as the node was busy.
-    pub fn overrun(&self) {
+    pub(crate) fn overrun(&self) {
         self.inner().snapshot.overrun += 1;
     }
 
     /// The counts now.
     #[must_use]
-    pub fn snapshot(&self) -> InputSnapshot {
+    pub(crate) fn snapshot(&self) -> InputSnapshot {
         self.inner().snapshot
     }
 }

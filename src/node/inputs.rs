@@ -16,7 +16,7 @@ use super::{
     sample::{Picture, Sample},
     state_bag::Topics,
 };
-use crate::io::ros2msg::{
+use io::ros2msg::{
     CameraInfo, CompressedImage, Image, PoseStamped, definitions::RosMessage, odometry::FullOdometry,
     text::Clock,
 };
@@ -26,7 +26,7 @@ const TF_DEPTH: usize = 100;
 
 /// A subscription's name and counts.
 #[derive(Clone, Debug)]
-pub struct Input {
+pub(crate) struct Input {
     /// Its role.
     pub role: &'static str,
     /// Its topic.
@@ -37,7 +37,7 @@ pub struct Input {
 
 /// Where messages go.
 #[derive(Clone)]
-pub struct Outbox {
+pub(crate) struct Outbox {
     /// Images.
     pub images: mpsc::Sender<Sample>,
     /// Everything else.
@@ -48,7 +48,7 @@ pub struct Outbox {
 
 /// Names of the topics that are subscribed to, remapped.
 #[must_use]
-pub fn topics(arguments: &RosArgs, node: &NodeIdentity, p: &Parameters) -> Topics {
+pub(crate) fn topics(arguments: &RosArgs, node: &NodeIdentity, p: &Parameters) -> Topics {
     let resolve = |name: &str| arguments.resolve(name, node);
     // An empty parameter means: not given; ROS parameters have no null.
     let given = |name: &str| (!name.is_empty()).then(|| resolve(name));
@@ -117,7 +117,7 @@ impl Subscriber<'_> {
 ///
 /// # Errors
 /// If a name cannot be used or the network refuses.
-pub fn subscribe(
+pub(crate) fn subscribe(
     participant: &mut Participant,
     p: &Parameters,
     topics: &Topics,

@@ -12,7 +12,7 @@ use ros2_client::Message;
 use tokio::sync::mpsc;
 
 use super::goal_error::GoalError;
-use crate::run::{Event, Monitor};
+use run::{Event, Monitor};
 
 /// News that wait for the action.
 const NEWS: usize = 256;
@@ -20,7 +20,7 @@ const NEWS: usize = 256;
 const FEEDBACK_EVERY: Duration = Duration::from_millis(100);
 
 /// What an action does.
-pub trait Job: Send + Sync + 'static {
+pub(crate) trait Job: Send + Sync + 'static {
     /// What is asked.
     type Goal: Message + Clone + Send + Sync + 'static;
     /// What it ends in.
@@ -44,7 +44,7 @@ pub trait Job: Send + Sync + 'static {
 
 /// How work ended.
 #[derive(Debug)]
-pub enum Finished<R> {
+pub(crate) enum Finished<R> {
     /// With a result.
     Done(R),
     /// It was asked to stop.
@@ -55,7 +55,7 @@ pub enum Finished<R> {
 
 /// What work reports.
 #[derive(Debug)]
-pub enum News<R, F> {
+pub(crate) enum News<R, F> {
     /// How far it is.
     Feedback(F),
     /// It is over. The last news.
@@ -64,7 +64,7 @@ pub enum News<R, F> {
 
 /// Work that goes on; dropped, it is asked to stop.
 #[derive(Debug)]
-pub struct Work<R, F> {
+pub(crate) struct Work<R, F> {
     news: mpsc::Receiver<News<R, F>>,
     cancel: Arc<AtomicBool>,
 }
@@ -72,7 +72,7 @@ pub struct Work<R, F> {
 impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
     /// Starts work. `feedback` makes what is reported of an event and the time since the start, where there
     /// is something to report: at once for a new stage, else not too often.
-    pub fn start(
+    pub(crate) fn start(
         mut feedback: impl FnMut(&Event, Duration) -> Option<F> + Send + 'static,
         work: impl FnOnce(&Monitor) -> Finished<R> + Send + 'static,
     ) -> Self {
@@ -107,7 +107,7 @@ impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
     }
 
     /// Waits for news.
-    pub async fn next(&mut self) -> News<R, F> {
+    pub(crate) async fn next(&mut self) -> News<R, F> {
         // The channel closes without an end only if the thread of the work panicked.
         let lost = || News::Ended(Finished::Failed("the work ended without a word".into()));
         self.news.recv().await.unwrap_or_else(lost)
@@ -116,7 +116,7 @@ impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
 
 impl<R, F> Work<R, F> {
     /// Asks it to stop after its present step.
-    pub fn cancel(&self) {
+    pub(crate) fn cancel(&self) {
         self.cancel.store(true, Ordering::Relaxed);
     }
 }

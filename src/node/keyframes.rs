@@ -1,6 +1,6 @@
 //! Which views are worth keeping: those that differ from all kept ones. Bounds what a long recording needs.
 
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Time between views without a pose, nanoseconds.
 /// derived: a hand carries a camera by 7 cm in it, at 0.35 m/s
@@ -8,7 +8,7 @@ const UNPLACED_NANOS: u64 = 200_000_000;
 
 /// When a view is new.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct KeyframeRule {
+pub(crate) struct KeyframeRule {
     /// Distance to every view kept, meters ...
     pub translation_m: f64,
     /// ... or turn against it, radians.
@@ -19,7 +19,7 @@ pub struct KeyframeRule {
 
 /// The views kept of one state.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Keyframes {
+pub(crate) struct Keyframes {
     poses: Vec<Pose>,
     last_stamp_nanos: Option<i64>,
     /// Views kept without a pose, and the stamp of the last.
@@ -29,7 +29,7 @@ pub struct Keyframes {
 
 /// What becomes of a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub(crate) enum Verdict {
     /// It is kept.
     Keep,
     /// It shows what a kept view shows.
@@ -43,13 +43,13 @@ pub enum Verdict {
 impl Keyframes {
     /// Number kept.
     #[must_use]
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.poses.len() + self.unplaced
     }
 
     /// Whether a view would be kept.
     #[must_use]
-    pub fn judge(&self, stamp_nanos: i64, world_from_camera: &Pose, rule: &KeyframeRule) -> Verdict {
+    pub(crate) fn judge(&self, stamp_nanos: i64, world_from_camera: &Pose, rule: &KeyframeRule) -> Verdict {
         // Time went back: what was kept stays, older views are left out.
         if self.last_stamp_nanos.is_some_and(|last| stamp_nanos <= last) {
             return Verdict::Late;
@@ -68,7 +68,7 @@ impl Keyframes {
 
     /// Keeps a view whose pose is not known, if it was taken long enough from all others that it may show
     /// something new; whether it did.
-    pub fn keep_unplaced(&mut self, stamp_nanos: i64, rule: &KeyframeRule) -> bool {
+    pub(crate) fn keep_unplaced(&mut self, stamp_nanos: i64, rule: &KeyframeRule) -> bool {
         let is_near = |s: Option<i64>| s.is_some_and(|s| stamp_nanos.abs_diff(s) < UNPLACED_NANOS);
         let near = is_near(self.last_stamp_nanos) || is_near(self.last_unplaced_nanos);
         let keep = !near && self.len() < rule.most;
@@ -80,12 +80,12 @@ impl Keyframes {
     }
 
     /// Forgets the views that were kept last.
-    pub fn forget_last(&mut self, count: usize) {
+    pub(crate) fn forget_last(&mut self, count: usize) {
         self.poses.truncate(self.poses.len().saturating_sub(count));
     }
 
     /// Keeps a view.
-    pub fn keep(&mut self, stamp_nanos: i64, world_from_camera: Pose) {
+    pub(crate) fn keep(&mut self, stamp_nanos: i64, world_from_camera: Pose) {
         self.poses.push(world_from_camera);
         self.last_stamp_nanos = Some(stamp_nanos);
     }

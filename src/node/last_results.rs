@@ -9,11 +9,9 @@ use std::{
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::twin::Twin;
-use crate::{
-    files,
-    io::{read_gap_report, read_run_summary, ros2msg::gap::GapReport},
-    limits::FileLimit,
-};
+use ::io::{read_gap_report, read_run_summary, ros2msg::gap::GapReport};
+use common::files;
+use common::limits::FileLimit;
 
 const TWIN_FILE: &str = "last_twin.json";
 const REPORT_FILE: &str = "last_report.json";
@@ -37,7 +35,7 @@ struct ReportNote {
 }
 
 /// Notes a twin that was made. A disk that refuses is logged; the twin is published all the same.
-pub fn note_twin(session: &Path, twin: &Twin) {
+pub(crate) fn note_twin(session: &Path, twin: &Twin) {
     let note = TwinNote {
         folder: inside(session, &twin.summary.folder),
         state: twin.state,
@@ -47,7 +45,7 @@ pub fn note_twin(session: &Path, twin: &Twin) {
 }
 
 /// Notes a diagnosis that was made.
-pub fn note_report(session: &Path, report: &GapReport) {
+pub(crate) fn note_report(session: &Path, report: &GapReport) {
     let folder = inside(session, Path::new(&report.folder));
     write(
         &session.join(REPORT_FILE),
@@ -57,7 +55,7 @@ pub fn note_report(session: &Path, report: &GapReport) {
 
 /// The last twin of a session. One that cannot be read is logged and left out.
 #[must_use]
-pub fn last_twin(session: &Path) -> Option<Twin> {
+pub(crate) fn last_twin(session: &Path) -> Option<Twin> {
     let note: TwinNote = read(&session.join(TWIN_FILE))?;
     let summary = read_run_summary(&session.join(&note.folder));
     // A session without its twin is still a session: the node starts all the same.
@@ -67,7 +65,7 @@ pub fn last_twin(session: &Path) -> Option<Twin> {
 
 /// The last diagnosis of a session. One that cannot be read is logged and left out.
 #[must_use]
-pub fn last_report(session: &Path) -> Option<GapReport> {
+pub(crate) fn last_report(session: &Path) -> Option<GapReport> {
     let note: ReportNote = read(&session.join(REPORT_FILE))?;
     let report = read_gap_report(&session.join(&note.folder));
     let report = report
@@ -109,7 +107,7 @@ mod tests {
 
     #[test]
     fn what_is_noted_is_found_and_damage_is_left_out() {
-        let folder = crate::temp::Temp::new("last");
+        let folder = common::temp::Temp::new("last");
         let session = folder.0.clone();
         fs::create_dir_all(session.join("gap_1")).unwrap();
         assert!(last_twin(&session).is_none() && last_report(&session).is_none());

@@ -14,11 +14,9 @@ use std::{
 use tokio::sync::watch;
 
 use super::view::Pixels;
-use crate::{
-    capture::RgbdFrame,
-    geometry::{Intrinsics, Pose},
-    surface::{LiveMap, LiveSettings, MeshChunk, Moved, NextView, Unseen},
-};
+use capture::RgbdFrame;
+use geometry::{Intrinsics, Pose};
+use surface::{LiveMap, LiveSettings, MeshChunk, Moved, NextView, Unseen};
 
 /// Views that wait to be fused.
 /// derived: at a quarter of a second each, the last one of a burst is fused within a second
@@ -26,7 +24,7 @@ const WAITING: usize = 3;
 
 /// Which map a view belongs to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct MapKey {
+pub(crate) struct MapKey {
     /// Number of the session.
     pub session: u64,
     /// Number of states begun so far; a higher one is another state.
@@ -45,7 +43,7 @@ impl MapKey {
 }
 
 /// A view that was kept.
-pub struct KeptView {
+pub(crate) struct KeptView {
     /// Its map.
     pub key: MapKey,
     /// Stamp of the color image, nanoseconds.
@@ -61,7 +59,7 @@ pub struct KeptView {
 }
 
 /// What the views so far show.
-pub struct LiveProducts {
+pub(crate) struct LiveProducts {
     /// Which map it is.
     pub key: MapKey,
     /// Stamp of the newest view in it, nanoseconds.
@@ -94,7 +92,7 @@ pub struct LiveProducts {
 
 /// What `/diagnostics` says of the map.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct LiveStatus {
+pub(crate) struct LiveStatus {
     /// Views in the map of the present state.
     pub fused: usize,
     /// Views left out because it was busy, since the start of the node.
@@ -119,21 +117,21 @@ pub struct LiveStatus {
 
 /// What is counted.
 #[derive(Debug, Default)]
-pub struct LiveCounts {
+pub(crate) struct LiveCounts {
     left_out: AtomicU64,
     behind_micros: AtomicU64,
 }
 
 impl LiveCounts {
     /// The longest time from a kept view to its published surface.
-    pub fn set_behind(&self, time: Duration) {
+    pub(crate) fn set_behind(&self, time: Duration) {
         self.behind_micros.store(u64::try_from(time.as_micros()).unwrap_or(u64::MAX), Ordering::Relaxed);
     }
 }
 
 /// What comes out of the map.
 #[derive(Clone)]
-pub struct LiveResults {
+pub(crate) struct LiveResults {
     /// What the views show; a higher `begun` than its key's says that it is of an earlier state.
     pub products: watch::Receiver<Option<Arc<LiveProducts>>>,
     /// States begun so far.
@@ -143,7 +141,7 @@ pub struct LiveResults {
 }
 
 /// Where kept views go; without it, the thread ends.
-pub struct LiveQueue {
+pub(crate) struct LiveQueue {
     views: SyncSender<KeptView>,
     begun: watch::Sender<u64>,
     results: LiveResults,
@@ -151,25 +149,25 @@ pub struct LiveQueue {
 
 impl LiveQueue {
     /// Hands a view over, unless the map is busy.
-    pub fn offer(&self, view: KeptView) {
+    pub(crate) fn offer(&self, view: KeptView) {
         if self.views.try_send(view).is_err() {
             self.results.counts.left_out.fetch_add(1, Ordering::Relaxed);
         }
     }
 
     /// Says that another state, or session, begins: what is shown is of an earlier one.
-    pub fn begin(&self) -> u64 {
+    pub(crate) fn begin(&self) -> u64 {
         self.begun.send_modify(|n| *n += 1);
         *self.begun.borrow()
     }
 
     /// What comes out.
-    pub fn results(&self) -> LiveResults {
+    pub(crate) fn results(&self) -> LiveResults {
         self.results.clone()
     }
 
     /// How it goes.
-    pub fn status(&self) -> LiveStatus {
+    pub(crate) fn status(&self) -> LiveStatus {
         let counts = &self.results.counts;
         let status = LiveStatus {
             left_out: counts.left_out.load(Ordering::Relaxed),
@@ -198,7 +196,7 @@ impl LiveQueue {
 ///
 /// # Errors
 /// If the system has no thread.
-pub fn start(
+pub(crate) fn start(
     settings: LiveSettings,
     is_read: impl Fn() -> bool + Send + 'static,
 ) -> std::io::Result<LiveQueue> {
@@ -223,7 +221,7 @@ pub fn start(
 }
 
 /// Fuses views into the map that they belong to.
-pub struct Mapper {
+pub(crate) struct Mapper {
     settings: LiveSettings,
     map: LiveMap,
     key: MapKey,
@@ -232,7 +230,7 @@ pub struct Mapper {
 
 impl Mapper {
     /// Before the first view.
-    pub fn new(settings: LiveSettings) -> Self {
+    pub(crate) fn new(settings: LiveSettings) -> Self {
         Self { settings, map: LiveMap::new(settings), key: MapKey::default(), unusable: 0 }
     }
 
@@ -266,7 +264,7 @@ impl Mapper {
     }
 
     /// Fuses a view.
-    pub fn add(&mut self, view: KeptView) {
+    pub(crate) fn add(&mut self, view: KeptView) {
         if view.key != self.key {
             if self.key.goes_on(&view.key) && self.map.views() > 0 {
                 self.map.begin_state();
@@ -322,7 +320,7 @@ impl Mapper {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::image_codec::Raster;
+    use io::image_codec::Raster;
 
     fn view(frame: &RgbdFrame, key: MapKey) -> KeptView {
         let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
@@ -357,7 +355,7 @@ mod tests {
     }
 
     const SETTINGS: LiveSettings = LiveSettings { noise: NOISE, most_bytes: 64 << 20 };
-    const NOISE: crate::capture::NoiseConfig = crate::capture::NoiseConfig {
+    const NOISE: capture::NoiseConfig = capture::NoiseConfig {
         constant_m: 0.0005,
         quadratic_per_m: 0.0025,
         edge_sigmas: 6.0,
@@ -407,9 +405,9 @@ mod tests {
     #[ignore = "measures: needs a recording, named by ARTITWIN_BAG"]
     fn what_a_view_of_a_recording_takes() {
         let bag = std::path::PathBuf::from(std::env::var_os("ARTITWIN_BAG").unwrap());
-        let config = crate::capture::CaptureConfig::default();
+        let config = capture::CaptureConfig::default();
         let states = [bag.join("state0"), bag.join("state1")];
-        let capture = crate::io::open(&states, &config, 0).unwrap();
+        let capture = io::open(&states, &config, 0).unwrap();
         let work = || {
             for with_mask in [true, false] {
                 let mut mapper = Mapper::new(SETTINGS);

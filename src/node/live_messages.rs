@@ -3,14 +3,12 @@
 use nalgebra::{Point3, Vector3};
 
 use super::live_map::LiveProducts;
-use crate::{
-    geometry::{Intrinsics, Pose},
-    io::ros2msg::{
-        Header, PoseStamped, Transform, Vector3 as Point,
-        markers::{Color, Marker, MarkerArray, action, kind},
-    },
-    surface::{MeshChunk, TriangleMesh, UnseenPatch},
+use geometry::{Intrinsics, Pose};
+use io::ros2msg::{
+    Header, PoseStamped, Transform, Vector3 as Point,
+    markers::{Color, Marker, MarkerArray, action, kind},
 };
+use surface::{MeshChunk, TriangleMesh, UnseenPatch};
 
 /// Group of the chunks of the surface.
 const SURFACE: &str = "live_mesh";
@@ -22,25 +20,25 @@ const NEXT_VIEW: &str = "next_view";
 const MOVED: &str = "moved";
 /// Triangles of what moved that are sent at most, each way; of more, some are left out.
 const MOST_MOVED: usize = 1500;
-/// Length of the pyramid that shows the next view, meters.
+/// Length of the pyramid that shows the next view, meters. chosen: for the eye
 const PYRAMID_M: f64 = 0.12;
 
 /// Bytes that a chunk takes on the wire: a triangle has three points and three colors.
 #[must_use]
-pub fn chunk_bytes(chunk: &MeshChunk) -> usize {
+pub(crate) fn chunk_bytes(chunk: &MeshChunk) -> usize {
     200 + chunk.mesh.triangles.len() * 3 * (24 + 16)
 }
 
 /// Removes all markers of a topic.
 #[must_use]
-pub fn clear(header: &Header) -> MarkerArray {
+pub(crate) fn clear(header: &Header) -> MarkerArray {
     let marker = Marker { header: header.clone(), action: action::DELETE_ALL, ..Marker::default() };
     MarkerArray { markers: vec![marker] }
 }
 
 /// A chunk of the surface in the place of an earlier one; without triangles it goes.
 #[must_use]
-pub fn chunk_marker(chunk: &MeshChunk, header: &Header) -> Marker {
+pub(crate) fn chunk_marker(chunk: &MeshChunk, header: &Header) -> Marker {
     if chunk.mesh.is_empty() {
         return gone_chunk(chunk.id, header);
     }
@@ -59,13 +57,13 @@ pub fn chunk_marker(chunk: &MeshChunk, header: &Header) -> Marker {
 
 /// Takes a chunk away.
 #[must_use]
-pub fn gone_chunk(id: i32, header: &Header) -> Marker {
+pub(crate) fn gone_chunk(id: i32, header: &Header) -> Marker {
     Marker { header: header.clone(), ns: SURFACE.into(), id, action: action::DELETE, ..Marker::default() }
 }
 
 /// What is unseen, as squares of its area, and the next view as a pyramid.
 #[must_use]
-pub fn unseen_markers(products: &LiveProducts, header: &Header) -> MarkerArray {
+pub(crate) fn unseen_markers(products: &LiveProducts, header: &Header) -> MarkerArray {
     let squares = Marker {
         points: products.unseen.patches.iter().flat_map(square).map(|p| point(&p)).collect(),
         ..triangles(UNSEEN, header, Color { r: 0.9, g: 0.1, b: 0.8, a: 0.5 })
@@ -93,14 +91,14 @@ pub fn unseen_markers(products: &LiveProducts, header: &Header) -> MarkerArray {
 
 /// The next view; `None` where none is worth it.
 #[must_use]
-pub fn next_view(products: &LiveProducts, header: &Header) -> Option<PoseStamped> {
+pub(crate) fn next_view(products: &LiveProducts, header: &Header) -> Option<PoseStamped> {
     let next = products.next_view.as_ref()?;
     Some(PoseStamped { header: header.clone(), pose: Transform::from_pose(&next.world_from_camera) })
 }
 
 /// What appeared and what is gone since state 0; `None` where there is nothing to compare with.
 #[must_use]
-pub fn moved_markers(products: &LiveProducts, header: &Header) -> Option<MarkerArray> {
+pub(crate) fn moved_markers(products: &LiveProducts, header: &Header) -> Option<MarkerArray> {
     let moved = products.moved.as_ref()?;
     let marker = |id: i32, mesh: &TriangleMesh, color: Color| {
         let every = mesh.triangles.len().div_ceil(MOST_MOVED).max(1);

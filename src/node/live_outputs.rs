@@ -15,10 +15,8 @@ use super::{
     live_messages::{chunk_bytes, chunk_marker, clear, gone_chunk, moved_markers, next_view, unseen_markers},
     participant::{Participant, reliable},
 };
-use crate::{
-    io::ros2msg::{Header, PoseStamped, Time, markers::MarkerArray},
-    surface::MeshChunk,
-};
+use io::ros2msg::{Header, PoseStamped, Time, markers::MarkerArray};
+use surface::MeshChunk;
 
 /// Time between two messages of the surface.
 const TICK: Duration = Duration::from_millis(20);
@@ -35,7 +33,7 @@ const AGAIN: Duration = Duration::from_secs(10);
 const DELAY_KEPT: Duration = Duration::from_secs(1);
 
 /// All publishers of the map.
-pub struct LiveOutputs {
+pub(crate) struct LiveOutputs {
     mesh: Publisher<MarkerArray>,
     unseen: Publisher<MarkerArray>,
     next_view: Publisher<PoseStamped>,
@@ -60,7 +58,7 @@ impl LiveOutputs {
     ///
     /// # Errors
     /// If a name cannot be used or the network refuses.
-    pub fn new(participant: &mut Participant) -> Result<Self, NodeError> {
+    pub(crate) fn new(participant: &mut Participant) -> Result<Self, NodeError> {
         Ok(Self {
             mesh: participant.publisher("~/live_mesh", &reliable(4))?,
             unseen: participant.publisher("~/unseen", &reliable(1))?,
@@ -70,7 +68,7 @@ impl LiveOutputs {
     }
 
     /// Publishes until the node ends.
-    pub async fn run(self, results: LiveResults) {
+    pub(crate) async fn run(self, results: LiveResults) {
         let mut tick = tokio::time::interval(TICK);
         tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         let mut sent = Sent::default();
@@ -203,12 +201,10 @@ fn log_failure(failed: bool, what: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        geometry::{Intrinsics, Pose},
-        io::ros2msg::markers::action,
-        node::live_map::MapKey,
-        surface::{TriangleMesh, Unseen},
-    };
+    use crate::live_map::MapKey;
+    use geometry::{Intrinsics, Pose};
+    use io::ros2msg::markers::action;
+    use surface::{TriangleMesh, Unseen};
 
     fn products(chunks: &[(i32, u64, usize)]) -> LiveProducts {
         let mesh = |triangles: usize| TriangleMesh {
@@ -287,16 +283,14 @@ mod tests {
         // Without points a marker would be refused.
         let nothing = unseen_markers(&p, &header).markers;
         assert!(nothing.iter().all(|m| m.action == action::DELETE));
-        p.unseen.patches.push(crate::surface::UnseenPatch {
+        p.unseen.patches.push(surface::UnseenPatch {
             center: nalgebra::Point3::new(1.0, 0.0, 0.0),
             normal: nalgebra::Vector3::x(),
             area_m2: 0.04,
         });
-        p.next_view = Some(crate::surface::NextView {
-            world_from_camera: Pose::translation(0.0, 0.0, 1.0),
-            gain_m2: 0.1,
-        });
-        p.moved = Some(crate::surface::Moved::default());
+        p.next_view =
+            Some(surface::NextView { world_from_camera: Pose::translation(0.0, 0.0, 1.0), gain_m2: 0.1 });
+        p.moved = Some(surface::Moved::default());
         let shown = unseen_markers(&p, &header).markers;
         assert_eq!(shown.iter().map(|m| m.points.len()).collect::<Vec<_>>(), [6, 16]);
         let corner = &shown[0].points[0];

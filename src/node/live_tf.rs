@@ -3,11 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::{
-    capture::{CaptureError, TfBuffer},
-    geometry::Pose,
-    io::ros2msg::{TfMessage, TransformStamped},
-};
+use capture::{CaptureError, TfBuffer};
+use geometry::Pose;
+use io::ros2msg::{TfMessage, TransformStamped};
 
 /// How long a transform is remembered, nanoseconds.
 const MEMORY_NANOS: i64 = 10_000_000_000;
@@ -18,7 +16,7 @@ const MAX_FRAMES: usize = 1000;
 
 /// Transforms of the last seconds.
 #[derive(Debug, Default)]
-pub struct LiveTf {
+pub(crate) struct LiveTf {
     buffer: TfBuffer,
     /// By child frame, then stamp.
     moving: BTreeMap<String, BTreeMap<i64, TransformStamped>>,
@@ -37,7 +35,7 @@ pub struct LiveTf {
 
 impl LiveTf {
     /// Takes the transforms of `/tf`.
-    pub fn add(&mut self, message: &TfMessage) {
+    pub(crate) fn add(&mut self, message: &TfMessage) {
         for t in &message.transforms {
             let child = t.child_frame_id.trim_start_matches('/');
             let parent = t.header.frame_id.trim_start_matches('/');
@@ -50,7 +48,7 @@ impl LiveTf {
     }
 
     /// Takes one sample of a transform that changes.
-    pub fn add_one(&mut self, t: &TransformStamped) {
+    pub(crate) fn add_one(&mut self, t: &TransformStamped) {
         let child = t.child_frame_id.trim_start_matches('/').to_owned();
         let (Some((stamp, parent)), Some(pose)) = (t.header.checked(), t.transform.checked()) else {
             self.refused += 1;
@@ -79,7 +77,7 @@ impl LiveTf {
     }
 
     /// Takes the transforms of `/tf_static`.
-    pub fn add_static(&mut self, message: &TfMessage) {
+    pub(crate) fn add_static(&mut self, message: &TfMessage) {
         for t in &message.transforms {
             let child = t.child_frame_id.trim_start_matches('/').to_owned();
             match (t.header.checked(), t.transform.checked()) {
@@ -102,7 +100,7 @@ impl LiveTf {
 
     /// Forgets samples with a later stamp, as the time went back to this one: what comes from now on must not
     /// be interpolated towards them.
-    pub fn forget_after(&mut self, stamp_nanos: i64) {
+    pub(crate) fn forget_after(&mut self, stamp_nanos: i64) {
         // Made anew: the buffer can forget what is old, not what is late.
         self.buffer = TfBuffer::default();
         for (child, t) in &self.fixed {
@@ -125,19 +123,19 @@ impl LiveTf {
 
     /// The frame at the top of a frame's chain, if something moves on the way there.
     #[must_use]
-    pub fn moving_root(&self, frame: &str) -> Option<String> {
+    pub(crate) fn moving_root(&self, frame: &str) -> Option<String> {
         let chain = self.buffer.chain(frame);
         (chain.moves && chain.root != frame).then_some(chain.root)
     }
 
     /// The frame at the top of a frame's chain.
     #[must_use]
-    pub fn root(&self, frame: &str) -> String {
+    pub(crate) fn root(&self, frame: &str) -> String {
         self.buffer.chain(frame).root
     }
 
     /// Leaves out from now on a transform that the node itself publishes.
-    pub fn disown(&mut self, parent: &str, child: &str) {
+    pub(crate) fn disown(&mut self, parent: &str, child: &str) {
         let own = [parent, child].map(str::to_owned);
         if !self.own.contains(&own) {
             self.own.push(own);
@@ -148,7 +146,7 @@ impl LiveTf {
     ///
     /// # Errors
     /// Those of [`TfBuffer::lookup`].
-    pub fn lookup(
+    pub(crate) fn lookup(
         &self,
         target: &str,
         source: &str,
@@ -161,7 +159,7 @@ impl LiveTf {
     /// The samples on either side of a stamp, of every frame above the given one: what a recording must hold
     /// so that the lookup gives the same.
     #[must_use]
-    pub fn around(&self, frame: &str, stamp_nanos: i64) -> Vec<TransformStamped> {
+    pub(crate) fn around(&self, frame: &str, stamp_nanos: i64) -> Vec<TransformStamped> {
         let mut found = Vec::new();
         let mut frame = frame.to_owned();
         // Frames may form a loop.
@@ -188,7 +186,7 @@ impl LiveTf {
 
     /// All static transforms.
     #[must_use]
-    pub fn fixed(&self) -> Vec<TransformStamped> {
+    pub(crate) fn fixed(&self) -> Vec<TransformStamped> {
         self.fixed.values().cloned().collect()
     }
 }
@@ -196,7 +194,7 @@ impl LiveTf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::ros2msg::{Header, Time, Transform};
+    use io::ros2msg::{Header, Time, Transform};
 
     const S: i64 = 1_000_000_000;
 

@@ -10,18 +10,16 @@ use super::{
     state_bag::Topics,
     view::{Pixels, View},
 };
-use crate::{
-    capture::{CaptureConfig, LiveTracker, LiveView, Lost},
-    geometry::Pose,
-    io::{LiveEye, ros2msg::CameraInfo},
-};
+use capture::{CaptureConfig, LiveTracker, LiveView, Lost};
+use geometry::Pose;
+use io::{LiveEye, ros2msg::CameraInfo};
 
 /// Views that wait to be tracked.
 /// derived: one in work and one behind it: older ones say less of where the camera is now
 const WAITING: usize = 2;
 
 /// A view to be tracked.
-pub struct ToTrack {
+pub(crate) struct ToTrack {
     /// Number of the map that it belongs to; a higher one begins another.
     pub map: u64,
     /// Stamp of the color image, nanoseconds.
@@ -33,7 +31,7 @@ pub struct ToTrack {
 }
 
 /// A view that was looked at.
-pub struct Tracked {
+pub(crate) struct Tracked {
     /// Number of the map.
     pub map: u64,
     /// Its images, with the pose where it has one.
@@ -45,7 +43,7 @@ pub struct Tracked {
 }
 
 /// What became of a view.
-pub enum Outcome {
+pub(crate) enum Outcome {
     /// It was placed.
     Placed(Box<(Pixels, LiveView)>),
     /// It has no place.
@@ -56,12 +54,12 @@ pub enum Outcome {
 
 /// Where views go; without any, the thread ends.
 #[derive(Clone)]
-pub struct TrackQueue(SyncSender<ToTrack>);
+pub(crate) struct TrackQueue(SyncSender<ToTrack>);
 
 impl TrackQueue {
     /// Hands a view over; it comes back where it found no room.
     #[must_use]
-    pub fn offer(&self, view: ToTrack) -> Option<ToTrack> {
+    pub(crate) fn offer(&self, view: ToTrack) -> Option<ToTrack> {
         match self.0.try_send(view) {
             Err(TrySendError::Full(view)) => Some(view),
             _ => None,
@@ -71,7 +69,7 @@ impl TrackQueue {
 
 /// What the tracking needs to know.
 #[derive(Clone)]
-pub struct TrackSettings {
+pub(crate) struct TrackSettings {
     /// Settings of a run.
     pub config: CaptureConfig,
     /// Names of the topics, for messages.
@@ -86,7 +84,7 @@ pub struct TrackSettings {
 ///
 /// # Errors
 /// If the system has no thread.
-pub fn start(settings: TrackSettings) -> std::io::Result<(TrackQueue, mpsc::Receiver<Tracked>)> {
+pub(crate) fn start(settings: TrackSettings) -> std::io::Result<(TrackQueue, mpsc::Receiver<Tracked>)> {
     let (queue, views) = sync_channel(WAITING);
     let (done, results) = mpsc::channel(WAITING);
     std::thread::Builder::new().name("tracking".into()).spawn(move || work(&settings, &views, &done))?;
@@ -103,7 +101,7 @@ fn work(settings: &TrackSettings, views: &Receiver<ToTrack>, done: &mpsc::Sender
 }
 
 /// Follows the camera from view to view.
-pub struct Follower<'a> {
+pub(crate) struct Follower<'a> {
     settings: &'a TrackSettings,
     eye: LiveEye,
     map: Option<(u64, LiveTracker)>,
@@ -112,12 +110,12 @@ pub struct Follower<'a> {
 impl<'a> Follower<'a> {
     /// Before the first view.
     #[must_use]
-    pub fn new(settings: &'a TrackSettings) -> Self {
+    pub(crate) fn new(settings: &'a TrackSettings) -> Self {
         Self { settings, eye: LiveEye::new(settings.config.clone()), map: None }
     }
 
     /// Looks at the next view.
-    pub fn follow(&mut self, view: ToTrack) -> Tracked {
+    pub(crate) fn follow(&mut self, view: ToTrack) -> Tracked {
         let ToTrack { map, stamp_nanos, images, infos } = view;
         let mut view = View { stamp_nanos, images, world_from_camera: Pose::identity() };
         let outcome = self.look(map, &mut view, &infos).unwrap_or_else(Outcome::Broken);

@@ -8,7 +8,11 @@ use std::{
 use log::{Level, LevelFilter, Log, Metadata, Record};
 
 /// Where this crate's records come from.
-const OWN: &str = "artitwin";
+const OWN: &str = env!("CARGO_CRATE_NAME");
+
+fn is_own(metadata: &Metadata) -> bool {
+    metadata.target().split("::").next() == Some(OWN)
+}
 
 struct Logger {
     name: String,
@@ -18,9 +22,8 @@ struct Logger {
 impl Log for Logger {
     fn enabled(&self, metadata: &Metadata) -> bool {
         // The middleware warns of itself where there is only one network; its errors are kept.
-        let own = metadata.target().split("::").next() == Some(OWN);
         metadata.level()
-            <= if own || self.level >= LevelFilter::Trace {
+            <= if is_own(metadata) || self.level >= LevelFilter::Trace {
                 self.level
             } else {
                 self.level.min(LevelFilter::Error)
@@ -32,7 +35,7 @@ impl Log for Logger {
             return;
         }
         let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64();
-        let name = if record.target().starts_with(OWN) { self.name.as_str() } else { record.target() };
+        let name = if is_own(record.metadata()) { self.name.as_str() } else { record.target() };
         let level = match record.level() {
             Level::Error => "ERROR",
             Level::Warn => "WARN",
@@ -50,7 +53,7 @@ impl Log for Logger {
 
 /// Starts the log of a node; `level` is `debug`, `info`, `warn`, `error` or `fatal`, and `silent` shows
 /// errors only.
-pub fn start(name: &str, level: Option<&str>, silent: bool) {
+pub(crate) fn start(name: &str, level: Option<&str>, silent: bool) {
     let level = match level {
         _ if silent => LevelFilter::Error,
         Some("debug") => LevelFilter::Debug,

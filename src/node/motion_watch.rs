@@ -7,7 +7,7 @@
 use std::collections::VecDeque;
 
 use super::view::Pixels;
-use crate::geometry::{Intrinsics, Pose};
+use geometry::{Intrinsics, Pose};
 
 /// Columns and rows of a watched view.
 const WIDTH: usize = 96;
@@ -15,9 +15,10 @@ const HEIGHT: usize = 72;
 /// Earlier views that a new one is held against.
 const REFERENCES: usize = 12;
 /// A surface this far behind where it was expected was looked through: meters, and share of the depth.
+/// chosen: beyond errors of depth and poses
 const THROUGH_M: f64 = 0.02;
 const THROUGH_SHARE: f64 = 0.02;
-/// Share of the compared points that must contradict for motion.
+/// Share of the compared points that must contradict for motion. chosen: more than errors of depth make
 const MOVED_SHARE: f64 = 0.012;
 /// Fewest compared points that count.
 const MIN_POINTS: usize = 150;
@@ -26,7 +27,7 @@ const CONFIRM: usize = 2;
 
 /// What is to be done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Turn {
+pub(crate) enum Turn {
     /// Nothing.
     None,
     /// Begin this state.
@@ -39,7 +40,7 @@ pub enum Turn {
 
 /// Settings of the watch.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct WatchRule {
+pub(crate) struct WatchRule {
     /// The object counts as still after this time without motion, nanoseconds.
     pub still_nanos: i64,
     /// Views that a state needs before it may end.
@@ -74,7 +75,7 @@ enum Stage {
 
 /// Watches the object.
 #[derive(Clone, Debug)]
-pub struct MotionWatch {
+pub(crate) struct MotionWatch {
     rule: WatchRule,
     stage: Stage,
     references: VecDeque<Small>,
@@ -86,7 +87,7 @@ pub struct MotionWatch {
 impl MotionWatch {
     /// A watch that has seen nothing.
     #[must_use]
-    pub fn new(rule: WatchRule) -> Self {
+    pub(crate) fn new(rule: WatchRule) -> Self {
         Self {
             rule,
             stage: Stage::Fresh,
@@ -99,25 +100,25 @@ impl MotionWatch {
 
     /// The same watch from the beginning.
     #[must_use]
-    pub fn renewed(self) -> Self {
+    pub(crate) fn renewed(self) -> Self {
         Self::new(self.rule)
     }
 
     /// The same watch where poses are those of another map from now on: nothing that was seen can be held
     /// against them.
     #[must_use]
-    pub fn in_another_map(self) -> Self {
+    pub(crate) fn in_another_map(self) -> Self {
         Self { references: VecDeque::new(), ..self }
     }
 
     /// Whether the object is being moved between the states.
     #[must_use]
-    pub fn is_moving(&self) -> bool {
+    pub(crate) fn is_moving(&self) -> bool {
         matches!(self.stage, Stage::Moving(_))
     }
 
     /// Takes a view; `kept` are the views kept of each state.
-    pub fn see(
+    pub(crate) fn see(
         &mut self,
         stamp_nanos: i64,
         pixels: &Pixels,
@@ -286,7 +287,7 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::io::image_codec::Raster;
+    use io::image_codec::Raster;
 
     const S: i64 = 1_000_000_000;
 

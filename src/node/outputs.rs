@@ -19,23 +19,23 @@ use super::{
     twin::Twin,
     twin_messages::{joint_markers, joint_state, link_transforms, root_transform},
 };
-use crate::io::ros2msg::{
+use io::ros2msg::{
     Header, JointState, TfMessage, TransformStamped, diagnostic::DiagnosticArray, gap::GapReport,
     markers::MarkerArray, point_cloud::PointCloud2, status::CollectionStatus, text::Text,
 };
 
 /// Values of `CollectionStatus.phase`.
 mod phase {
-    pub const IDLE: u8 = 0;
-    pub const COLLECTING: u8 = 1;
-    pub const MOVING: u8 = 2;
-    pub const READY: u8 = 3;
-    pub const RECONSTRUCTING: u8 = 4;
-    pub const DONE: u8 = 5;
+    pub(super) const IDLE: u8 = 0;
+    pub(super) const COLLECTING: u8 = 1;
+    pub(super) const MOVING: u8 = 2;
+    pub(super) const READY: u8 = 3;
+    pub(super) const RECONSTRUCTING: u8 = 4;
+    pub(super) const DONE: u8 = 5;
 }
 
 /// What the actions made.
-pub struct News {
+pub(crate) struct News {
     /// The last twin.
     pub twin: watch::Receiver<Option<Arc<Twin>>>,
     /// The last diagnosis.
@@ -45,7 +45,7 @@ pub struct News {
 }
 
 /// All publishers.
-pub struct Outputs {
+pub(crate) struct Outputs {
     description: Publisher<Text>,
     joint_states: Publisher<JointState>,
     tf: Publisher<TfMessage>,
@@ -71,7 +71,7 @@ impl Outputs {
     ///
     /// # Errors
     /// If a name cannot be used or the network refuses.
-    pub fn new(
+    pub(crate) fn new(
         participant: &mut Participant,
         p: &Parameters,
         clock: Arc<NodeClock>,
@@ -97,7 +97,7 @@ impl Outputs {
     }
 
     /// Publishes until the node ends.
-    pub async fn run(
+    pub(crate) async fn run(
         self,
         News { twin: mut twins, mut report, mut poses }: News,
         shared: Arc<Shared>,

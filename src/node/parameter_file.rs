@@ -5,10 +5,8 @@ use std::path::{Path, PathBuf};
 use serde_norway::{Mapping, Value};
 
 use super::ros_names::NodeIdentity;
-use crate::{
-    files,
-    limits::{PARAMETERS, YamlError, parse_yaml},
-};
+use common::files;
+use common::limits::{PARAMETERS, YamlError, parse_yaml};
 
 /// Why a parameter file cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -22,7 +20,7 @@ pub struct ParameterFileError {
 
 /// What is wrong with a parameter file.
 #[derive(Debug, thiserror::Error)]
-pub enum ParameterFileFault {
+pub(crate) enum ParameterFileFault {
     /// It could not be read.
     #[error(transparent)]
     Read(#[from] std::io::Error),
@@ -42,7 +40,7 @@ pub enum ParameterFileFault {
 ///
 /// # Errors
 /// If it cannot be read or is no parameter file.
-pub fn parameters_of_file(
+pub(crate) fn parameters_of_file(
     path: &Path,
     node: &NodeIdentity,
 ) -> Result<Vec<(String, Value)>, ParameterFileError> {

@@ -7,7 +7,7 @@ use super::parameters::Parameters;
 
 /// Names and values.
 #[must_use]
-pub fn declared(parameters: &Parameters) -> Vec<(String, ParameterValue)> {
+pub(crate) fn declared(parameters: &Parameters) -> Vec<(String, ParameterValue)> {
     let entry = |(name, value): (Value, Value)| Some((name.as_str()?.to_owned(), ros_value(&value)));
     // `use_sim_time` is declared by the library.
     parameters.to_mapping().into_iter().filter_map(entry).filter(|(name, _)| name != "use_sim_time").collect()
@@ -29,7 +29,7 @@ fn ros_value(value: &Value) -> ParameterValue {
 }
 
 /// Accepts a value that is the present one, and refuses any other with the remedy.
-pub fn refuse_changes(
+pub(crate) fn refuse_changes(
     parameters: &Parameters,
 ) -> impl Fn(&str, &ParameterValue) -> SetParametersResult + Send + Sync + 'static {
     let present = declared(parameters);

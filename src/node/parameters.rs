@@ -12,7 +12,7 @@ use super::{
 /// Every parameter with its default. An empty text stands for: not given.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Parameters {
+pub(crate) struct Parameters {
     /// Whether the time comes from `/clock`.
     pub use_sim_time: bool,
     /// Color images; with `compressed` transport `/compressed` is appended.
@@ -173,7 +173,7 @@ struct WrongType {
 
 /// Parameters, and the names that nothing reads.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Loaded {
+pub(crate) struct Loaded {
     /// The parameters.
     pub parameters: Parameters,
     /// Names that were given and mean nothing here, with the nearest that does.
@@ -185,7 +185,7 @@ impl Parameters {
     ///
     /// # Errors
     /// If a file cannot be read, or a value has the wrong type or cannot be used.
-    pub fn load(arguments: &RosArgs, node: &NodeIdentity) -> Result<Loaded, ParameterError> {
+    pub(crate) fn load(arguments: &RosArgs, node: &NodeIdentity) -> Result<Loaded, ParameterError> {
         // As YAML, so that each value is known by the type of its default.
         let mut merged = Self::default().to_mapping();
         let mut unknown = Vec::new();
@@ -222,7 +222,7 @@ impl Parameters {
 
     /// All names with their values.
     #[must_use]
-    pub fn to_mapping(&self) -> Mapping {
+    pub(crate) fn to_mapping(&self) -> Mapping {
         match serde_norway::to_value(self) {
             Ok(Value::Mapping(mapping)) => mapping,
             _ => Mapping::new(),
@@ -275,7 +275,7 @@ impl Parameters {
                 return refuse(name, format!("{value} does not lie in {low} to {high}"));
             }
         }
-        if !crate::model::is_plain_name(&self.twin_name) {
+        if !model::is_plain_name(&self.twin_name) {
             return refuse(
                 "twin_name",
                 format!(
@@ -339,7 +339,7 @@ mod tests {
 
     #[test]
     fn the_shipped_file_holds_the_defaults() {
-        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/launch_configs/ros/node.yaml");
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch_configs/ros/node.yaml");
         let found = load(&format!("--ros-args --params-file {file}")).unwrap();
         assert_eq!(found, Loaded::default());
         let text = std::fs::read_to_string(file).unwrap();

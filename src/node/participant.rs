@@ -16,7 +16,7 @@ use super::{
     ros_args::RosArgs,
     ros_names::{NameError, NodeIdentity, check_full_name},
 };
-use crate::io::ros2msg::definitions::RosMessage;
+use io::ros2msg::definitions::RosMessage;
 
 /// Receive buffer below which images get lost, bytes.
 const GOOD_BUFFER_BYTES: u64 = 4 << 20;
@@ -24,7 +24,7 @@ const GOOD_BUFFER_BYTES: u64 = 4 << 20;
 const WAIT: Duration = Duration::from_millis(100);
 
 /// The node on the network.
-pub struct Participant {
+pub(crate) struct Participant {
     node: Node,
     /// Names before they are expanded and remapped.
     arguments: RosArgs,
@@ -34,7 +34,7 @@ pub struct Participant {
 
 /// Profiles of ROS 2 by their use.
 #[must_use]
-pub fn reliable(depth: usize) -> QosProfile {
+pub(crate) fn reliable(depth: usize) -> QosProfile {
     QosProfile::publisher_default()
         // A writer that waited for ever would stop with its slowest reader.
         .reliability_reliable(WhenFull::Wait(WAIT))
@@ -45,19 +45,19 @@ pub fn reliable(depth: usize) -> QosProfile {
 
 /// Best effort: fits every publisher.
 #[must_use]
-pub fn sensor_data(depth: usize) -> QosProfile {
+pub(crate) fn sensor_data(depth: usize) -> QosProfile {
     reliable(depth).reliability_best_effort()
 }
 
 /// Reliable, and the last samples are there for whoever joins later.
 #[must_use]
-pub fn latched(depth: usize) -> QosProfile {
+pub(crate) fn latched(depth: usize) -> QosProfile {
     reliable(depth).durability(Durability::TransientLocal)
 }
 
 /// The profile of that name.
 #[must_use]
-pub fn named(profile: &str, depth: usize) -> QosProfile {
+pub(crate) fn named(profile: &str, depth: usize) -> QosProfile {
     if profile == "default" { reliable(depth) } else { sensor_data(depth) }
 }
 
@@ -66,7 +66,7 @@ impl Participant {
     ///
     /// # Errors
     /// If the network refuses or a name cannot be used.
-    pub fn join(
+    pub(crate) fn join(
         environment: &Environment,
         arguments: &RosArgs,
         identity: &NodeIdentity,
@@ -99,7 +99,7 @@ impl Participant {
     ///
     /// # Errors
     /// If the network refuses.
-    pub fn spin(&mut self) -> Result<(), NodeError> {
+    pub(crate) fn spin(&mut self) -> Result<(), NodeError> {
         let spinner = self.node.spinner().map_err(|e| NodeError::network("starting the node", e))?;
         tokio::spawn(async move {
             if let Err(error) = spinner.spin().await {
@@ -110,13 +110,13 @@ impl Participant {
     }
 
     /// The node of the library, for services and actions.
-    pub fn node(&mut self) -> &mut Node {
+    pub(crate) fn node(&mut self) -> &mut Node {
         &mut self.node
     }
 
     /// A name, expanded and remapped.
     #[must_use]
-    pub fn resolve(&self, name: &str) -> String {
+    pub(crate) fn resolve(&self, name: &str) -> String {
         self.arguments.resolve(name, &self.identity)
     }
 
@@ -124,7 +124,7 @@ impl Participant {
     ///
     /// # Errors
     /// If it cannot be used.
-    pub fn name(&self, name: &str) -> Result<Name, NodeError> {
+    pub(crate) fn name(&self, name: &str) -> Result<Name, NodeError> {
         library_name(&self.resolve(name))
     }
 
@@ -142,7 +142,7 @@ impl Participant {
     ///
     /// # Errors
     /// If the name cannot be used or the network refuses.
-    pub fn publisher<M: RosMessage>(
+    pub(crate) fn publisher<M: RosMessage>(
         &mut self,
         name: &str,
         qos: &QosProfile,
@@ -158,7 +158,7 @@ impl Participant {
     ///
     /// # Errors
     /// If the name cannot be used or the network refuses.
-    pub fn subscribe<M: RosMessage>(
+    pub(crate) fn subscribe<M: RosMessage>(
         &mut self,
         name: &str,
         qos: &QosProfile,
@@ -205,7 +205,7 @@ fn gid_bytes(info: &ros2_client::MessageInfo) -> [u8; 16] {
 
 /// A sentence where the system's receive buffer is too small for images.
 #[must_use]
-pub fn small_buffer_warning() -> Option<String> {
+pub(crate) fn small_buffer_warning() -> Option<String> {
     // The kernel cuts larger requests silently. Measured with 212,992 bytes, the default of Linux: half of
     // the reliable and nine tenths of the best-effort images of 640 x 480 at 30 Hz were lost.
     let text = std::fs::read_to_string("/proc/sys/net/core/rmem_max").ok()?;

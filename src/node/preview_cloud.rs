@@ -3,18 +3,18 @@
 use std::collections::BTreeMap;
 
 use super::view::Pixels;
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Every so many pixels of a row and column are looked at.
 const EVERY: usize = 6;
-/// First edge of a cell, meters; it doubles whenever there are too many.
+/// First edge of a cell, meters; it doubles whenever there are too many. chosen: fine enough for the eye
 const FIRST_CELL_M: f64 = 0.004;
-/// Beyond this the object is not, meters.
+/// Beyond this the object is not, meters. chosen: the reach of usual depth cameras
 const MAX_DEPTH_M: f32 = 4.0;
 
 /// One point a cell.
 #[derive(Clone, Debug)]
-pub struct PreviewCloud {
+pub(crate) struct PreviewCloud {
     most: usize,
     cell_m: f64,
     cells: BTreeMap<[i32; 3], ([f32; 3], [u8; 3])>,
@@ -23,12 +23,12 @@ pub struct PreviewCloud {
 impl PreviewCloud {
     /// An empty cloud of at most so many points.
     #[must_use]
-    pub fn new(most: usize) -> Self {
+    pub(crate) fn new(most: usize) -> Self {
         Self { most, cell_m: FIRST_CELL_M, cells: BTreeMap::new() }
     }
 
     /// Adds a view; of a masked one the object only.
-    pub fn add(&mut self, pixels: &Pixels, world_from_camera: &Pose) {
+    pub(crate) fn add(&mut self, pixels: &Pixels, world_from_camera: &Pose) {
         if self.most == 0 {
             return;
         }
@@ -70,7 +70,7 @@ impl PreviewCloud {
 
     /// Its points in the world frame, with colors.
     #[must_use]
-    pub fn points(&self) -> Vec<([f32; 3], [u8; 3])> {
+    pub(crate) fn points(&self) -> Vec<([f32; 3], [u8; 3])> {
         self.cells.values().copied().collect()
     }
 }
@@ -78,7 +78,8 @@ impl PreviewCloud {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{geometry::Intrinsics, io::image_codec::Raster};
+    use geometry::Intrinsics;
+    use io::image_codec::Raster;
 
     #[test]
     fn the_cloud_lies_on_the_surface_and_stays_small() {

@@ -11,7 +11,7 @@ use super::{environment::Environment, error::NodeError};
 ///
 /// # Errors
 /// If a socket is open that must not be.
-pub fn check(environment: &Environment) -> Result<(), NodeError> {
+pub(crate) fn check(environment: &Environment) -> Result<(), NodeError> {
     // By the kernel's table: RustDDS as published binds to all addresses, whatever is asked of it.
     let sockets = own_sockets();
     if environment.localhost {

@@ -2,7 +2,6 @@
 
 use std::{fs, io::Write as _, path::Path, sync::Arc, time::Duration};
 
-use ros2_client::Message;
 use tokio::sync::watch;
 
 use super::{
@@ -12,21 +11,13 @@ use super::{
     last_results::note_twin,
     twin::Twin,
 };
-use crate::{
-    config::{Config, Origins},
-    io::{
-        Ahead, SummaryJoint, read_run_summary,
-        ros2msg::status::{ReconstructFeedback, ReconstructGoal, ReconstructResult},
-    },
-    run::{self, Outcome, ReconstructRequest, RunError, RunProgress},
-};
-
-impl Message for ReconstructGoal {}
-impl Message for ReconstructResult {}
-impl Message for ReconstructFeedback {}
+use crate::requests::{ReconstructFeedback, ReconstructGoal, ReconstructResult};
+use config::{Config, Origins};
+use io::{Ahead, SummaryJoint, read_run_summary};
+use run::{self, Outcome, ReconstructRequest, RunError, RunProgress};
 
 /// Makes twins.
-pub struct Reconstructor {
+pub(crate) struct Reconstructor {
     /// Settings but for what a goal gives.
     pub config: Config,
     /// Where they come from.
@@ -99,7 +90,6 @@ impl Reconstructor {
             force: false,
             rerun: None,
             beside: Vec::new(),
-            shown: Vec::new(),
         })
     }
 
@@ -178,7 +168,7 @@ mod tests {
 
     #[test]
     fn settings_that_are_there_stay() {
-        let folder = crate::temp::Temp::new("settings");
+        let folder = common::temp::Temp::new("settings");
         let session = folder.0.clone();
         let read = |name: &str| fs::read_to_string(session.join(name)).unwrap();
         fs::write(session.join("settings.yaml"), "# mine").unwrap();

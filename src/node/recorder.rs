@@ -13,7 +13,7 @@ use super::{
     session::{Start, end_requested, in_runtime, queues, quiet},
     state_bag::Topics,
 };
-use crate::io::{
+use io::{
     BagWriteError, BagWriter, OfferedQos,
     ros2msg::{
         CameraInfo, DecodeError, PoseStamped, TfMessage, definitions::RosMessage, encode,

@@ -8,7 +8,7 @@ use super::ros_names::{NodeIdentity, expand, strip_transport};
 
 /// Everything between `--ros-args` and `--`.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct RosArgs {
+pub(crate) struct RosArgs {
     /// In the order given; the first that fits counts.
     pub remaps: Vec<Remap>,
     /// In the order given; later wins.
@@ -29,7 +29,7 @@ pub struct RosArgs {
 
 /// Where parameters come from.
 #[derive(Clone, Debug, PartialEq)]
-pub enum ParameterSource {
+pub(crate) enum ParameterSource {
     /// A file of `--params-file`.
     File(PathBuf),
     /// One of `-p`; of the named node, or of any.
@@ -45,7 +45,7 @@ pub enum ParameterSource {
 
 /// `from:=to`, for one node or for all.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Remap {
+pub(crate) struct Remap {
     /// The node it is meant for.
     pub node: Option<String>,
     /// A name as the node uses it, or `__node`, `__ns`.
@@ -68,7 +68,7 @@ impl RosArgs {
     ///
     /// # Errors
     /// If an option lacks its value or the value cannot be read.
-    pub fn parse(arguments: &[String]) -> Result<Self, RosArgsError> {
+    pub(crate) fn parse(arguments: &[String]) -> Result<Self, RosArgsError> {
         let mut parsed = Self::default();
         let mut ros = false;
         let mut list = arguments.iter();
@@ -125,7 +125,7 @@ impl RosArgs {
     ///
     /// # Errors
     /// If they are no names.
-    pub fn identity(&self, default_name: &str) -> Result<NodeIdentity, RosArgsError> {
+    pub(crate) fn identity(&self, default_name: &str) -> Result<NodeIdentity, RosArgsError> {
         // By the default name: `node:__node:=other` names the node before it is renamed.
         let find = |keys: [&str; 2]| {
             self.remaps.iter().find(|r| keys.contains(&r.from.as_str()) && self.is_for(r, default_name))
@@ -144,7 +144,7 @@ impl RosArgs {
 
     /// The full name that a topic, service or action gets: expanded, then remapped.
     #[must_use]
-    pub fn resolve(&self, name: &str, node: &NodeIdentity) -> String {
+    pub(crate) fn resolve(&self, name: &str, node: &NodeIdentity) -> String {
         let full = expand(strip_transport(name), node);
         let fits = |r: &&Remap| {
             let own =
@@ -178,7 +178,7 @@ fn parameter(text: &str) -> Result<ParameterSource, RosArgsError> {
     if name.is_empty() {
         return Err(fail("the parameter has no name".into()));
     }
-    let value = crate::limits::parse_yaml(value).map_err(|e| fail(format!("the value is no YAML: {e}")))?;
+    let value = common::limits::parse_yaml(value).map_err(|e| fail(format!("the value is no YAML: {e}")))?;
     Ok(ParameterSource::Value { node, name: name.to_owned(), value })
 }
 

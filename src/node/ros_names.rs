@@ -22,7 +22,7 @@ pub enum NameError {
 
 /// A node's name and where it lives.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct NodeIdentity {
+pub(crate) struct NodeIdentity {
     /// `/` or `/a/b`.
     pub namespace: String,
     /// Without slashes.
@@ -34,7 +34,7 @@ impl NodeIdentity {
     ///
     /// # Errors
     /// [`NameError`].
-    pub fn new(namespace: &str, name: &str) -> Result<Self, NameError> {
+    pub(crate) fn new(namespace: &str, name: &str) -> Result<Self, NameError> {
         // Launch files write it with and without slashes.
         let namespace = format!("/{}", namespace.trim_matches('/'));
         check_token(name)?;
@@ -48,7 +48,7 @@ impl NodeIdentity {
 
     /// Namespace and name.
     #[must_use]
-    pub fn full(&self) -> String {
+    pub(crate) fn full(&self) -> String {
         format!("{}/{}", self.namespace.trim_end_matches('/'), self.name)
     }
 }
@@ -67,7 +67,7 @@ fn check_token(token: &str) -> Result<(), NameError> {
 ///
 /// # Errors
 /// [`NameError`].
-pub fn check_full_name(name: &str) -> Result<(), NameError> {
+pub(crate) fn check_full_name(name: &str) -> Result<(), NameError> {
     let tokens = name.strip_prefix('/').ok_or_else(|| NameError::NoSlash(name.to_owned()))?;
     if name.len() > MAX_NAME {
         return Err(NameError::Long(name.len()));
@@ -77,7 +77,7 @@ pub fn check_full_name(name: &str) -> Result<(), NameError> {
 
 /// The full form of a name: `/a` stands as it is, `~/a` lies below the node, `a` in its namespace.
 #[must_use]
-pub fn expand(name: &str, node: &NodeIdentity) -> String {
+pub(crate) fn expand(name: &str, node: &NodeIdentity) -> String {
     match name.strip_prefix('~') {
         Some(rest) => {
             format!("{}/{}", node.full(), rest.trim_start_matches('/')).trim_end_matches('/').to_owned()
@@ -89,7 +89,7 @@ pub fn expand(name: &str, node: &NodeIdentity) -> String {
 
 /// Leaves out `rostopic://` and `rosservice://`.
 #[must_use]
-pub fn strip_transport(name: &str) -> &str {
+pub(crate) fn strip_transport(name: &str) -> &str {
     ["rostopic://", "rosservice://"].iter().find_map(|p| name.strip_prefix(p)).unwrap_or(name)
 }
 

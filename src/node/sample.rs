@@ -1,6 +1,6 @@
 //! What a subscription hands on: a decoded message that has been checked for sense.
 
-use crate::io::{
+use io::{
     image_codec::{self as codec, ImageError, MAX_SIDE, Raster},
     ros2msg::{
         CameraInfo, CompressedImage, DecodeError, Header, Image, MAX_NAME, PoseStamped, TfMessage,
@@ -9,7 +9,7 @@ use crate::io::{
 };
 
 /// Largest image message, bytes.
-pub const MAX_IMAGE_BYTES: usize = 64 << 20;
+pub(crate) const MAX_IMAGE_BYTES: usize = 64 << 20;
 /// Most transforms of one message.
 const MAX_TRANSFORMS: usize = 10_000;
 /// Most distortion coefficients.
@@ -17,7 +17,7 @@ const MAX_COEFFICIENTS: usize = 64;
 
 /// A color, depth or mask image as it came.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Picture {
+pub(crate) enum Picture {
     /// `sensor_msgs/msg/Image`.
     Raw(Image),
     /// `sensor_msgs/msg/CompressedImage`.
@@ -26,7 +26,7 @@ pub enum Picture {
 
 /// A message by its role.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Sample {
+pub(crate) enum Sample {
     /// Color image.
     Color(Picture),
     /// Depth image.
@@ -49,7 +49,7 @@ pub enum Sample {
 
 /// Why a message is not used, in a word that counts can be kept by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Refusal {
+pub(crate) enum Refusal {
     /// Stamp or frame name.
     Header,
     /// Size, row length, amount of data.
@@ -61,7 +61,7 @@ pub enum Refusal {
 impl Picture {
     /// Its header.
     #[must_use]
-    pub fn header(&self) -> &Header {
+    pub(crate) fn header(&self) -> &Header {
         match self {
             Self::Raw(m) => &m.header,
             Self::Compressed(m) => &m.header,
@@ -70,7 +70,7 @@ impl Picture {
 
     /// Its ROS type.
     #[must_use]
-    pub fn type_name(&self) -> &'static str {
+    pub(crate) fn type_name(&self) -> &'static str {
         match self {
             Self::Raw(_) => Image::TYPE,
             Self::Compressed(_) => CompressedImage::TYPE,
@@ -81,7 +81,7 @@ impl Picture {
     ///
     /// # Errors
     /// Where CDR cannot hold it.
-    pub fn payload(&self) -> Result<Vec<u8>, DecodeError> {
+    pub(crate) fn payload(&self) -> Result<Vec<u8>, DecodeError> {
         match self {
             Self::Raw(m) => encode(m),
             Self::Compressed(m) => encode(m),
@@ -90,7 +90,7 @@ impl Picture {
 
     /// Bytes of pixels.
     #[must_use]
-    pub fn bytes(&self) -> usize {
+    pub(crate) fn bytes(&self) -> usize {
         match self {
             Self::Raw(m) => m.data.len(),
             Self::Compressed(m) => m.data.len(),
@@ -101,7 +101,7 @@ impl Picture {
     ///
     /// # Errors
     /// [`ImageError`].
-    pub fn color(&self) -> Result<Raster<[u8; 3]>, ImageError> {
+    pub(crate) fn color(&self) -> Result<Raster<[u8; 3]>, ImageError> {
         match self {
             Self::Raw(m) => codec::raw_color(m),
             Self::Compressed(m) => codec::compressed_color(m),
@@ -112,7 +112,7 @@ impl Picture {
     ///
     /// # Errors
     /// [`ImageError`].
-    pub fn depth(&self) -> Result<Raster<f32>, ImageError> {
+    pub(crate) fn depth(&self) -> Result<Raster<f32>, ImageError> {
         match self {
             Self::Raw(m) => codec::raw_depth(m),
             Self::Compressed(m) => codec::compressed_depth(m),
@@ -123,7 +123,7 @@ impl Picture {
     ///
     /// # Errors
     /// [`ImageError`].
-    pub fn mask(&self) -> Result<Raster<bool>, ImageError> {
+    pub(crate) fn mask(&self) -> Result<Raster<bool>, ImageError> {
         match self {
             Self::Raw(m) => codec::raw_mask(m),
             Self::Compressed(m) => codec::compressed_mask(m),
@@ -161,7 +161,7 @@ impl Sample {
     ///
     /// # Errors
     /// In what it fails.
-    pub fn check(&self) -> Result<(), Refusal> {
+    pub(crate) fn check(&self) -> Result<(), Refusal> {
         match self {
             Self::Color(p) | Self::Depth(p) | Self::Mask(p) => p.check(),
             Self::ColorInfo(info) | Self::DepthInfo(info) => check_info(info),
@@ -202,7 +202,7 @@ fn check_info(info: &CameraInfo) -> Result<(), Refusal> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::ros2msg::{Time, Transform, TransformStamped};
+    use io::ros2msg::{Time, Transform, TransformStamped};
 
     fn header() -> Header {
         Header { stamp: Time { sec: 1, nanosec: 2 }, frame_id: "cam".into() }

@@ -11,19 +11,14 @@ use super::{
     error::NodeError,
     participant::{Participant, reliable},
 };
-use crate::io::ros2msg::status::{SetStateRequest, SetStateResponse, TriggerRequest, TriggerResponse};
-
-impl Message for SetStateRequest {}
-impl Message for SetStateResponse {}
-impl Message for TriggerRequest {}
-impl Message for TriggerResponse {}
+use crate::requests::{SetStateRequest, SetStateResponse, TriggerRequest, TriggerResponse};
 
 /// Requests that wait.
 const DEPTH: usize = 10;
 
 /// What the services need.
 #[derive(Clone)]
-pub struct ServiceContext {
+pub(crate) struct ServiceContext {
     /// To the core.
     pub commands: mpsc::Sender<Command>,
     /// What the core shares.
@@ -99,7 +94,7 @@ fn trigger(done: Result<String, CollectError>) -> TriggerResponse {
 ///
 /// # Errors
 /// If a name cannot be used or the network refuses.
-pub fn offer(
+pub(crate) fn offer(
     participant: &mut Participant,
     mapping: ServiceMapping,
     context: &ServiceContext,

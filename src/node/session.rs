@@ -35,7 +35,7 @@ use super::{
     session_lock::SessionLock,
     settings, work_ahead,
 };
-use crate::config::Config;
+use config::Config;
 
 /// Name of the node where none is given.
 const DEFAULT_NAME: &str = "artitwin";
@@ -90,7 +90,7 @@ pub(super) struct Start {
 
 impl Start {
     /// Reads arguments, environment and parameters, starts the log and logs what is odd.
-    pub fn read(arguments: &[String], name: &str) -> Result<Self, NodeError> {
+    pub(crate) fn read(arguments: &[String], name: &str) -> Result<Self, NodeError> {
         let arguments = without_stray(arguments)?;
         let identity = arguments.identity(name)?;
         // Before the environment, whose warnings are the first things to log.
@@ -111,7 +111,7 @@ impl Start {
     }
 
     /// Joins the domain, and says from where the node can be reached.
-    pub fn join(&self) -> Result<Participant, NodeError> {
+    pub(crate) fn join(&self) -> Result<Participant, NodeError> {
         let participant =
             Participant::join(&self.environment, &self.arguments, &self.identity, &self.parameters)?;
         // After joining: only then are the sockets open that are looked at.

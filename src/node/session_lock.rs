@@ -5,13 +5,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::io::LockedFile;
+use ::io::LockedFile;
 
 const LOCK_FILE: &str = ".node.lock";
 
 /// The right to write to a session's folder. It is given back when it is dropped, also by a crash.
 #[derive(Debug)]
-pub struct SessionLock {
+pub(crate) struct SessionLock {
     folder: PathBuf,
     _file: LockedFile,
 }
@@ -38,7 +38,7 @@ impl SessionLock {
     ///
     /// # Errors
     /// If another process holds it or the disk refuses.
-    pub fn take(folder: &Path) -> Result<Self, SessionLockError> {
+    pub(crate) fn take(folder: &Path) -> Result<Self, SessionLockError> {
         let fails = |source| SessionLockError::Disk { folder: folder.to_owned(), source };
         fs::create_dir_all(folder).map_err(fails)?;
         let file = LockedFile::take(&folder.join(LOCK_FILE)).map_err(fails)?;

@@ -6,10 +6,8 @@ use super::{
     collector::CollectorSettings, keyframes::KeyframeRule, live_tracking::TrackSettings,
     motion_watch::WatchRule, parameters::Parameters, state_bag::Topics,
 };
-use crate::{
-    config::{Config, ConfigError, Layers, Resolved},
-    surface::LiveSettings,
-};
+use config::{Config, ConfigError, Layers, Resolved};
+use surface::LiveSettings;
 
 /// Views held back while states end by themselves: motion is noticed a few views after it began.
 const HELD_VIEWS: usize = 4;
@@ -21,7 +19,7 @@ const MAP_FRAME: &str = "map";
 ///
 /// # Errors
 /// If a layer is wrong or a value cannot be used.
-pub fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<Config>, ConfigError> {
+pub(crate) fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<Config>, ConfigError> {
     let mut layers = Layers::new(&Config::default())?;
     if !p.preset.is_empty() {
         layers.preset(&p.preset)?;
@@ -53,7 +51,7 @@ pub fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<Config>,
 
 /// Settings of the collector; pairing and gaps are those that the run's settings name.
 #[must_use]
-pub fn collector_settings(p: &Parameters, topics: Topics, config: &Config) -> CollectorSettings {
+pub(crate) fn collector_settings(p: &Parameters, topics: Topics, config: &Config) -> CollectorSettings {
     let given = |s: &String| (!s.is_empty()).then(|| s.clone());
     let count = |n: i64| usize::try_from(n).unwrap_or(1);
     let capture = &config.capture;
@@ -79,7 +77,7 @@ pub fn collector_settings(p: &Parameters, topics: Topics, config: &Config) -> Co
 
 /// Settings of the tracking; those that the pipeline tracks a recording by.
 #[must_use]
-pub fn track_settings(p: &Parameters, topics: Topics, config: &Config) -> TrackSettings {
+pub(crate) fn track_settings(p: &Parameters, topics: Topics, config: &Config) -> TrackSettings {
     TrackSettings {
         config: config.capture.clone(),
         topics,
@@ -90,14 +88,14 @@ pub fn track_settings(p: &Parameters, topics: Topics, config: &Config) -> TrackS
 
 /// Settings of the live map, where there is one.
 #[must_use]
-pub fn live_settings(p: &Parameters, config: &Config) -> Option<LiveSettings> {
+pub(crate) fn live_settings(p: &Parameters, config: &Config) -> Option<LiveSettings> {
     let megabytes = usize::try_from(p.live_map_megabytes).unwrap_or(0);
     p.live_map.then_some(LiveSettings { noise: config.capture.noise, most_bytes: megabytes << 20 })
 }
 
 /// Settings of the watch, where states begin and end by themselves.
 #[must_use]
-pub fn watch_rule(p: &Parameters) -> Option<WatchRule> {
+pub(crate) fn watch_rule(p: &Parameters) -> Option<WatchRule> {
     let count = |n: i64| usize::try_from(n).unwrap_or(1);
     p.automatic_states.then(|| WatchRule {
         still_nanos: (p.still_secs * 1e9) as i64,

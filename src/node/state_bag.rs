@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::view::View;
-use crate::io::{
+use io::{
     BagWriteError, BagWriter, OfferedQos,
     ros2msg::{
         CameraInfo, Header, PoseStamped, TfMessage, TransformStamped, definitions::RosMessage, encode,
@@ -18,7 +18,7 @@ const LATCHED: OfferedQos = OfferedQos { reliable: true, latched: true, depth: 1
 
 /// Names of the topics, remapped.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Topics {
+pub(crate) struct Topics {
     /// Color images.
     pub color: String,
     /// Depth images.
@@ -34,7 +34,7 @@ pub struct Topics {
 }
 
 /// The recording of one state while it is written.
-pub struct StateBag {
+pub(crate) struct StateBag {
     bag: BagWriter,
     topics: Topics,
     fixed: Vec<TransformStamped>,
@@ -47,7 +47,7 @@ impl StateBag {
     ///
     /// # Errors
     /// If the disk refuses.
-    pub fn create(session: &Path, state: usize, topics: Topics) -> Result<Self, BagWriteError> {
+    pub(crate) fn create(session: &Path, state: usize, topics: Topics) -> Result<Self, BagWriteError> {
         let folder = session.join(format!("state{state}"));
         let spare = || (1..).map(|k| session.join(format!("state{state}_replaced{k}"))).find(|p| !p.exists());
         let replaced = folder.exists().then(spare).flatten();
@@ -61,7 +61,7 @@ impl StateBag {
     ///
     /// # Errors
     /// If the disk refuses.
-    pub fn abandon(self) -> Result<(), BagWriteError> {
+    pub(crate) fn abandon(self) -> Result<(), BagWriteError> {
         let folder = self.bag.folder().to_owned();
         // Closed first: some systems do not remove open files.
         drop(self.bag);
@@ -76,7 +76,7 @@ impl StateBag {
     ///
     /// # Errors
     /// If the disk refuses.
-    pub fn write(
+    pub(crate) fn write(
         &mut self,
         view: &View,
         infos: [Option<&CameraInfo>; 2],
@@ -157,7 +157,7 @@ impl StateBag {
     ///
     /// # Errors
     /// If the disk refuses.
-    pub fn flush(&mut self) -> Result<(), BagWriteError> {
+    pub(crate) fn flush(&mut self) -> Result<(), BagWriteError> {
         self.bag.flush()
     }
 
@@ -165,7 +165,7 @@ impl StateBag {
     ///
     /// # Errors
     /// If the disk refuses.
-    pub fn finish(self) -> Result<PathBuf, BagWriteError> {
+    pub(crate) fn finish(self) -> Result<PathBuf, BagWriteError> {
         let folder = self.bag.folder().to_owned();
         self.bag.finish().map(|_| folder)
     }

@@ -1,16 +1,16 @@
 //! Images that belong together, found as they come. The rule is that of recordings
-//! ([`crate::capture::pair`]).
+//! ([`capture::pair`]).
 
 use std::collections::VecDeque;
 
-use crate::capture::pair;
+use capture::pair;
 
 /// Kinds of images: color, depth, mask.
-pub const ROLES: usize = 3;
+pub(crate) const ROLES: usize = 3;
 
 /// Images that wait for their partners.
 #[derive(Debug)]
-pub struct Synchronizer<T> {
+pub(crate) struct Synchronizer<T> {
     slop_nanos: i64,
     /// Most images of a kind that wait.
     depth: usize,
@@ -27,7 +27,7 @@ pub struct Synchronizer<T> {
 
 /// A whole set; the stamp is that of the color image.
 #[derive(Debug, PartialEq)]
-pub struct Matched<T> {
+pub(crate) struct Matched<T> {
     /// Nanoseconds.
     pub stamp_nanos: i64,
     /// Color, depth, mask.
@@ -37,7 +37,7 @@ pub struct Matched<T> {
 impl<T> Synchronizer<T> {
     /// Pairs stamps that differ by at most `slop_nanos`.
     #[must_use]
-    pub fn new(slop_nanos: i64, depth: usize, with_masks: bool) -> Self {
+    pub(crate) fn new(slop_nanos: i64, depth: usize, with_masks: bool) -> Self {
         Self {
             slop_nanos,
             depth,
@@ -50,7 +50,7 @@ impl<T> Synchronizer<T> {
     }
 
     /// Forgets what waits with a later stamp, as the time went back to this one; it counts as unmatched.
-    pub fn forget_after(&mut self, stamp_nanos: i64) {
+    pub(crate) fn forget_after(&mut self, stamp_nanos: i64) {
         for (role, queue) in self.queues.iter_mut().enumerate() {
             let before = queue.len();
             queue.retain(|e| e.0 <= stamp_nanos);
@@ -61,12 +61,12 @@ impl<T> Synchronizer<T> {
 
     /// Images that wait.
     #[must_use]
-    pub fn waiting(&self) -> usize {
+    pub(crate) fn waiting(&self) -> usize {
         self.queues.iter().map(VecDeque::len).sum()
     }
 
     /// Takes an image of a kind; the sets that it completes, in the order of their stamps.
-    pub fn push(&mut self, role: usize, stamp_nanos: i64, image: T) -> Vec<Matched<T>> {
+    pub(crate) fn push(&mut self, role: usize, stamp_nanos: i64, image: T) -> Vec<Matched<T>> {
         // A kind whose partners stay away must not fill the memory.
         if self.queues[role].len() == self.depth {
             self.queues[role].pop_front();

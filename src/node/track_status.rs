@@ -3,17 +3,17 @@
 use std::{collections::VecDeque, time::Instant};
 
 use super::live_tracking::{Outcome, Tracked};
-use crate::capture::{LiveView, Lost};
+use capture::{LiveView, Lost};
 
-/// Time over which views are counted, seconds.
+/// Time over which views are counted, seconds. chosen: time enough to count, and short enough to be now
 const RATE_SECS: f64 = 2.0;
 /// Share of views that may be dropped before the camera should move slower: what is between two views that
-/// are looked at counts as one step.
+/// are looked at counts as one step. chosen: half
 const DROPPED_SHARE: f64 = 0.5;
 
 /// How well the camera is followed now.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct TrackStatus {
+pub(crate) struct TrackStatus {
     /// Views a second that are placed.
     pub views_hz: f64,
     /// Share of the surface that the last view and the map see alike; 0 while the camera is lost.
@@ -32,7 +32,7 @@ pub struct TrackStatus {
 
 /// Counts what is tracked.
 #[derive(Debug, Default)]
-pub struct TrackWatch {
+pub(crate) struct TrackWatch {
     /// When views were placed, and whether others were dropped before each.
     placed: VecDeque<Instant>,
     offered: VecDeque<Instant>,
@@ -45,14 +45,14 @@ pub struct TrackWatch {
 
 impl TrackWatch {
     /// A view was handed to the tracker, or found it busy.
-    pub fn offer(&mut self, taken: bool, now: Instant) {
+    pub(crate) fn offer(&mut self, taken: bool, now: Instant) {
         self.offered.push_back(now);
         self.dropped += u64::from(!taken);
         forget(&mut self.offered, now);
     }
 
     /// A view was looked at.
-    pub fn see(&mut self, tracked: &Tracked, now: Instant) {
+    pub(crate) fn see(&mut self, tracked: &Tracked, now: Instant) {
         self.keyframes = tracked.keyframes;
         match &tracked.outcome {
             Outcome::Placed(placed) => {
@@ -70,18 +70,18 @@ impl TrackWatch {
 
     /// Whether the last view had no place.
     #[must_use]
-    pub fn is_lost(&self) -> bool {
+    pub(crate) fn is_lost(&self) -> bool {
         self.why.is_some()
     }
 
     /// Another map begins.
-    pub fn begin(&mut self) {
+    pub(crate) fn begin(&mut self) {
         (self.last, self.why, self.keyframes) = (None, None, (0, false));
         (self.placed, self.offered) = Default::default();
     }
 
     /// How well the camera is followed now; `None` where no view was tracked yet.
-    pub fn status(&mut self, now: Instant) -> Option<TrackStatus> {
+    pub(crate) fn status(&mut self, now: Instant) -> Option<TrackStatus> {
         forget(&mut self.placed, now);
         forget(&mut self.offered, now);
         let (inliers, error_m) = match (&self.last, &self.why) {
@@ -133,11 +133,9 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::{
-        geometry::{Intrinsics, Pose},
-        io::image_codec::Raster,
-        node::view::{Pixels, View},
-    };
+    use crate::view::{Pixels, View};
+    use geometry::{Intrinsics, Pose};
+    use io::image_codec::Raster;
 
     fn tracked(stamp_secs: f64, outcome: Outcome) -> Tracked {
         let view = View {

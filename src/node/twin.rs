@@ -1,10 +1,10 @@
 //! The twin that the node has.
 
-use crate::io::RunSummary;
+use io::RunSummary;
 
 /// A finished twin, as it is published.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Twin {
+pub(crate) struct Twin {
     /// What its run folder says.
     pub summary: RunSummary,
     /// The observed state that is shown.

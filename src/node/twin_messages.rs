@@ -2,17 +2,15 @@
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
-use crate::{
-    geometry::Pose,
-    io::{
-        RunSummary, SummaryJoint,
-        ros2msg::{
-            Header, JointState, TfMessage, Time, Transform, TransformStamped,
-            markers::{Color, Marker, MarkerArray, action, kind},
-        },
+use geometry::Pose;
+use io::{
+    RunSummary, SummaryJoint,
+    ros2msg::{
+        Header, JointState, TfMessage, Time, Transform, TransformStamped,
+        markers::{Color, Marker, MarkerArray, action, kind},
     },
-    model::JointKind,
 };
+use model::JointKind;
 
 /// Group of the markers.
 const NAMESPACE: &str = "joint_axes";
@@ -20,16 +18,16 @@ const NAMESPACE: &str = "joint_axes";
 const OBJECT: &str = "object";
 /// Markers a joint: axis, range, cone of uncertainty, text.
 const MARKERS_PER_JOINT: i32 = 4;
-/// Length of an axis, meters.
+/// Length of an axis, meters. chosen: for the eye
 const AXIS_LENGTH_M: f64 = 0.2;
 /// Points of an arc or circle.
 const ARC_POINTS: usize = 33;
-/// Standard deviations shown.
+/// Standard deviations shown. chosen: 99.7 % of a normal distribution
 const SIGMAS: f64 = 3.0;
 
 /// The joints at the positions of an observed state.
 #[must_use]
-pub fn joint_state(twin: &RunSummary, state: usize, stamp: Time) -> JointState {
+pub(crate) fn joint_state(twin: &RunSummary, state: usize, stamp: Time) -> JointState {
     JointState {
         // JointState has no frame.
         header: Header { stamp, frame_id: String::new() },
@@ -41,7 +39,7 @@ pub fn joint_state(twin: &RunSummary, state: usize, stamp: Time) -> JointState {
 
 /// Frames of the moving links, each in its parent's, and with `fixed` that of the root in the world frame.
 #[must_use]
-pub fn link_transforms(twin: &RunSummary, state: usize, stamp: Time, prefix: &str) -> TfMessage {
+pub(crate) fn link_transforms(twin: &RunSummary, state: usize, stamp: Time, prefix: &str) -> TfMessage {
     let transform = |(joint, position): (&SummaryJoint, f64)| TransformStamped {
         header: Header { stamp, frame_id: format!("{prefix}{}", joint.parent) },
         child_frame_id: format!("{prefix}{}", joint.child),
@@ -52,7 +50,7 @@ pub fn link_transforms(twin: &RunSummary, state: usize, stamp: Time, prefix: &st
 
 /// The root link's frame is the world frame of the recording. `None` where both have one name.
 #[must_use]
-pub fn root_transform(
+pub(crate) fn root_transform(
     twin: &RunSummary,
     world_frame: &str,
     stamp: Time,
@@ -69,7 +67,7 @@ pub fn root_transform(
 /// Axes, ranges and uncertainty of all joints in the world frame, as they stand in an observed state, and the
 /// box about what was taken for the object. Old markers go.
 #[must_use]
-pub fn joint_markers(twin: &RunSummary, state: usize, world_frame: &str, stamp: Time) -> MarkerArray {
+pub(crate) fn joint_markers(twin: &RunSummary, state: usize, world_frame: &str, stamp: Time) -> MarkerArray {
     let header = Header { stamp, frame_id: world_frame.to_owned() };
     // RViz keeps markers until they are deleted: those of an earlier twin with more joints would stay.
     let clear = Marker {
@@ -158,7 +156,7 @@ impl Drawn<'_> {
         [arrow, range, uncertain, label]
     }
 
-    fn points(&self, in_joint: &[Vector3<f64>]) -> Vec<crate::io::ros2msg::Vector3> {
+    fn points(&self, in_joint: &[Vector3<f64>]) -> Vec<io::ros2msg::Vector3> {
         in_joint
             .iter()
             .map(|p| <[f64; 3]>::from((self.world_from_joint * Point3::from(*p)).coords).into())
@@ -304,7 +302,7 @@ mod tests {
         let arrow = &array.markers[1];
         assert_eq!((arrow.points.len(), arrow.kind, arrow.header.frame_id.as_str()), (2, kind::ARROW, "map"));
         assert!((arrow.points[1].z - 0.1).abs() < 1e-12 && (arrow.points[1].x - 1.0).abs() < 1e-12);
-        let finite = |p: &crate::io::ros2msg::Vector3| p.x.is_finite() && p.y.is_finite() && p.z.is_finite();
+        let finite = |p: &io::ros2msg::Vector3| p.x.is_finite() && p.y.is_finite() && p.z.is_finite();
         assert!(array.markers.iter().flat_map(|m| &m.points).all(finite));
         // Three standard deviations of 0.01 rad at 0.1 m.
         let tip = array.markers[3].points[0];
@@ -318,7 +316,7 @@ mod tests {
         let marker = array.markers.last().unwrap();
         assert_eq!((array.markers.len(), marker.ns.as_str(), marker.points.len()), (10, "object", 24));
         assert_eq!((marker.header.frame_id.as_str(), marker.kind), ("map", kind::LINE_LIST));
-        let length = |p: &[crate::io::ros2msg::Vector3]| {
+        let length = |p: &[io::ros2msg::Vector3]| {
             (p[0].x - p[1].x).abs() + (p[0].y - p[1].y).abs() + (p[0].z - p[1].z).abs()
         };
         let sum: f64 = marker.points.chunks(2).map(length).sum();

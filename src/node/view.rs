@@ -1,20 +1,18 @@
 //! A set of images with its camera and pose, decoded as a recording's are.
 
 use super::sample::Picture;
-use crate::{
-    capture::CaptureError,
-    geometry::{Intrinsics, Pose},
-    io::{
-        check_size,
-        image_codec::{ImageError, Raster},
-        pinhole,
-        ros2msg::CameraInfo,
-    },
+use capture::CaptureError;
+use geometry::{Intrinsics, Pose};
+use io::{
+    check_size,
+    image_codec::{ImageError, Raster},
+    pinhole,
+    ros2msg::CameraInfo,
 };
 
 /// Images that belong together, with all that a recording needs of them.
 #[derive(Clone, Debug)]
-pub struct View {
+pub(crate) struct View {
     /// Stamp of the color image, nanoseconds.
     pub stamp_nanos: i64,
     /// Color, depth, mask.
@@ -25,7 +23,7 @@ pub struct View {
 
 /// A view's pixels, not undistorted.
 #[derive(Clone, Debug)]
-pub struct Pixels {
+pub(crate) struct Pixels {
     /// The pinhole of the color camera.
     pub intrinsics: Intrinsics,
     /// Color.
@@ -38,7 +36,7 @@ pub struct Pixels {
 
 /// Why the images of a view cannot be used.
 #[derive(Debug, thiserror::Error)]
-pub enum ViewError {
+pub(crate) enum ViewError {
     /// The camera or the size of an image.
     #[error(transparent)]
     Capture(#[from] CaptureError),
@@ -61,7 +59,7 @@ impl View {
     ///
     /// # Errors
     /// What is wrong with which image.
-    pub fn decode(
+    pub(crate) fn decode(
         &self,
         info: &CameraInfo,
         info_topic: &str,

@@ -12,11 +12,9 @@ use super::{
     collection::{Shared, Snapshot},
     error::NodeError,
 };
-use crate::{
-    capture::CaptureConfig,
-    config::Config,
-    io::{Ahead, GrowingState},
-};
+use ::io::{Ahead, GrowingState};
+use capture::CaptureConfig;
+use config::Config;
 
 /// How often it is looked whether there is something to do.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
@@ -25,7 +23,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(200);
 ///
 /// # Errors
 /// If the system has no thread.
-pub fn start(shared: &Arc<Shared>, config: &Config) -> Result<Arc<Ahead>, NodeError> {
+pub(crate) fn start(shared: &Arc<Shared>, config: &Config) -> Result<Arc<Ahead>, NodeError> {
     let failed = |source| NodeError::System { what: "starting the work ahead", source };
     let ahead = Arc::new(Ahead::new());
     let (found, shared) = (Arc::clone(&ahead), Arc::downgrade(shared));

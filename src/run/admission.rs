@@ -6,10 +6,8 @@ use super::{
     Checkpoint, Fingerprint, ReconstructRequest, RunError, least_bytes::least_reconstruction,
     outcome::OUTPUT_STAGE,
 };
-use crate::{
-    config::{Config, Init, Method},
-    io::{self, ResultKind},
-};
+use config::{Config, Init, Method};
+use io::{self, ResultKind};
 
 /// Refuses what no recording could make right; the name of the twin.
 pub(super) fn checked_name(request: &ReconstructRequest) -> Result<String, RunError> {
@@ -76,7 +74,7 @@ mod tests {
 
     #[test]
     fn a_recording_of_rerun_takes_no_place_of_another_file() {
-        let folder = crate::temp::Temp::new("rerun");
+        let folder = common::temp::Temp::new("rerun");
         let taken = folder.0.join("mine.rrd");
         std::fs::write(&taken, "mine").unwrap();
         let mut request = ReconstructRequest::new(["bags/drawer"], folder.0.join("runs"));

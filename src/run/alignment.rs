@@ -9,16 +9,13 @@ use super::{
     scene::bounds,
     stage::stage_of,
 };
-use crate::{
-    articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lift, standing_share},
-    capture::{Capture, NoiseConfig, PoseNoise, RgbdFrame, align_worlds, match_states},
-    config::Config,
-    geometry::{Pose, SceneBox},
-    gpu::Offload,
-    io::OnnxMatcher,
-    note::{Note, NoteCode},
-    random::stage_rng,
-};
+use articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lift, standing_share};
+use capture::{Capture, NoiseConfig, PoseNoise, RgbdFrame, align_worlds, match_states};
+use common::note::{Note, NoteCode};
+use config::Config;
+use geometry::{Pose, SceneBox};
+use io::OnnxMatcher;
+use numeric::random::stage_rng;
 
 /// How a state was brought into the world frame of state 0.
 #[derive(Clone, Serialize, Deserialize)]
@@ -94,13 +91,12 @@ fn align_state(
     let count = capture.states.len();
     let frames = [&capture.states[0][..], &capture.states[state][..]];
     let steps = matcher.map(|_| pairs(frames, &config.matching));
-    let offload = stages.offload.clone();
-    let found = |m: &Monitor| pixel_matches(frames, &capture.matches, matcher, &config.matching, &offload, m);
+    let found = |m: &Monitor| pixel_matches(frames, &capture.matches, matcher, &config.matching, m);
     let matches = stages.kept(&stage_of("match", state, count), steps, found)?;
     // Pixels are kept, not points: points follow from pixels and frames.
     let mut matches = lift(frames, &matches, &capture.noise);
     let drift = stages.kept(&stage_of("align", state, count), None, |_| {
-        drift(state, frames, (&matches, &offload), scene, &capture.noise, config)
+        drift(state, frames, &matches, scene, &capture.noise, config)
     })?;
     if let Some(drift) = &drift {
         drift.undo_matches(&mut matches);
@@ -116,7 +112,7 @@ fn align_state(
 fn drift(
     state: usize,
     frames: [&[RgbdFrame]; 2],
-    (matches, offload): (&[LiftedMatch], &Offload),
+    matches: &[LiftedMatch],
     scene: &SceneBox,
     noise: &NoiseConfig,
     config: &Config,
@@ -125,7 +121,7 @@ fn drift(
     let around = || {
         let turned = frames.map(|f| f.iter().map(surroundings).collect::<Vec<_>>());
         let states = [&turned[0][..], &turned[1][..]];
-        lift(states, &match_states(states, &config.matching, offload), noise)
+        lift(states, &match_states(states, &config.matching), noise)
     };
     let mut rng = stage_rng(config.run.seed, "align", state as u64 - 1);
     let standing = |motion: &Pose| standing_share(frames, motion, noise);
@@ -150,7 +146,7 @@ fn refined(
     drift.undo(&mut near);
     // Rule 4 of docs/method.md 5: the surroundings did not move like this and must not pull.
     let only_object = by == AlignedBy::LargestPart;
-    // (2.13) between the states, where held-out surfels gain by it (2.15).
+    // docs/method.md (2.13) between the states, where held-out surfels gain by it (2.16).
     if let Some(fine) = align_worlds([frames[0], &near], noise, &PoseNoise::EXPECTED, only_object) {
         drift.world_from_world0 *= fine.corrected_from_reported.inverse();
         drift.covariance = fine.covariance;

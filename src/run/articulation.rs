@@ -4,17 +4,15 @@
 use super::{
     Checkpoint, Event, Monitor, RunError, Stages, scene::Scene, state::State, state_surface::StateSurface,
 };
-use crate::{
-    articulate::{
-        ArticulationProblem, ArticulationStart, ArticulationTrainer, FreeSpace, RegisterMethod, Registrar,
-        Registration, StateModel, StatePair, SurfaceRay, United, register_by_difference, unite,
-    },
-    capture::{NoiseConfig, RgbdFrame, object_weights},
-    config::Init,
-    geometry::{Intrinsics, Pose},
-    random::stage_rng,
-    surface::ColorField,
+use articulate::{
+    ArticulationProblem, ArticulationStart, ArticulationTrainer, FreeSpace, RegisterMethod, Registrar,
+    Registration, StateModel, StatePair, SurfaceRay, United, register_by_difference, unite,
 };
+use capture::{NoiseConfig, RgbdFrame, object_weights};
+use config::Init;
+use geometry::{Intrinsics, Pose};
+use numeric::random::stage_rng;
+use surface::ColorField;
 
 /// Parts and motions.
 pub(super) struct Articulation {
@@ -34,7 +32,7 @@ pub(super) struct PartsOfState {
 
 impl Articulation {
     /// Of motions to every state behind state 0, and labels in every state.
-    pub fn new(motions: Vec<Vec<Pose>>, labels: Vec<Vec<u8>>, starts: Vec<Pose>) -> Self {
+    pub(crate) fn new(motions: Vec<Vec<Pose>>, labels: Vec<Vec<u8>>, starts: Vec<Pose>) -> Self {
         let at_rest = vec![Pose::identity(); motions.first().map_or(1, Vec::len)];
         let motions = std::iter::once(at_rest).chain(motions);
         let states = motions.zip(labels).map(|(motions, labels)| PartsOfState { motions, labels });
@@ -42,7 +40,7 @@ impl Articulation {
     }
 
     /// Number of parts, the static one included.
-    pub fn parts(&self) -> usize {
+    pub(crate) fn parts(&self) -> usize {
         self.states.first().map_or(1, |s| s.motions.len())
     }
 }
@@ -78,8 +76,7 @@ pub(super) fn register_state(
     let mut rng = stage_rng(scene.config.run.seed, "register", state as u64 - 1);
     let free: [Option<FreeSpace>; 2] = [Some(&empty[0]), Some(&empty[1])];
     let (matches, config) = (&states[state].matches, &scene.config.register);
-    let mut search =
-        Registrar::new(matches, surfaces, free, parts, config, &scene.offload, &mut rng).map_err(failed)?;
+    let mut search = Registrar::new(matches, surfaces, free, parts, config, &mut rng).map_err(failed)?;
     let file = format!("{}-search", stage.replace('/', "-"));
     if let Some(saved) = checkpoint.and_then(|c| c.load(&file, monitor)) {
         search.restore(saved);
@@ -115,7 +112,6 @@ pub(super) fn unite_states(
         &pairs,
         scene.config.run.parts,
         &scene.config.register,
-        &scene.offload,
     )
     .map_err(|e| RunError::stage("register", e))
 }

@@ -10,12 +10,10 @@ use super::{
     state::State,
     state_surface::StateSurface,
 };
-use crate::{
-    articulate::{JointEstimate, LabelledState, NO_LABEL, TreeJointEstimate, label_grid, part_tsdf},
-    geometry::{Grid3, NearestPoints, Pose},
-    model::{ArticulatedModel, MovingPart, build},
-    surface::{DepthView, Mended, Readings, TriangleMesh, keep_components, marching_cubes, mend_borders},
-};
+use articulate::{JointEstimate, LabelledState, NO_LABEL, TreeJointEstimate, label_grid, part_tsdf};
+use geometry::{Grid3, NearestPoints, Pose};
+use model::{ArticulatedModel, MovingPart, build};
+use surface::{DepthView, Mended, Readings, TriangleMesh, keep_components, marching_cubes, mend_borders};
 
 /// The model: a surface for every part from all states but for what is `left_out` of them, links, joints.
 ///
@@ -171,7 +169,7 @@ fn paint(mesh: &mut TriangleMesh, motions: &[Pose], states: &[LabelledState], co
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::SceneBox;
+    use geometry::SceneBox;
 
     #[test]
     fn a_place_is_empty_where_a_state_saw_it_or_the_field_is_far() {

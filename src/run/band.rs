@@ -1,14 +1,12 @@
 //! Truncation and least weight of a fusion, by the noise of the readings.
 
-use crate::{
-    capture::{NoiseConfig, RgbdFrame, median_over_object},
-    geometry::SceneBox,
-    surface::SurfaceConfig,
-};
+use capture::{NoiseConfig, RgbdFrame, median_over_object};
+use geometry::SceneBox;
+use surface::SurfaceConfig;
 
 /// What one state's recording says about scale and noise.
 #[derive(Clone, Copy, Debug)]
-pub struct Band {
+pub(crate) struct Band {
     /// Truncation distance, meters.
     pub truncation_m: f64,
     /// Observation weight from which a node counts.
@@ -18,7 +16,7 @@ pub struct Band {
 impl Band {
     /// From the median depth of the object's pixels in all states.
     #[must_use]
-    pub fn of(
+    pub(crate) fn of(
         states: &[&[RgbdFrame]],
         scene: &SceneBox,
         noise: &NoiseConfig,

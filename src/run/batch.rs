@@ -10,10 +10,10 @@ use super::{
     plan::{foreseen, settled},
     reconstruct,
 };
-use crate::{config::ConfigError, io};
+use config::ConfigError;
 
 /// Runs that may go on at once, at most.
-pub const MAX_JOBS: usize = 64;
+pub(crate) const MAX_JOBS: usize = 64;
 
 /// Reconstructs every object, `jobs` at a time; one that fails does not stop the rest. Results are in the
 /// order of the requests and do not depend on `jobs`. Events carry the object's name: `fridge/register`.

@@ -16,7 +16,7 @@ use super::{
     checkpoint_error::CheckpointError,
     stage_file::{STAGE_FILE, StageFile, stage_name, write_whole},
 };
-use crate::io::{LockedFile, open_plain};
+use ::io::{LockedFile, open_plain};
 
 /// Largest fingerprint file, bytes.
 const MAX_FINGERPRINT_BYTES: u64 = 1 << 20;

@@ -15,12 +15,10 @@ use std::{
 use serde::Deserialize;
 
 use super::{Cancelled, least_bytes::DEMONSTRATION};
-use crate::{
-    files,
-    io::{Place, ResultKind, RunDir, RunDirError},
-    limits,
-    note::Note,
-};
+use common::files;
+use common::limits;
+use common::note::Note;
+use io::{Place, ResultKind, RunDir, RunDirError};
 
 /// The program, a module a line.
 const MODULES: [(&str, &str); 8] = [
@@ -226,7 +224,7 @@ fn lines(output: ChildStderr) -> Receiver<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::temp::Temp;
+    use common::temp::Temp;
 
     fn request(folder: &Temp, python: &str) -> DemonstrateRequest {
         DemonstrateRequest {

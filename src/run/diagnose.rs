@@ -10,42 +10,40 @@ use serde::Serialize;
 use super::{
     Event, Monitor, RunError, doubts::input_doubts, least_bytes::least_diagnosis, outcome::OUTPUT_STAGE,
 };
-use crate::{
-    export::{
-        DiagnosisFacts,
-        diagnosed::{mjcf, numbers::missing, sdf, urdf, usd},
-        diagnosis_page,
-    },
-    files,
-    gap::{
-        fit::actuation::actuated,
-        judge::{
-            assess::{Examined, Runs, conclude, examine},
-            format_model::FormatModel,
-            format_note::format_note,
-            multibody::fit_chains,
-            refused::refused,
-            report::{self, ExportNote, JointReport, Report},
-            verdict::Verdict,
-        },
-        model::{effects::catalogue, format::Format, joint_model::Catalogue, plant::Plant},
-        record::{
-            chain::{carried, motions},
-            command::Told,
-            drive::Hold,
-            inputs::complete,
-            log::JointLog,
-            off_axis::OffAxis,
-            recording::{Recording, RecordingError},
-            tracks::{Streams, moved_link},
-        },
-        twin_tree::{Motion, TwinTree},
-    },
-    io::{self, Place, ResultKind, RunDir},
-    limits::{FileLimit, SDF, USD},
-    note::{Note, NoteCode},
-    random::stage_rng,
+use common::files;
+use common::limits::{FileLimit, SDF, USD};
+use common::note::{Note, NoteCode};
+use export::{
+    DiagnosisFacts,
+    diagnosed::{mjcf, numbers::missing, sdf, urdf, usd},
+    diagnosis_page,
 };
+use gap::{
+    fit::actuation::actuated,
+    judge::{
+        assess::{Examined, Runs, conclude, examine},
+        format_model::FormatModel,
+        format_note::format_note,
+        multibody::fit_chains,
+        refused::refused,
+        report::{self, ExportNote, JointReport, Report},
+        verdict::Verdict,
+    },
+    model::{effects::catalogue, format::Format, joint_model::Catalogue, plant::Plant},
+    record::{
+        chain::{carried, motions},
+        command::Told,
+        drive::Hold,
+        inputs::complete,
+        log::JointLog,
+        off_axis::OffAxis,
+        recording::{Recording, RecordingError},
+        tracks::{Streams, moved_link},
+    },
+    twin_tree::{Motion, TwinTree},
+};
+use io::{self, Place, ResultKind, RunDir};
+use numeric::random::stage_rng;
 
 /// What is asked of a diagnosis.
 #[derive(Clone, Debug)]

@@ -8,33 +8,31 @@ use super::{
     least_bytes::least_diagnosis,
     outcome::OUTPUT_STAGE,
 };
-use crate::{
-    capture::{CaptureConfig, RgbdFrame},
-    export::{Picture, PictureKind, diagnosed::seen_urdf},
-    gap::{
-        camera::{
-            fit::predict::{predict, true_camera},
-            judge::{assess::assess, diagnosis::FrameDiagnosis, report},
-            model::{
-                hypothesis::Hypothesis,
-                own_error::{JointError, OwnErrors},
-                twin::SeenTwin,
-            },
-            record::{frames::FrameRun, options::FrameOptions},
+use capture::{CaptureConfig, RgbdFrame};
+use common::note::{Note, NoteCode};
+use export::{Picture, PictureKind, diagnosed::seen_urdf};
+use gap::{
+    camera::{
+        fit::predict::{predict, true_camera},
+        judge::{assess::assess, diagnosis::FrameDiagnosis, report},
+        model::{
+            hypothesis::Hypothesis,
+            own_error::{JointError, OwnErrors},
+            twin::SeenTwin,
         },
-        judge::verdict::Verdict,
+        record::{frames::FrameRun, options::FrameOptions},
     },
-    geometry::Pose,
-    io::{self, ResultKind, SummaryJoint},
-    model::{escape_lines, escape_xml},
-    note::{Note, NoteCode},
+    judge::verdict::Verdict,
 };
+use geometry::Pose;
+use io::{self, ResultKind, SummaryJoint};
+use model::{escape_lines, escape_xml};
 
 /// Pictures are made of so many frames of every run.
 const SHOWN: usize = 2;
 /// Runs that are shown.
 const RUNS_SHOWN: usize = 4;
-/// Share of the gate of residuals that has full color in the pictures.
+/// Share of the gate of residuals that has full color in the pictures. chosen: for the eye
 const FULL: f64 = 0.25;
 
 /// Diagnoses a twin by frames, and by motion too where the request has runs. Both stand in one report; the

@@ -2,12 +2,10 @@
 
 use rayon::prelude::*;
 
-use crate::{
-    capture::{Capture, RgbdFrame},
-    export::{Look, StateDifference, Tally},
-    model::ArticulatedModel,
-    surface::{Difference, Paint, RenderItem, Rendered, TriangleMesh, differences, render},
-};
+use capture::{Capture, RgbdFrame};
+use export::{Look, StateDifference, Tally};
+use model::ArticulatedModel;
+use surface::{Difference, Paint, RenderItem, Rendered, TriangleMesh, differences, render};
 
 /// How the twin differs from what the cameras saw, of every state whose object pixels are known.
 #[must_use]
@@ -64,6 +62,7 @@ pub(super) fn differ(capture: &Capture, state: usize, frame: &RgbdFrame, twin: &
     // and depth that are left.
     let found = capture.poses.states.get(state).and_then(Option::as_ref);
     let shared_m = found.map_or(0.0, |f| f.residual_m[usize::from(f.used)]);
+    // docs/method.md (11.3).
     differences(frame, twin, |pixel| {
         (frame.sigma_m(pixel, &capture.noise).powi(2) + shared_m * shared_m).sqrt()
     })

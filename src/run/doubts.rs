@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::{run_motion::motions, signs::settle_signs};
-use crate::gap::{
+use common::note::Note;
+use gap::{
     fit::stretch::RunMotion,
     judge::doubt::{Doubt, Scene, doubts},
     record::{
@@ -13,7 +14,6 @@ use crate::gap::{
     },
     twin_tree::TwinTree,
 };
-use crate::note::Note;
 
 /// Why joints are not diagnosed for their efforts have no sign, and doubts about the others, by joint.
 /// Efforts get the sign that commands give them. Warnings are added for both.

@@ -5,10 +5,7 @@ use std::path::{Path, PathBuf};
 use super::{
     Cancelled, Checkpoint, Event, Fingerprint, Monitor, Outcome, ReconstructRequest, RunError, chain,
 };
-use crate::{
-    io,
-    note::{Note, NoteCode},
-};
+use common::note::{Note, NoteCode};
 
 /// The result that has the name of a run, for `--resume`.
 enum Earlier {

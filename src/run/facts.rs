@@ -5,18 +5,15 @@ use std::collections::BTreeMap;
 use super::{
     Fingerprint, ReconstructRequest, Stages, Twin, pictures::photo_path, reconstruct_twin::cautions,
 };
-use crate::{
-    capture::Capture,
-    config::{Config, Engine, Init, preset_cost},
-    export::{
-        CameraPosesReport, CameraTrackingReport, DepthSensorReport, InputFacts, PhotoAndTwin, Rendering,
-        ReportPictures, RunFacts, StageTime, StateDifference, WorldFrameReport, compare_starts,
-        nearest_starts,
-    },
-    field::InstructionSet,
-    note::{Note, NoteCode},
-    random::hash_of,
+use capture::Capture;
+use common::note::{Note, NoteCode};
+use config::{Config, Engine, Init, preset_cost};
+use export::{
+    CameraPosesReport, CameraTrackingReport, DepthSensorReport, InputFacts, PhotoAndTwin, Rendering,
+    ReportPictures, RunFacts, StageTime, StateDifference, WorldFrameReport, compare_starts, nearest_starts,
 };
+use field::InstructionSet;
+use numeric::random::hash_of;
 
 /// What the report says about the run.
 pub(super) fn facts(
@@ -48,7 +45,7 @@ pub(super) fn facts(
     };
     RunFacts {
         input: InputFacts {
-            paths: request.sources.iter().map(|p| request.shown_text(&p.display().to_string())).collect(),
+            paths: request.sources.iter().map(|p| p.display().to_string()).collect(),
             frames: capture.states.iter().map(Vec::len).collect(),
         },
         initialization,
@@ -73,15 +70,13 @@ pub(super) fn facts(
         preset: preset(&request.config.run.preset),
         config_digest: config_digest(&request.config),
         fingerprint: fingerprint.text(),
-        device: device(&request.config, twin.replaced_engines.len(), capture.states.len())
-            + &stages.offload.describe().map_or_else(String::new, |gpu| format!("; {gpu}")),
+        device: device(&request.config, twin.replaced_engines.len(), capture.states.len()),
         notes: capture
             .notes
             .iter()
             .chain(&twin.notes)
             .cloned()
             .chain(twin.replaced_engines.iter().map(|why| Note::new(NoteCode::EngineReplaced, why)))
-            .chain(stages.offload.failures().iter().map(|e| Note::new(NoteCode::GpuFailed, e.to_string())))
             .collect(),
         warnings: capture
             .warnings

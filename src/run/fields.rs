@@ -3,13 +3,11 @@
 use std::cell::RefCell;
 
 use super::{Cancelled, Checkpoint, Event, Monitor, RunError, scene::Scene};
-use crate::{
-    config::Engine,
-    field::{
-        BurnEngine, CpuEngine, EngineError, EngineState, FieldEngine, FieldError, FieldTrainer, ObjectField,
-        TrainConfig, TrainInput, TrainerCheckpoint,
-    },
-    note::{Note, NoteCode},
+use common::note::{Note, NoteCode};
+use config::Engine;
+use field::{
+    BurnEngine, CpuEngine, EngineError, EngineState, FieldEngine, FieldError, FieldTrainer, ObjectField,
+    TrainConfig, TrainInput, TrainerCheckpoint,
 };
 
 /// Steps between two looks at the clock, the bar and the stop flag.

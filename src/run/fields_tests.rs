@@ -5,11 +5,9 @@ use std::sync::{Arc, atomic::AtomicBool, mpsc};
 use nalgebra::Point3;
 
 use super::*;
-use crate::{
-    capture::RgbdFrame,
-    field::{EngineError, FieldConfig, FieldLosses, Occupancy, SampleBatch},
-    geometry::{Grid3, Intrinsics, Pose, SceneBox},
-};
+use capture::RgbdFrame;
+use field::{EngineError, FieldConfig, FieldLosses, Occupancy, SampleBatch};
+use geometry::{Grid3, Intrinsics, Pose, SceneBox};
 
 /// How an engine fails.
 #[derive(Clone, Copy)]

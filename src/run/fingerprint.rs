@@ -2,14 +2,15 @@
 
 use std::{
     collections::BTreeMap,
+    hash::Hasher as _,
     io::{self, Read as _, Seek as _, SeekFrom},
     path::Path,
 };
 
 use serde::{Deserialize, Serialize};
 
-use super::checksum::Checksum;
-use crate::files::below;
+use common::files::below;
+use twox_hash::XxHash64;
 
 /// A file is hashed whole up to this size, bytes; of a larger one [`SAMPLES`] pieces are, spread evenly.
 const WHOLE_BYTES: u64 = 64 << 20;
@@ -47,7 +48,7 @@ impl Fingerprint {
     /// If something cannot be read, or the folder holds more than 100,000 files.
     pub fn with_source(mut self, name: &str, path: &Path) -> io::Result<Self> {
         let files = if path.is_dir() { below(path)? } else { vec![String::new()] };
-        let mut sum = Checksum::default();
+        let mut sum = XxHash64::default();
         let mut total = 0;
         for file in &files {
             let bytes = if file.is_empty() {
@@ -55,10 +56,10 @@ impl Fingerprint {
             } else {
                 add_content(&path.join(file), &mut sum)?
             };
-            sum.update(file.as_bytes());
+            sum.write(file.as_bytes());
             total += bytes;
         }
-        let value = format!("{} files, {total} bytes, content {:016x}", files.len(), sum.value());
+        let value = format!("{} files, {total} bytes, content {:016x}", files.len(), sum.finish());
         self.0.insert(name.to_owned(), value);
         Ok(self)
     }
@@ -90,13 +91,13 @@ impl Fingerprint {
     /// A 64-bit digest of all facts.
     #[must_use]
     pub fn digest(&self) -> u64 {
-        let mut sum = Checksum::default();
+        let mut sum = XxHash64::default();
         for text in self.0.iter().flat_map(|(name, value)| [name, value]) {
             // With lengths, so that no two lists of texts run together to the same bytes.
-            sum.update(&(text.len() as u64).to_le_bytes());
-            sum.update(text.as_bytes());
+            sum.write(&(text.len() as u64).to_le_bytes());
+            sum.write(text.as_bytes());
         }
-        sum.value()
+        sum.finish()
     }
 
     /// The digest as text.
@@ -116,12 +117,12 @@ impl Fingerprint {
 }
 
 /// Adds size and content of a file; gives its size.
-fn add_content(path: &Path, sum: &mut Checksum) -> io::Result<u64> {
+fn add_content(path: &Path, sum: &mut XxHash64) -> io::Result<u64> {
     let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
-    let mut file = crate::files::open(path).map_err(named)?;
+    let mut file = common::files::open(path).map_err(named)?;
     let bytes = file.metadata().map_err(named)?.len();
     // The size too: of a large file only pieces are read.
-    sum.update(&bytes.to_le_bytes());
+    sum.write(&bytes.to_le_bytes());
     let pieces = if bytes <= WHOLE_BYTES { 1 } else { SAMPLES };
     let length = if pieces == 1 { bytes } else { SAMPLE_BYTES };
     let mut buffer = vec![0; 1 << 16];
@@ -133,7 +134,7 @@ fn add_content(path: &Path, sum: &mut Checksum) -> io::Result<u64> {
         loop {
             match rest.read(&mut buffer).map_err(named)? {
                 0 => break,
-                n => sum.update(&buffer[..n]),
+                n => sum.write(&buffer[..n]),
             }
         }
     }

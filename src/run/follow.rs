@@ -7,11 +7,9 @@ use std::{
 };
 
 use super::{Event, Monitor, ReconstructRequest, RunError};
-use crate::{
-    io::{Ahead, GrowingState, is_recording},
-    note::{Note, NoteCode},
-    surface::{LiveMap, LiveSettings},
-};
+use common::note::{Note, NoteCode};
+use io::{Ahead, GrowingState, is_recording};
+use surface::{LiveMap, LiveSettings};
 
 /// How often a recording is looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
@@ -152,7 +150,7 @@ mod tests {
 
     #[test]
     fn a_folder_that_is_no_recording_holds_two_that_come() {
-        let folder = crate::temp::Temp::new("follow");
+        let folder = common::temp::Temp::new("follow");
         let one = folder.0.join("session");
         assert_eq!(followed(std::slice::from_ref(&one)), ["state0", "state1"].map(|s| one.join(s)));
         std::fs::create_dir_all(&one).unwrap();

@@ -7,16 +7,14 @@ use super::{
     stage::stage_of,
     state::State,
 };
-use crate::{
-    articulate::{EvidencePoint, Registration},
-    geometry::Pose,
-    model::ArticulatedModel,
-    note::{Note, NoteCode},
-};
+use articulate::{EvidencePoint, Registration};
+use common::note::{Note, NoteCode};
+use geometry::Pose;
+use model::ArticulatedModel;
 
 /// Positions of a joint within so many standard deviations of each other are the same.
 ///
-/// derived: three, 0.3 % of a normal distribution
+/// chosen: three, 0.3 % of a normal distribution
 const ALIKE_SIGMAS: f64 = 3.0;
 
 /// Parts and motions, and what is reported about them.
@@ -35,7 +33,7 @@ pub(super) struct Found {
 
 impl Found {
     /// Nothing but where the motions of the moving parts start.
-    pub fn of_starts(starts: &[Pose]) -> Self {
+    pub(crate) fn of_starts(starts: &[Pose]) -> Self {
         let starts = std::iter::once(Pose::identity()).chain(starts.iter().copied()).collect();
         let articulation = Articulation::new(Vec::new(), Vec::new(), starts);
         let (registered, curve) = (Vec::new(), Vec::new());

@@ -8,14 +8,12 @@ use super::{
     scene::Scene,
     state::State,
 };
-use crate::{
-    articulate::{
-        JointInference, LiftedMatch, ObservedState, PairEvidence, ParentMotion, PartEvidence, SurfaceDraws,
-        TreeJointEstimate, kinematic_tree, published_joint, static_motion,
-    },
-    capture::PoseFindings,
-    geometry::{NearestPoints, Pose},
+use articulate::{
+    JointInference, LiftedMatch, ObservedState, PairEvidence, ParentMotion, PartEvidence, SurfaceDraws,
+    TreeJointEstimate, kinematic_tree, published_joint, static_motion,
 };
+use capture::PoseFindings;
+use geometry::{NearestPoints, Pose};
 
 /// Joints of all moving parts, in the order of the parts. What is left of the static part's motion to states
 /// that were moved is taken out of theirs.

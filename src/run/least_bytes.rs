@@ -1,9 +1,7 @@
 //! What a command writes at least: a disk that has less is refused before the work.
 
-use crate::{
-    config::{Config, Method},
-    field::FieldConfig,
-};
+use config::{Config, Method};
+use field::FieldConfig;
 
 /// Bytes of a reconstruction's folder. Measured: 3.7 MB for two parts at `surface.nodes=64`; less only for
 /// coarser surfaces.

@@ -3,14 +3,12 @@
 use nalgebra::Point3;
 
 use super::{articulation::Articulation, scene::Scene, state::State};
-use crate::{
-    articulate::{OtherState, contradicted},
-    geometry::{Pose, bounding_box},
-    note::{Note, NoteCode},
-};
+use articulate::{OtherState, contradicted};
+use common::note::{Note, NoteCode};
+use geometry::{Pose, bounding_box};
 
 /// Errors of motions and depth take surface by less than this share of the truncation.
-/// derived: the truncation is four deviations of depth at least (docs/method.md 3.1)
+/// chosen: the truncation is four deviations of depth at least (docs/method.md 3.1)
 const ERROR: f64 = 0.5;
 /// Less of a state's surface is not worth a warning.
 /// derived: what explains less is no part either (docs/method.md 7)

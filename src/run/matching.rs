@@ -3,12 +3,9 @@
 use rayon::prelude::*;
 
 use super::{Event, Monitor, RunError};
-use crate::{
-    capture::{MatchConfig, PixelMatch, RgbdFrame, frame_pairs, match_states, on_object},
-    gpu::Offload,
-    io::OnnxMatcher,
-    note::{Note, NoteCode},
-};
+use capture::{MatchConfig, PixelMatch, RgbdFrame, frame_pairs, match_states, on_object};
+use common::note::{Note, NoteCode};
+use io::OnnxMatcher;
 
 const STAGE: &str = "match";
 
@@ -22,12 +19,11 @@ pub(super) fn pixel_matches(
     recorded: &[PixelMatch],
     matcher: Option<&OnnxMatcher>,
     config: &MatchConfig,
-    offload: &Offload,
     monitor: &Monitor,
 ) -> Result<Vec<PixelMatch>, RunError> {
     match matcher {
         Some(matcher) => by_model(frames, matcher, config, monitor),
-        None if recorded.is_empty() => Ok(match_states(frames, config, offload)),
+        None if recorded.is_empty() => Ok(match_states(frames, config)),
         None => Ok(recorded.to_vec()),
     }
 }

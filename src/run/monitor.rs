@@ -8,7 +8,7 @@ use std::sync::{
 
 use serde::Serialize;
 
-use crate::note::{Note, NoteCode};
+use common::note::{Note, NoteCode};
 
 /// A stage that is to come.
 #[derive(Clone, Debug, PartialEq, Serialize)]

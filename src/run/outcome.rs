@@ -3,12 +3,10 @@
 use std::{path::PathBuf, sync::Arc};
 
 use super::{Cancelled, CheckpointError};
-use crate::{
-    config::{Config, ConfigError, Origins},
-    io::{Ahead, Place},
-    model::{ArticulatedModel, JointKind},
-    note::Note,
-};
+use common::note::Note;
+use config::{Config, ConfigError, Origins};
+use io::{Ahead, Place};
+use model::{ArticulatedModel, JointKind};
 
 /// Name under which the writing of the run folder fails.
 pub(super) const OUTPUT_STAGE: &str = "output";
@@ -42,14 +40,6 @@ pub struct ReconstructRequest {
     pub rerun: Option<PathBuf>,
     /// Files and folders beside the sources that the result must not take the place of.
     pub beside: Vec<PathBuf>,
-    /// What the report says in place of paths: the URIs of what was fetched to them.
-    pub shown: Vec<(PathBuf, String)>,
-}
-
-/// A text with what is shown in place of paths.
-#[must_use]
-pub fn shown_text(text: &str, shown: &[(PathBuf, String)]) -> String {
-    shown.iter().fold(text.to_owned(), |text, (path, uri)| text.replace(&path.display().to_string(), uri))
 }
 
 impl ReconstructRequest {
@@ -68,13 +58,7 @@ impl ReconstructRequest {
             force: false,
             rerun: None,
             beside: Vec::new(),
-            shown: Vec::new(),
         }
-    }
-
-    /// A text of the report.
-    pub(super) fn shown_text(&self, text: &str) -> String {
-        shown_text(text, &self.shown)
     }
 
     /// Where the result goes.
@@ -202,7 +186,7 @@ impl JointSummary {
     pub fn of(model: &ArticulatedModel) -> Vec<Self> {
         // One state shows no motion.
         let [state0, _, ..] = model.states.as_slice() else { return Vec::new() };
-        let summary = |(j, joint): (usize, &crate::model::Joint)| {
+        let summary = |(j, joint): (usize, &model::Joint)| {
             let world_from_joint = model.world_from_link(joint.child, state0);
             Self {
                 name: joint.name.clone(),
@@ -220,8 +204,8 @@ impl JointSummary {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{geometry::Pose, model};
     use approx::assert_relative_eq;
+    use geometry::Pose;
     use nalgebra::{Matrix3, Point3, SMatrix, Vector3};
 
     #[test]
@@ -253,9 +237,9 @@ mod tests {
         };
         model::Link {
             name: name.to_owned(),
-            visual: crate::surface::TriangleMesh::default(),
+            visual: surface::TriangleMesh::default(),
             assumed_m2: 0.0,
-            assumed: crate::surface::TriangleMesh::default(),
+            assumed: surface::TriangleMesh::default(),
             collision: vec![],
             inertial,
             grasps: vec![],

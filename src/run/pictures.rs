@@ -3,15 +3,13 @@
 use rayon::prelude::*;
 
 use super::differences::{compare, differ, draw};
-use crate::{
-    capture::{Capture, RgbdFrame},
-    export::{
-        Look, PhotoAndTwin, Picture, PictureKind, RecordedCamera, ReportPictures, Tally, Window, axis_arrows,
-        cutout_png, part_color,
-    },
-    model::ArticulatedModel,
-    surface::{Difference, Paint, Rendered, TriangleMesh},
+use capture::{Capture, RgbdFrame};
+use export::{
+    Look, PhotoAndTwin, Picture, PictureKind, RecordedCamera, ReportPictures, Tally, Window, axis_arrows,
+    cutout_png, part_color,
 };
+use model::ArticulatedModel;
+use surface::{Difference, Paint, Rendered, TriangleMesh};
 
 /// Views shown of each state.
 const VIEWS: usize = 2;

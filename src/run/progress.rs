@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, time::Duration};
 use super::{Event, plan::WEIGHT_OF_SECOND};
 
 /// How much the pace of the machine that weights were measured on counts, against that of this run: as much
-/// as stages of this weight.
+/// as stages of this weight. chosen: a tenth of a run
 const TRUST_IN_WEIGHTS: f64 = 10.0;
 
 /// A stage that began.
@@ -124,11 +124,9 @@ impl RunProgress {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        config::Config,
-        note::NoteCode,
-        run::{Planned, plan},
-    };
+    use crate::{Planned, plan};
+    use common::note::NoteCode;
+    use config::Config;
 
     fn seconds(s: f64) -> Duration {
         Duration::from_secs_f64(s)

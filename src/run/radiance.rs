@@ -4,14 +4,12 @@
 use nalgebra::{Point3, Vector3};
 
 use super::{Checkpoint, Event, Monitor, RunError, Stages, scene::Scene};
-use crate::{
-    articulate::{JointEstimate, TreeJointEstimate, published_joint},
-    capture::RgbdFrame,
-    field::{FieldError, HalfMotion, RadianceConfig, RadianceInput, RadianceModel, RadianceTrainer},
-    geometry::Pose,
-    model::{ArticulatedModel, MovingPart, build},
-    surface::{TriangleMesh, keep_components},
-};
+use articulate::{JointEstimate, TreeJointEstimate, published_joint};
+use capture::RgbdFrame;
+use field::{FieldError, HalfMotion, RadianceConfig, RadianceInput, RadianceModel, RadianceTrainer};
+use geometry::Pose;
+use model::{ArticulatedModel, MovingPart, build};
+use surface::{TriangleMesh, keep_components};
 
 /// Steps between two looks at the stop flag and the bar.
 const REPORT_EVERY: usize = 10;
@@ -138,11 +136,9 @@ mod tests {
     use std::sync::{Arc, atomic::AtomicBool, mpsc};
 
     use super::*;
-    use crate::{
-        field::FieldConfig,
-        geometry::{Intrinsics, SceneBox},
-        run::Fingerprint,
-    };
+    use crate::Fingerprint;
+    use field::FieldConfig;
+    use geometry::{Intrinsics, SceneBox};
 
     /// A gray wall at 1 m.
     fn frame() -> RgbdFrame {

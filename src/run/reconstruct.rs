@@ -5,7 +5,6 @@ use super::{
     admission::{checked_name, fingerprint, matcher},
     earlier::{Beginning, begin, ended, finished},
     facts::facts,
-    gpu_trial::offload,
     outcome::CHECK_STAGE,
     pictures::pictures,
     plan::foreseen,
@@ -13,11 +12,7 @@ use super::{
     stage_folder::StageFolder,
     write::write,
 };
-use crate::{
-    export::{Report, StateDifference, check_folder, looks, package},
-    io,
-    note::{Note, NoteCode},
-};
+use export::{Report, StateDifference, check_folder, looks, package};
 
 /// Reconstructs the object of a request: writes `out/<name>/` and gives back what was found.
 ///
@@ -50,7 +45,7 @@ fn stage_folder(
     // Of what the results say beside what the recordings hold: the twin's name, and places in notes.
     let mut facts = fingerprint.clone().with("name", name);
     for (i, source) in request.sources.iter().enumerate() {
-        facts = facts.with(format!("place{i}"), request.shown_text(&source.display().to_string()));
+        facts = facts.with(format!("place{i}"), source.display());
     }
     Ok(Some(StageFolder::open(folder, facts)?))
 }
@@ -67,25 +62,16 @@ fn reconstruct_files(
     let folder = stage_folder(name, request, fingerprint)?;
     let mut stages = Stages::keeping(monitor, request.keep.then_some(checkpoint), folder.as_ref());
     monitor.report(foreseen(request));
-    stages.offload = offload(config.run.gpu, monitor);
     // Recordings to posed, masked, denoised frames.
     let mut capture = stages.kept("capture", None, |_| {
-        let mut capture = io::open_ahead(&request.sources, &config.capture, config.run.seed, &request.ahead)
-            .map_err(|e| RunError::stage("capture", e))?;
-        // Kept with the places that the user knows.
-        for note in capture.notes.iter_mut().chain(&mut capture.warnings) {
-            note.text = request.shown_text(&note.text);
-        }
-        Ok::<_, RunError>(capture)
+        io::open_ahead(&request.sources, &config.capture, config.run.seed, &request.ahead)
+            .map_err(|e| RunError::stage("capture", e))
     })?;
     // Not inside the stage, which a continued run does not compute again.
     capture.notes.iter().for_each(|n| monitor.note(n));
     capture.warnings.iter().for_each(|w| monitor.warn(w));
     // Frames to a model.
     let twin = reconstruct_twin(name, &mut capture, matcher, config, &mut stages)?;
-    for error in stages.offload.failures() {
-        monitor.warn(&Note::new(NoteCode::GpuFailed, error.to_string()));
-    }
     let (looks, images) = stages.run("pictures", None, |_| {
         let looks = looks(&twin.model, &capture, &config.look);
         let images = pictures(&capture, &twin.model, &looks);

@@ -13,16 +13,14 @@ use super::{
     scene::Scene,
     state::{State, observe},
 };
-use crate::{
-    capture::Capture,
-    config::{Config, Init, Method},
-    export::{PartCountReport, screw_notes},
-    geometry::Pose,
-    io::OnnxMatcher,
-    model::{ArticulatedModel, Link, named, validate},
-    note::{Note, NoteCode},
-    surface::{SolidFit, TriangleMesh},
-};
+use capture::Capture;
+use common::note::{Note, NoteCode};
+use config::{Config, Init, Method};
+use export::{PartCountReport, screw_notes};
+use geometry::Pose;
+use io::OnnxMatcher;
+use model::{ArticulatedModel, Link, named, validate};
+use surface::{SolidFit, TriangleMesh};
 
 /// A model and what the report says about how it came about.
 pub struct Twin {
@@ -61,7 +59,7 @@ pub fn reconstruct_twin(
 ) -> Result<Twin, RunError> {
     // All states in the world frame of state 0 (docs/method.md 2.8, 4, 5).
     let (aligned, bounds) = align(capture, matcher, config, stages)?;
-    let scene = Scene::of(capture, bounds, config, &stages.offload);
+    let scene = Scene::of(capture, bounds, config);
     if config.run.method == Method::Radiance {
         return radiance_twin(name, capture, aligned, &scene, stages);
     }

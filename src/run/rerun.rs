@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use super::{Event, Monitor, RunError, Twin, outcome::OUTPUT_STAGE};
-use crate::{capture::Capture, io, note::Note};
+use capture::Capture;
+use common::note::Note;
 
 /// Writes what was seen and found to a file, where one is asked for.
 pub(super) fn write(

@@ -1,6 +1,6 @@
 //! The motion of joints in a run, as doubts about the input look at it.
 
-use crate::gap::{
+use gap::{
     fit::stretch::{Moved, RunMotion},
     record::{command::Told, recording::Recording},
     twin_tree::TwinTree,

@@ -1,12 +1,9 @@
 //! What all stages of a reconstruction share: settings, measured noise, the box around the object, scales.
 
 use super::{RunError, band::Band};
-use crate::{
-    capture::{Capture, NoiseConfig, scene_box},
-    config::Config,
-    geometry::SceneBox,
-    gpu::Offload,
-};
+use capture::{Capture, NoiseConfig, scene_box};
+use config::Config;
+use geometry::SceneBox;
 
 /// What all stages behind the alignment share.
 pub(super) struct Scene<'a> {
@@ -16,15 +13,13 @@ pub(super) struct Scene<'a> {
     /// The box around the object in all states.
     pub bounds: SceneBox,
     pub band: Band,
-    /// Which work a GPU does.
-    pub offload: Offload,
 }
 
 impl<'a> Scene<'a> {
     /// Of states that stand in one world frame, in which `bounds` is around the object.
-    pub fn of(capture: &Capture, bounds: SceneBox, config: &'a Config, offload: &Offload) -> Self {
+    pub(crate) fn of(capture: &Capture, bounds: SceneBox, config: &'a Config) -> Self {
         let band = Band::of(&capture.frames(), &bounds, &capture.noise, &config.surface);
-        Self { config, noise: capture.noise, bounds, band, offload: offload.clone() }
+        Self { config, noise: capture.noise, bounds, band }
     }
 }
 

@@ -3,17 +3,15 @@
 use std::collections::BTreeMap;
 
 use super::run_motion::motions;
-use crate::{
-    gap::{
-        fit::stretch::RunMotion,
-        judge::{
-            doubt::{JointScene, Scene},
-            unsigned::{is_magnitude, is_never_negative, sign_by_command},
-        },
-        record::{command::Told, drive::Hold, recording::Recording},
-        twin_tree::TwinTree,
+use common::note::{Note, NoteCode};
+use gap::{
+    fit::stretch::RunMotion,
+    judge::{
+        doubt::{JointScene, Scene},
+        unsigned::{is_magnitude, is_never_negative, sign_by_command},
     },
-    note::{Note, NoteCode},
+    record::{command::Told, drive::Hold, recording::Recording},
+    twin_tree::TwinTree,
 };
 
 /// Gives efforts that are magnitudes their sign, where all runs have commands of the joint, and takes them

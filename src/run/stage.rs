@@ -5,11 +5,7 @@ use std::time::Instant;
 use serde::{Serialize, de::DeserializeOwned};
 
 use super::{Checkpoint, Event, Monitor, Planned, stage_folder::StageFolder};
-
-use crate::{
-    gpu::Offload,
-    note::{Note, NoteCode},
-};
+use common::note::{Note, NoteCode};
 
 /// Name of the stage of a state behind state 0, of so many states in all.
 #[must_use]
@@ -25,8 +21,6 @@ pub struct Stages<'a> {
     pub checkpoint: Option<&'a Checkpoint>,
     /// What keeps results for runs with other settings, in place of the checkpoint.
     pub folder: Option<&'a StageFolder>,
-    /// Which work a GPU does.
-    pub offload: Offload,
     /// Name and wall seconds of every finished stage, in order.
     pub seconds: Vec<(String, f64)>,
 }
@@ -35,7 +29,7 @@ impl<'a> Stages<'a> {
     /// No stage done yet.
     #[must_use]
     pub fn new(monitor: &'a Monitor) -> Self {
-        Self { monitor, checkpoint: None, folder: None, offload: Offload::none(), seconds: Vec::new() }
+        Self { monitor, checkpoint: None, folder: None, seconds: Vec::new() }
     }
 
     /// No stage done yet; results are kept in a checkpoint, or in a folder of stages.
@@ -144,7 +138,7 @@ mod tests {
     use std::sync::{Arc, mpsc};
 
     use super::*;
-    use crate::run::{Fingerprint, RunError};
+    use crate::{Fingerprint, RunError};
 
     #[test]
     fn a_stage_is_computed_once_and_a_disk_that_refuses_stops_no_run() {

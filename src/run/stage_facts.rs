@@ -45,7 +45,7 @@ pub(super) fn of_stage(facts: &Fingerprint, stage: &str) -> Fingerprint {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::Config;
+    use config::Config;
 
     #[test]
     fn a_fact_counts_from_the_stage_that_reads_it() {

@@ -9,6 +9,7 @@
 
 use std::{
     fs::{self, File, OpenOptions},
+    hash::Hasher as _,
     io::{self, BufReader, BufWriter, Read, Seek as _, SeekFrom, Write},
     path::{Path, PathBuf},
     process,
@@ -19,17 +20,15 @@ use serde::{Serialize, de::DeserializeOwned};
 use super::{
     Monitor,
     checkpoint_error::{CheckpointError, MAX_BYTES},
-    checksum::Checksum,
     least_bytes::RECONSTRUCTION,
 };
-use crate::{
-    geometry::bytes::PIECE_BYTES,
-    io::{create_plain, free_bytes, open_plain},
-    note::{Note, NoteCode},
-};
+use ::io::{create_plain, free_bytes, open_plain};
+use common::note::{Note, NoteCode};
+use geometry::bytes::PIECE_BYTES;
+use twox_hash::XxHash64;
 
 const MAGIC: [u8; 8] = *b"ARTITWIN";
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// Magic 8, version 4, digest 8, length 8, checksum 8.
 pub(super) const HEADER_BYTES: usize = 36;
 /// What is written or read at once, bytes.
@@ -63,7 +62,7 @@ impl StageFile<'_> {
     /// # Errors
     /// If the value is too large, the disk refuses, or would have no room for the result of the run; an
     /// earlier result stays as it was then.
-    pub fn save<T: Serialize>(&self, value: &T) -> Result<(), CheckpointError> {
+    pub(crate) fn save<T: Serialize>(&self, value: &T) -> Result<(), CheckpointError> {
         let folder = self.path.parent().unwrap_or(Path::new("."));
         let mut too_large = false;
         let written = write_whole(&self.path, |file| {
@@ -78,7 +77,7 @@ impl StageFile<'_> {
             if free_bytes(folder).is_some_and(|free| free < RECONSTRUCTION) {
                 return Err(io::ErrorKind::StorageFull.into());
             }
-            let header = header(self.digest, payload.length, payload.sum.value());
+            let header = header(self.digest, payload.length, payload.sum.finish());
             file.seek(SeekFrom::Start(0))?;
             file.write_all(&header)
         });
@@ -90,7 +89,7 @@ impl StageFile<'_> {
     }
 
     /// The result, if there is a whole one. Damage is reported to `monitor`.
-    pub fn load<T: DeserializeOwned>(&self, monitor: &Monitor) -> Option<T> {
+    pub(crate) fn load<T: DeserializeOwned>(&self, monitor: &Monitor) -> Option<T> {
         match self.read() {
             Ok(value) => Some(value),
             Err(error) if error.kind() == io::ErrorKind::NotFound => None,
@@ -104,10 +103,10 @@ impl StageFile<'_> {
     }
 
     /// The checksum starts with what the bytes belong to, so that a renamed file is found out.
-    pub fn sum(&self) -> Checksum {
-        let mut sum = Checksum::default();
-        sum.update(&self.digest.to_le_bytes());
-        sum.update(self.stage.as_bytes());
+    pub(crate) fn sum(&self) -> XxHash64 {
+        let mut sum = XxHash64::default();
+        sum.write(&self.digest.to_le_bytes());
+        sum.write(self.stage.as_bytes());
         sum
     }
 
@@ -122,7 +121,7 @@ impl StageFile<'_> {
         // Summed before it is decoded: a damaged length could ask the decoder for any amount of memory.
         let mut summed = Summed { inner: io::sink(), sum: self.sum(), length: 0 };
         io::copy(&mut file, &mut summed)?;
-        if head != header(self.digest, summed.length, summed.sum.value()) {
+        if head != header(self.digest, summed.length, summed.sum.finish()) {
             return Err(io::Error::other("damaged, or of another run or version"));
         }
         file.seek(SeekFrom::Start(HEADER_BYTES as u64))?;
@@ -150,7 +149,7 @@ pub(super) fn header(digest: u64, length: u64, checksum: u64) -> [u8; HEADER_BYT
 /// Counts and sums what passes; refuses more than [`MAX_BYTES`].
 struct Summed<W> {
     inner: W,
-    sum: Checksum,
+    sum: XxHash64,
     length: u64,
 }
 
@@ -161,7 +160,7 @@ impl<W: Write> Write for Summed<W> {
             return Err(io::Error::other("too large"));
         }
         self.inner.write_all(bytes)?;
-        self.sum.update(bytes);
+        self.sum.write(bytes);
         Ok(bytes.len())
     }
 

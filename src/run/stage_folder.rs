@@ -64,7 +64,7 @@ impl StageFolder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::temp::Temp;
+    use common::temp::Temp;
 
     #[test]
     fn a_result_serves_all_runs_that_it_follows_for() {

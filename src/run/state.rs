@@ -7,12 +7,10 @@ use super::{
     scene::Scene,
     state_surface::{StateSurface, fuse, state_surface},
 };
-use crate::{
-    articulate::{LiftedMatch, ObservedState, SurfaceDraws},
-    capture::RgbdFrame,
-    field::{ObjectField, Occupancy, TrainInput},
-    surface::{SurfaceSource, TsdfVolume},
-};
+use articulate::{LiftedMatch, ObservedState, SurfaceDraws};
+use capture::RgbdFrame;
+use field::{ObjectField, Occupancy, TrainInput};
+use surface::{SurfaceSource, TsdfVolume};
 
 /// One state, in the world frame of state 0.
 pub(super) struct State<'a> {
@@ -28,12 +26,12 @@ pub(super) struct State<'a> {
 
 impl State<'_> {
     /// Its field, where one was trained.
-    pub fn field(&self) -> Option<&ObjectField> {
+    pub(crate) fn field(&self) -> Option<&ObjectField> {
         self.field.as_ref().map(|f| &f.field)
     }
 
     /// What the estimation of joints sees of it.
-    pub fn observed<'a>(&'a self, labels: &'a [u8], draws: &'a SurfaceDraws) -> ObservedState<'a> {
+    pub(crate) fn observed<'a>(&'a self, labels: &'a [u8], draws: &'a SurfaceDraws) -> ObservedState<'a> {
         ObservedState {
             frames: self.frames,
             samples: &self.surface.samples,

@@ -4,24 +4,22 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{RunError, scene::Scene};
-use crate::{
-    articulate::{SurfaceSamples, mesh_samples},
-    capture::RgbdFrame,
-    field::ObjectField,
-    geometry::Grid3,
-    surface::{
-        DistanceOptions, FreeSpaceRule, TriangleMesh, TsdfView, TsdfVolume, free_space_grid, keep_components,
-        marching_cubes, signed_distance, visibility_grid,
-    },
+use articulate::{SurfaceSamples, mesh_samples};
+use capture::RgbdFrame;
+use field::ObjectField;
+use geometry::Grid3;
+use surface::{
+    DistanceOptions, FreeSpaceRule, TriangleMesh, TsdfView, TsdfVolume, free_space_grid, keep_components,
+    marching_cubes, signed_distance, visibility_grid,
 };
 
 /// Nodes look for the nearest surface up to this share of the object's extent: joints ask no further.
-/// derived: more than the reach of joints' evidence, 0.03, and the diagonal of a cell of 0.006
+/// chosen: more than the reach of joints' evidence, 0.03, and the diagonal of a cell of 0.006
 const NEAR: f64 = 0.05;
 
 /// Everything later stages need of one state.
 #[derive(Serialize, Deserialize)]
-pub struct StateSurface {
+pub(crate) struct StateSurface {
     /// Truncated signed distance, meters, NaN where unobserved.
     pub tsdf: Grid3<f32>,
     /// Observation weight at the same nodes.
@@ -44,7 +42,7 @@ pub(super) fn fuse(frames: &[RgbdFrame], scene: &Scene) -> TsdfVolume {
     let grid = Grid3::over(&scene.bounds, scene.config.surface.nodes, ());
     let mut volume = TsdfVolume::new(grid.origin, grid.spacing_m, grid.dims, scene.band.truncation_m);
     let views: Vec<TsdfView> = frames.par_iter().map(|f| TsdfView::of_object(f, &scene.noise)).collect();
-    volume.fuse(&views, &scene.offload);
+    volume.fuse(&views);
     volume
 }
 
@@ -84,7 +82,7 @@ pub(super) fn state_surface(
     // Fields are compared everywhere.
     let near_m = if config.trains_fields() { f64::INFINITY } else { NEAR * bounds.extent_m() };
     let options = DistanceOptions { near_m, ..DistanceOptions::default() };
-    let sdf = signed_distance(&mesh, &nodes, Some(&free), &options, &scene.offload).map_err(failed)?;
+    let sdf = signed_distance(&mesh, &nodes, Some(&free), &options).map_err(failed)?;
     let samples = mesh_samples(&mesh, surface.points);
     Ok(StateSurface { tsdf, weight, mesh, sdf, visible, free, samples })
 }

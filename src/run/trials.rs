@@ -17,12 +17,10 @@ use super::{
     plan::{foreseen, settled},
     reconstruct,
 };
-use crate::{
-    config::{Config, Origins},
-    evaluate::{self, EvaluateError, EvaluateOptions, PUBLISHED_MIN_COMPONENT, TrialCost, TrialTable, Truth},
-    files, io,
-    limits::REPORT,
-};
+use common::files;
+use common::limits::REPORT;
+use config::{Config, Origins};
+use evaluate::{self, EvaluateError, EvaluateOptions, PUBLISHED_MIN_COMPONENT, TrialCost, TrialTable, Truth};
 
 /// Settings under a name.
 #[derive(Clone, Debug)]

@@ -7,11 +7,9 @@ use super::{
     outcome::{CHECK_STAGE, OUTPUT_STAGE},
     pictures::photo_path,
 };
-use crate::{
-    export::{CheckFinding, ExportFile, Level, Report, ReportPictures, report_html},
-    io::{self, ResultKind},
-    model::ArticulatedModel,
-};
+use export::{CheckFinding, ExportFile, Level, Report, ReportPictures, report_html};
+use io::{self, ResultKind};
+use model::ArticulatedModel;
 
 /// Puts the run folder in its place, whole; under a name that says so where the check found an error.
 pub(super) fn write(

@@ -76,10 +76,8 @@ pub(super) fn blocks(count: usize) -> impl Iterator<Item = Range<usize>> + Clone
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        geometry::Intrinsics,
-        surface::shapes::{looking_at_origin, sphere, view_of},
-    };
+    use crate::shapes::{looking_at_origin, sphere, view_of};
+    use geometry::Intrinsics;
     use nalgebra::Point3;
 
     /// Every block is what its nodes are, one by one.

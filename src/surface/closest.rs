@@ -137,12 +137,10 @@ fn bounds(all: &[[Vector3<f32>; 3]], triangles: &[u32], first: usize) -> Node {
 mod tests {
     use super::*;
     use crate::{
-        random::stage_rng,
-        surface::{
-            merge, sample_surface,
-            shapes::{box_mesh, cuboid, sphere_mesh},
-        },
+        merge, sample_surface,
+        shapes::{box_mesh, cuboid, sphere_mesh},
     };
+    use numeric::random::stage_rng;
     use proptest::prelude::*;
 
     #[test]

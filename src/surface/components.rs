@@ -1,22 +1,21 @@
 //! Connected components of a mesh.
 
 use super::{TriangleMesh, drop_unused_vertices};
+use numeric::index_sets::IndexSets;
 
 /// Number of the component of each triangle, and the number of triangles of each component. Triangles that
 /// share a vertex are connected; components are numbered by their first triangle.
 #[must_use]
 pub fn components(mesh: &TriangleMesh) -> (Vec<u32>, Vec<usize>) {
-    let mut parent: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
-    for &[a, b, c] in &mesh.triangles {
-        for other in [b, c] {
-            let (p, q) = (root(&mut parent, a), root(&mut parent, other));
-            parent[p.max(q) as usize] = p.min(q);
-        }
+    let mut sets = IndexSets::new(mesh.vertices.len());
+    for [a, b, c] in mesh.triangles.iter().map(|t| t.map(|v| v as usize)) {
+        sets.join(a, b);
+        sets.join(a, c);
     }
-    let mut number = vec![u32::MAX; parent.len()];
+    let mut number = vec![u32::MAX; mesh.vertices.len()];
     let mut sizes = Vec::new();
     let mut label = |t: &[u32; 3]| {
-        let n = &mut number[root(&mut parent, t[0]) as usize];
+        let n = &mut number[sets.root(t[0] as usize)];
         if *n == u32::MAX {
             *n = sizes.len() as u32;
             sizes.push(0);
@@ -26,15 +25,6 @@ pub fn components(mesh: &TriangleMesh) -> (Vec<u32>, Vec<usize>) {
     };
     let labels = mesh.triangles.iter().map(&mut label).collect();
     (labels, sizes)
-}
-
-/// Representative of a vertex's set; halves the path on the way.
-fn root(parent: &mut [u32], mut v: u32) -> u32 {
-    while parent[v as usize] != v {
-        parent[v as usize] = parent[parent[v as usize] as usize];
-        v = parent[v as usize];
-    }
-    v
 }
 
 /// The mesh without the components that have fewer triangles than `min_share` of the largest one's
@@ -51,12 +41,10 @@ pub fn keep_components(mesh: &TriangleMesh, min_share: f64) -> TriangleMesh {
 mod tests {
     use super::*;
     use crate::{
-        geometry::Pose,
-        surface::{
-            merge,
-            shapes::{box_mesh, sphere_mesh},
-        },
+        merge,
+        shapes::{box_mesh, sphere_mesh},
     };
+    use geometry::Pose;
     use nalgebra::Vector3;
 
     #[test]

@@ -21,7 +21,7 @@ pub(super) struct CubeEdge {
 
 impl CubeEdge {
     /// Offset of the lower end along x, y, z: 0 or 1.
-    pub fn offset(self) -> [usize; 3] {
+    pub(crate) fn offset(self) -> [usize; 3] {
         AXIS_BIT.map(|bit| usize::from(self.corner & bit != 0))
     }
 }

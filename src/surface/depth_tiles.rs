@@ -17,7 +17,7 @@ pub(super) struct DepthTiles {
 
 impl DepthTiles {
     /// Of an image with two depths a pixel.
-    pub fn of(width: usize, height: usize, depths_m: impl Fn(usize) -> [f32; 2] + Sync) -> Self {
+    pub(crate) fn of(width: usize, height: usize, depths_m: impl Fn(usize) -> [f32; 2] + Sync) -> Self {
         let columns = width.div_ceil(TILE);
         let tile = |t: usize| {
             let (left, top) = (t % columns * TILE, t / columns * TILE);
@@ -31,18 +31,18 @@ impl DepthTiles {
     }
 
     /// Columns and rows of the image.
-    pub fn size(&self) -> [usize; 2] {
+    pub(crate) fn size(&self) -> [usize; 2] {
         [self.width, self.height]
     }
 
     /// Number of tiles that pixels from the first to the last column, and row, lie in.
-    pub fn count(pixels: [[usize; 2]; 2]) -> usize {
+    pub(crate) fn count(pixels: [[usize; 2]; 2]) -> usize {
         pixels.map(|[first, last]| last / TILE - first / TILE + 1).iter().product()
     }
 
     /// Least first and largest second depth in the tiles of the pixels from the first to the last column, and
     /// row.
-    pub fn over(&self, pixels: [[usize; 2]; 2]) -> [f32; 2] {
+    pub(crate) fn over(&self, pixels: [[usize; 2]; 2]) -> [f32; 2] {
         let [[left, right], [top, bottom]] = pixels.map(|ends| ends.map(|p| p / TILE));
         let rows = (top..=bottom).flat_map(|row| &self.tiles[row * self.columns..][left..=right]);
         rows.copied().fold([f32::INFINITY, 0.0], join)

@@ -1,11 +1,12 @@
 //! Where a camera saw something else than a rendered model shows. See docs/method.md 11.4.
 
 use super::Rendered;
-use crate::{capture::RgbdFrame, geometry::Intrinsics};
+use capture::RgbdFrame;
+use geometry::Intrinsics;
 
 /// A reading farther than this from the model's surface is none of it, standard deviations.
 ///
-/// derived: one of 16 000 readings of a normal distribution
+/// chosen: one of 16 000 readings of a normal distribution
 const SIGMAS: f64 = 4.0;
 
 /// What the reading of a pixel says about a model.
@@ -84,10 +85,8 @@ impl Around {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        geometry::Pose,
-        surface::{Paint, RenderItem, TriangleMesh, render, shapes::box_mesh},
-    };
+    use crate::{Paint, RenderItem, TriangleMesh, render, shapes::box_mesh};
+    use geometry::Pose;
     use nalgebra::Vector3;
 
     const K: Intrinsics = Intrinsics { width: 80, height: 60, fx: 100.0, fy: 100.0, cx: 39.5, cy: 29.5 };

@@ -10,22 +10,20 @@ use rayon::prelude::*;
 
 use super::{
     TriangleMesh,
-    distance_kernel::nearest_triangles,
     edt::{NO_SEED, nearest_seed},
     pseudonormal::Pseudonormals,
     triangle::{Feature, closest_on_triangle},
     weld,
 };
-use crate::{
-    geometry::Grid3,
-    gpu::{Offload, Work},
-};
+use geometry::Grid3;
 
-/// Half width of the band of exact distances, spacings.
+/// Half width of the band of exact distances, spacings. chosen: exact where it is read most, and cheap
 const BAND: f32 = 1.5;
 /// Nodes this close to the surface hand on their triangle, spacings. Every point is within 0.87 of a node.
+/// chosen: a margin above 0.87
 const SEED: f32 = 1.0;
 /// Triangles this close belong to the piece of surface that a walk has searched, spacings.
+/// chosen: as [`SEED`]
 const SAME_PIECE: f32 = 1.0;
 /// Layers that one task of the band pass fills.
 const LAYERS_PER_TASK: usize = 4;
@@ -96,7 +94,6 @@ pub fn signed_distance<T>(
     nodes: &Grid3<T>,
     free: Option<&Grid3<bool>>,
     options: &DistanceOptions,
-    offload: &Offload,
 ) -> Result<Grid3<f32>, DistanceError> {
     let (origin, spacing_m, dims) = (nodes.origin, nodes.spacing_m, nodes.dims);
     if dims.iter().any(|&n| n < 2) {
@@ -118,7 +115,7 @@ pub fn signed_distance<T>(
     let local = |p: &nalgebra::Point3<f32>| ((p.cast::<f64>() - origin) / spacing_m).cast::<f32>();
     let positions: Vec<Vector3<f32>> = mesh.vertices.iter().map(local).collect();
     let surface = Pseudonormals::of(&mesh, &positions);
-    let nearest = Nearest::of(&surface, dims, options.near_m / spacing_m, offload)?;
+    let nearest = Nearest::of(&surface, dims, options.near_m / spacing_m)?;
     let reach = options.open_reach as f32;
     let is_free = |i: usize| free.is_some_and(|f| f.values[i]);
     let values = at_nodes(dims, |i, at| {
@@ -172,20 +169,13 @@ struct Nearest {
     seed: Vec<u32>,
     /// Triangle of each node; [`FAR`] where none was looked for.
     triangle: Vec<u32>,
-    /// Whether those of the nodes' neighbors were looked at.
-    is_refined: bool,
 }
 
 /// No triangle is looked for: the surface is far.
 const FAR: u32 = NO_SEED - 1;
 
 impl Nearest {
-    fn of(
-        surface: &Pseudonormals,
-        dims: [usize; 3],
-        near: f64,
-        offload: &Offload,
-    ) -> Result<Self, DistanceError> {
+    fn of(surface: &Pseudonormals, dims: [usize; 3], near: f64) -> Result<Self, DistanceError> {
         // A seed is no further from its surface than that.
         let near = near + f64::from(SEED);
         let band = Band::of(surface, dims);
@@ -193,11 +183,6 @@ impl Nearest {
         // One seed anywhere is a nearest seed everywhere: the first node speaks for all.
         if seed[0] == NO_SEED {
             return Err(DistanceError::OutsideGrid);
-        }
-        if let Some(triangle) = offload.attempt(Work::Distances, |gpu| {
-            nearest_triangles(gpu, surface, dims, near, (&band.triangle, &seed))
-        }) {
-            return Ok(Self { dims, band, seed, triangle, is_refined: true });
         }
         let [nx, ny, nz] = dims;
         let mut triangle = vec![NO_SEED; nx * ny * nz];
@@ -219,7 +204,7 @@ impl Nearest {
                 previous = Some(*t);
             }
         });
-        Ok(Self { dims, band, seed, triangle, is_refined: false })
+        Ok(Self { dims, band, seed, triangle })
     }
 
     /// Whether a node is inside by the mesh alone. With the seeds within one spacing of the surface, the line
@@ -234,7 +219,7 @@ impl Nearest {
     /// beside the node's own see the same piece of surface and are not asked.
     fn refined(&self, surface: &Pseudonormals, i: usize, [x, y, z]: [usize; 3]) -> u32 {
         let own = self.triangle[i];
-        if self.is_refined || self.band.triangle[i] != NO_SEED {
+        if self.band.triangle[i] != NO_SEED {
             return own;
         }
         let [nx, ny, nz] = self.dims;

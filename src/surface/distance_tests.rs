@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::*;
-use crate::surface::{
+use crate::{
     marching_cubes, merge,
     shapes::{box_mesh, cuboid, grid_of, sphere, sphere_mesh, torus},
 };
@@ -20,7 +20,7 @@ fn errors(grid: &Grid3<f32>, truth: impl Fn(&Point3<f64>) -> f64) -> (f64, usize
 }
 
 fn distance(mesh: &TriangleMesh, nodes: &Grid3<f32>) -> Grid3<f32> {
-    signed_distance(mesh, nodes, None, &DistanceOptions::default(), &Offload::none()).unwrap()
+    signed_distance(mesh, nodes, None, &DistanceOptions::default()).unwrap()
 }
 
 #[test]
@@ -43,7 +43,7 @@ fn a_fine_sphere_and_torus_are_within_a_tenth_of_a_spacing() {
 
 #[test]
 fn a_rough_mesh_agrees_with_brute_force() {
-    let mut rng = crate::random::stage_rng(3, "rough", 0);
+    let mut rng = numeric::random::stage_rng(3, "rough", 0);
     let mut field = grid_of(0.5, 9, sphere(0.3));
     for v in &mut field.values {
         *v += 0.1 * (rand_core::Rng::next_u32(&mut rng) as f32 / u32::MAX as f32 - 0.5);
@@ -86,7 +86,7 @@ fn far_nodes_are_right_to_a_spacing_and_near_ones_are_as_ever() {
     let whole = distance(&ring, &nodes);
     let near_m = 4.0 * nodes.spacing_m;
     let options = DistanceOptions { near_m, ..DistanceOptions::default() };
-    let some = signed_distance(&ring, &nodes, None, &options, &Offload::none()).unwrap();
+    let some = signed_distance(&ring, &nodes, None, &options).unwrap();
     let (mut near, mut far) = (0, 0);
     for (a, b) in whole.values.iter().zip(&some.values) {
         assert_eq!(*a < 0.0, *b < 0.0);
@@ -117,7 +117,7 @@ fn an_enclosed_cavity_is_outside_unless_asked_otherwise() {
     let (worst, wrong) = errors(&distance(&hollow(), &nodes), shell);
     assert!(worst < 0.05 && wrong == 0, "{worst} {wrong}");
     let options = DistanceOptions { solid_cavities: true, ..DistanceOptions::default() };
-    let solid = signed_distance(&hollow(), &nodes, None, &options, &Offload::none()).unwrap();
+    let solid = signed_distance(&hollow(), &nodes, None, &options).unwrap();
     let (_, wrong) = errors(&solid, |p| if p.coords.norm() < 0.4 { -shell(p).abs() } else { shell(p) });
     assert_eq!(wrong, 0);
     // A view into the cavity makes it outside again.
@@ -129,7 +129,7 @@ fn an_enclosed_cavity_is_outside_unless_asked_otherwise() {
     };
     let middle = nodes.nearest(&Point3::origin()).unwrap();
     free.values[middle] = true;
-    let seen = signed_distance(&hollow(), &nodes, Some(&free), &options, &Offload::none()).unwrap();
+    let seen = signed_distance(&hollow(), &nodes, Some(&free), &options).unwrap();
     assert_eq!(errors(&seen, shell).1, 0);
 }
 
@@ -142,14 +142,8 @@ fn observed_free_space_is_outside() {
         dims: nodes.dims,
         values: vec![true; nodes.values.len()],
     };
-    let grid = signed_distance(
-        &sphere_mesh(0.3, 40),
-        &nodes,
-        Some(&free),
-        &DistanceOptions::default(),
-        &Offload::none(),
-    )
-    .unwrap();
+    let grid =
+        signed_distance(&sphere_mesh(0.3, 40), &nodes, Some(&free), &DistanceOptions::default()).unwrap();
     assert!(grid.values.iter().all(|&v| v >= 0.0));
 }
 
@@ -158,7 +152,7 @@ fn an_open_box_is_inside_up_to_its_opening_and_not_below() {
     let half = Vector3::new(0.25f32, 0.25, 0.25);
     let mut open = box_mesh(half);
     open.triangles.drain(8..10);
-    assert_eq!(crate::surface::edge_defects(&open).open, 4);
+    assert_eq!(crate::edge_defects(&open).open, 4);
     let grid = distance(&open, &grid_of(0.5, 51, |_| 0.0));
     let at = |x: f64, y: f64, z: f64| grid.values[grid.nearest(&Point3::new(x, y, z)).unwrap()];
     assert!((at(0.0, 0.0, 0.1) + 0.15).abs() < 1e-4);
@@ -184,13 +178,12 @@ fn a_mesh_that_is_a_soup_has_the_same_signs() {
 #[test]
 fn unusable_input_is_refused() {
     let nodes = grid_of(0.5, 11, |_| 0.0);
-    let tried = |mesh: &TriangleMesh| {
-        signed_distance(mesh, &nodes, None, &DistanceOptions::default(), &Offload::none()).unwrap_err()
-    };
+    let tried =
+        |mesh: &TriangleMesh| signed_distance(mesh, &nodes, None, &DistanceOptions::default()).unwrap_err();
     assert_eq!(tried(&TriangleMesh::default()), DistanceError::EmptyMesh);
     let mut mesh = sphere_mesh(0.3, 10);
     assert_eq!(
-        tried(&mesh.transformed(&crate::geometry::Pose::translation(5.0, 0.0, 0.0))),
+        tried(&mesh.transformed(&geometry::Pose::translation(5.0, 0.0, 0.0))),
         DistanceError::OutsideGrid
     );
     mesh.triangles[4][1] = 100_000;
@@ -200,13 +193,7 @@ fn unusable_input_is_refused() {
     assert!(matches!(tried(&mesh), DistanceError::BadTriangle { .. }));
     let free =
         Grid3 { origin: nodes.origin, spacing_m: nodes.spacing_m, dims: [2; 3], values: vec![false; 8] };
-    let refused = signed_distance(
-        &sphere_mesh(0.3, 10),
-        &nodes,
-        Some(&free),
-        &DistanceOptions::default(),
-        &Offload::none(),
-    );
+    let refused = signed_distance(&sphere_mesh(0.3, 10), &nodes, Some(&free), &DistanceOptions::default());
     assert!(matches!(refused, Err(DistanceError::FreeSpaceShape { .. })));
 }
 

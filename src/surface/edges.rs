@@ -1,31 +1,31 @@
 //! Sides and edges of a mesh by their vertices.
 
 use super::TriangleMesh;
-use crate::lists::Lists;
+use numeric::lists::Lists;
 
 /// Sides of the triangles by the vertex that each begins at: where it ends.
-pub(in crate::surface) fn sides_by_vertex(mesh: &TriangleMesh) -> Lists<u32> {
+pub(crate) fn sides_by_vertex(mesh: &TriangleMesh) -> Lists<u32> {
     Lists::of(mesh.vertices.len(), mesh.sides().map(|(p, q, _)| (p, q)))
 }
 
 /// Edges of a mesh at their lower ends, each as often as it has sides: the other end and the number of the
 /// side, of which triangle t has 3 t to 3 t + 2.
-pub(in crate::surface) struct Edges(Lists<(u32, u32)>);
+pub(crate) struct Edges(Lists<(u32, u32)>);
 
 impl Edges {
-    pub fn of(mesh: &TriangleMesh) -> Self {
+    pub(crate) fn of(mesh: &TriangleMesh) -> Self {
         let sides = mesh.sides().zip(0..).map(|((p, q, _), side)| (p.min(q), (p.max(q), side)));
         Self(Lists::of(mesh.vertices.len(), sides))
     }
 
     /// Lower end of each edge, and its other end with each of its sides; ascending.
-    pub fn all(&self) -> impl Iterator<Item = (u32, &[(u32, u32)])> {
+    pub(crate) fn all(&self) -> impl Iterator<Item = (u32, &[(u32, u32)])> {
         self.0.all().flat_map(|(a, ends)| ends.chunk_by(|p, q| p.0 == q.0).map(move |same| (a, same)))
     }
 
     /// Triangles that share an edge with each of so many triangles, of those that are `kept`; in the order of
     /// the edges.
-    pub fn neighbors(&self, triangles: usize, kept: impl Fn(u32) -> bool) -> Vec<Vec<u32>> {
+    pub(crate) fn neighbors(&self, triangles: usize, kept: impl Fn(u32) -> bool) -> Vec<Vec<u32>> {
         let mut near = vec![Vec::new(); triangles];
         for (_, same) in self.all() {
             let of_edge = || same.iter().map(|&(_, side)| side / 3).filter(|t| kept(*t));

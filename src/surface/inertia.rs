@@ -22,7 +22,7 @@ pub struct ShellInertia {
 /// n^T` across it; the inertia is `tr(C) I - C`. Together with an isotropic `1e-3` of the thickness term it
 /// is positive definite and fulfils the triangle inequality whatever the triangles.
 #[must_use]
-pub fn plates_inertia(
+pub(crate) fn plates_inertia(
     plates: impl Iterator<Item = ([Vector3<f64>; 3], f64)>,
     density_kg_m3: f64,
 ) -> Option<ShellInertia> {
@@ -67,12 +67,10 @@ pub fn plates_inertia(
 mod tests {
     use super::*;
     use crate::{
-        geometry::Pose,
-        surface::{
-            TriangleMesh, merge,
-            shapes::{box_mesh, sphere_mesh},
-        },
+        TriangleMesh, merge,
+        shapes::{box_mesh, sphere_mesh},
     };
+    use geometry::Pose;
     use proptest::prelude::*;
     use std::f64::consts::PI;
 

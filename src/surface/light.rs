@@ -3,12 +3,12 @@
 use nalgebra::{SMatrix, SVector, Vector3};
 
 /// Terms of the series.
-pub const TERMS: usize = 8;
+pub(crate) const TERMS: usize = 8;
 
 /// Real spherical harmonics of order 1 and 2 at a unit direction, each with mean square 1: they hold 99 % of
 /// what a matt surface makes of distant light (Ramamoorthi and Hanrahan 2001).
 #[must_use]
-pub fn harmonics(n: &Vector3<f64>) -> SVector<f64, TERMS> {
+pub(crate) fn harmonics(n: &Vector3<f64>) -> SVector<f64, TERMS> {
     let ([one, pair, zonal], mixed) = ([3.0_f64, 15.0, 1.25].map(f64::sqrt), 3.75_f64.sqrt());
     SVector::from([
         one * n.x,
@@ -56,7 +56,7 @@ mod tests {
         let mut moments = SMatrix::<f64, TERMS, TERMS>::zeros();
         let count = 200_000;
         for _ in 0..count {
-            let h = harmonics(&crate::random::direction(&mut rng));
+            let h = harmonics(&numeric::random::direction(&mut rng));
             moments += h * h.transpose() / f64::from(count);
         }
         assert!((moments - SMatrix::identity()).amax() < 0.02, "{moments:.3}");

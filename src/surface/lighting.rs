@@ -10,16 +10,16 @@ use super::light::{Light, TERMS, harmonics};
 /// measured: hand-held recordings with automatic exposure
 const EXPOSURE: f64 = 0.15;
 /// Standard deviation of the logarithm of a color between photos of one exposure.
-/// derived: lamp light on a matt surface falls by a tenth at 25 degrees
+/// chosen: lamp light on a matt surface falls by a tenth at 25 degrees
 const COLOR: f64 = 0.1;
 /// Standard deviations of the terms of the light, of order 1 and 2.
 /// derived: the series of a distant lamp, from any side, as bright as all other light together, in sRGB
 const LIGHT: [f64; 2] = [0.06, 0.02];
 /// Spots that err together, as one of them: a shadow falls on a sixth of a mesh across.
-/// derived: 3,000 spots of a mesh over 36
+/// chosen: 3,000 spots of a mesh over 36
 const TOGETHER: f64 = 80.0;
 /// Levels of a channel that follow the exposure: darker ones are noise, lighter ones are cut off.
-/// derived: three levels of noise, and a level above all others
+/// chosen: three levels of noise, and a level above all others
 const FOLLOWS: std::ops::Range<f32> = 10.0..250.0;
 /// Rounds of reweighting: highlights and what moved count less in each.
 const ROUNDS: usize = 4;
@@ -49,7 +49,7 @@ pub struct Lighting {
 impl Lighting {
     /// That of `photos` photos; each element of `spots` holds those that show one spot. Light is known from
     /// surfaces that turned between photos alone: of two faces that never did, one may be brighter by its
-    /// color. See docs/method.md 3.8.
+    /// color. See docs/method.md (3.8).
     #[must_use]
     pub fn of(spots: &[Vec<Shown>], photos: usize) -> Self {
         // Gains of the photos, then terms of the light; a column a channel.
@@ -172,7 +172,7 @@ impl Equations {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::{direction, unit};
+    use numeric::random::{direction, unit};
     use rand_core::SeedableRng as _;
 
     const GAINS: [[f32; 3]; 3] = [[1.2, 1.15, 1.18], [0.9, 0.92, 0.88], [1.0, 1.05, 1.02]];

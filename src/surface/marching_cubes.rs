@@ -5,14 +5,14 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::{TriangleMesh, cube_table::CUBE_TABLE};
-use crate::geometry::Grid3;
+use geometry::Grid3;
 
 /// Node flag: value below the iso value.
 const INSIDE: u8 = 1;
 /// Node flag: no value. Shifted left by up to three it stays clear of the inside flags.
 const UNKNOWN: u8 = 16;
 /// Vertices stay this share of an edge away from its ends, so that no triangle is so small that rounding
-/// turns it.
+/// turns it. chosen: a hundredth of a voxel is below any reading
 const MIN_FRACTION: f64 = 0.01;
 /// Cell layers that one task meshes.
 const LAYERS_PER_TASK: usize = 8;
@@ -164,7 +164,7 @@ fn layer_triangles(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::{
+    use crate::{
         edge_defects, is_watertight,
         shapes::{cuboid, grid_of, sphere, torus, volume_m3},
     };
@@ -198,7 +198,7 @@ mod tests {
 
     #[test]
     fn noise_has_every_pattern_and_still_no_defect() {
-        let mut rng = crate::random::stage_rng(1, "noise", 0);
+        let mut rng = numeric::random::stage_rng(1, "noise", 0);
         let mut grid = grid_of(1.0, 24, |_| 1.0);
         for z in 1..23 {
             for y in 1..23 {

@@ -3,19 +3,19 @@
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Pose, bounding_box};
+use geometry::{Pose, bounding_box};
 
 /// An indexed triangle mesh; triangles turn counter-clockwise seen from outside.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TriangleMesh {
     /// Vertex positions, meters.
-    #[serde(with = "crate::geometry::bytes")]
+    #[serde(with = "geometry::bytes")]
     pub vertices: Vec<Point3<f32>>,
     /// Vertex indices.
-    #[serde(with = "crate::geometry::bytes")]
+    #[serde(with = "geometry::bytes")]
     pub triangles: Vec<[u32; 3]>,
     /// sRGB color per vertex; empty where there is none.
-    #[serde(with = "crate::geometry::bytes")]
+    #[serde(with = "geometry::bytes")]
     pub colors: Vec<[u8; 3]>,
 }
 
@@ -60,7 +60,7 @@ impl TriangleMesh {
     }
 
     /// Sides of the triangles, three each in their order: start, end and triangle.
-    pub(crate) fn sides(&self) -> impl Iterator<Item = (u32, u32, u32)> + Clone + '_ {
+    pub fn sides(&self) -> impl Iterator<Item = (u32, u32, u32)> + Clone + '_ {
         let of_triangle =
             |(t, &[a, b, c]): (usize, &[u32; 3])| [(a, b), (b, c), (c, a)].map(|(p, q)| (p, q, t as u32));
         self.triangles.iter().enumerate().flat_map(of_triangle)

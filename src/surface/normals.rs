@@ -21,7 +21,7 @@ pub fn vertex_normals(mesh: &TriangleMesh) -> Vec<Vector3<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::shapes::{box_mesh, sphere_mesh};
+    use crate::shapes::{box_mesh, sphere_mesh};
 
     #[test]
     fn normals_point_outward() {

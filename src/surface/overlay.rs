@@ -4,12 +4,13 @@ use nalgebra::{Point3, Vector3};
 
 use super::Rendered;
 
-/// Nothing nearer than this is drawn, meters.
+/// Nothing nearer than this is drawn, meters. chosen: no object is so near
 const NEAR_M: f64 = 0.01;
 /// Share of an arrow's length that its head takes, and of the head's length that its half width takes.
+/// chosen: for the eye
 const HEAD_LENGTH: f64 = 0.12;
 const HEAD_HALF_WIDTH: f64 = 0.35;
-/// Share of its color that a hidden stretch keeps.
+/// Share of its color that a hidden stretch keeps. chosen: for the eye
 const HIDDEN_SHARE: f32 = 0.35;
 
 /// What a surface in front of a line does to it.
@@ -130,10 +131,8 @@ fn clipped(ends: [(f64, f64, f64); 2], width: f64, height: f64, margin: f64) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        geometry::{Intrinsics, Pose},
-        surface::{Paint, RenderItem, render, shapes::box_mesh},
-    };
+    use crate::{Paint, RenderItem, render, shapes::box_mesh};
+    use geometry::{Intrinsics, Pose};
 
     const K: Intrinsics = Intrinsics { width: 160, height: 120, fx: 150.0, fy: 150.0, cx: 80.0, cy: 60.0 };
     const RED: [u8; 3] = [255, 0, 0];
@@ -158,7 +157,7 @@ mod tests {
         for occlusion in [Occlusion::Ignore, Occlusion::Fade, Occlusion::Hide] {
             let image = drawn(occlusion);
             assert_eq!(image.rgb[beside], RED);
-            assert_eq!(image.rgb[beside + 2 * 160], crate::surface::raster::BACKGROUND);
+            assert_eq!(image.rgb[beside + 2 * 160], crate::raster::BACKGROUND);
             let expected = match occlusion {
                 Occlusion::Ignore => RED,
                 Occlusion::Fade => [206, 117, 117],

@@ -7,6 +7,7 @@ use nalgebra::{Point3, Vector3};
 use super::{TriangleMesh, edges::Edges};
 
 /// Cosine of the largest angle between a triangle and its patch, and the triangle that the patch began with.
+/// chosen: 35 degrees
 const MIN_COSINE: f64 = 0.82;
 
 /// Triangles near one plane; joined by sides.
@@ -85,7 +86,7 @@ pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::shapes::{box_mesh, sphere_mesh};
+    use crate::shapes::{box_mesh, sphere_mesh};
 
     #[test]
     fn a_box_has_six() {

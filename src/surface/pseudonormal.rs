@@ -8,7 +8,7 @@ use super::{
     edges::Edges,
     triangle::{Feature, closest_on_triangle},
 };
-use crate::lists::Lists;
+use numeric::lists::Lists;
 
 /// No triangle.
 const NONE: u32 = u32::MAX;
@@ -33,7 +33,7 @@ pub(super) struct Pseudonormals {
 
 impl Pseudonormals {
     /// For a mesh whose vertices were moved to `positions`.
-    pub fn of(mesh: &TriangleMesh, positions: &[Vector3<f32>]) -> Self {
+    pub(crate) fn of(mesh: &TriangleMesh, positions: &[Vector3<f32>]) -> Self {
         let corners: Vec<[Vector3<f32>; 3]> =
             mesh.triangles.iter().map(|t| t.map(|i| positions[i as usize])).collect();
         let face =
@@ -98,24 +98,13 @@ impl Pseudonormals {
         }
     }
 
-    /// Vertices of each triangle, and the triangle across each of its sides; `u32::MAX` where there is none
-    /// or more than one.
-    pub fn links(&self) -> impl Iterator<Item = (&[u32; 3], &[u32; 3])> {
-        self.triangles.iter().zip(&self.across)
-    }
-
-    /// Triangles around each vertex.
-    pub fn rings(&self) -> &Lists<u32> {
-        &self.rings
-    }
-
     /// Unit normal of a triangle; zero without area.
-    pub fn face(&self, triangle: usize) -> &Vector3<f32> {
+    pub(crate) fn face(&self, triangle: usize) -> &Vector3<f32> {
         &self.faces[triangle]
     }
 
     /// Normal of a feature, of any length.
-    pub fn normal(&self, triangle: usize, feature: Feature) -> Vector3<f32> {
+    pub(crate) fn normal(&self, triangle: usize, feature: Feature) -> Vector3<f32> {
         match feature {
             Feature::Face => self.faces[triangle],
             Feature::Edge(i) => self.sides[triangle][i as usize],
@@ -124,7 +113,7 @@ impl Pseudonormals {
     }
 
     /// Whether a feature lies on the border of an open mesh.
-    pub fn is_open(&self, triangle: usize, feature: Feature) -> bool {
+    pub(crate) fn is_open(&self, triangle: usize, feature: Feature) -> bool {
         match feature {
             Feature::Face => false,
             Feature::Edge(i) => self.open[triangle] >> i & 1 == 1,
@@ -133,13 +122,13 @@ impl Pseudonormals {
     }
 
     /// Squared distance of a point to a triangle.
-    pub fn distance2(&self, p: &Vector3<f32>, triangle: u32) -> f32 {
+    pub(crate) fn distance2(&self, p: &Vector3<f32>, triangle: u32) -> f32 {
         (p - closest_on_triangle(p, &self.corners[triangle as usize]).0).norm_squared()
     }
 
     /// Walks over the mesh from the closer of two triangles to neighbors that are closer to the point, until
     /// none is.
-    pub fn descend(&self, p: &Vector3<f32>, starts: [u32; 2]) -> u32 {
+    pub(crate) fn descend(&self, p: &Vector3<f32>, starts: [u32; 2]) -> u32 {
         let measure = |t: u32| {
             let (q, feature) = closest_on_triangle(p, &self.corners[t as usize]);
             ((p - q).norm_squared(), t, feature)

@@ -5,7 +5,7 @@ use super::{
     rows::{LANES, Row, RowCamera},
     tsdf_view::{FREE_WEIGHT, Reading},
 };
-use crate::vectors::vectorized;
+use numeric::vectorized;
 
 /// A view as a row meets it.
 #[derive(Clone, Copy)]
@@ -83,14 +83,12 @@ fn lanes(sweep: Sweep<'_>, row: &Row, first: usize) -> ([f32; LANES], [u8; LANES
 mod tests {
     use super::*;
     use crate::{
-        capture::NoiseConfig,
-        geometry::Intrinsics,
-        surface::{
-            TsdfView,
-            shapes::{looking_at_origin, sphere, view_of},
-            tsdf_view::{Said, said},
-        },
+        TsdfView,
+        shapes::{looking_at_origin, sphere, view_of},
+        tsdf_view::{Said, said},
     };
+    use capture::NoiseConfig;
+    use geometry::Intrinsics;
     use nalgebra::Point3;
 
     #[test]

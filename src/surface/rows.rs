@@ -5,25 +5,22 @@ use std::ops::Range;
 
 use nalgebra::{Point3, Vector3};
 
-use crate::geometry::{Intrinsics, Pose};
+use geometry::{Intrinsics, Pose};
 
-/// Nodes closer to the camera plane than this are not seen, meters.
-pub(super) const NEAR_M: f64 = 0.01;
+/// Nodes closer to the camera plane than this are not seen, meters. chosen: no camera reads so near
+const NEAR_M: f64 = 0.01;
 /// Nodes of a row that are projected at once.
 pub(super) const LANES: usize = 16;
 
 /// A node-aligned grid in front of one camera.
 pub(super) struct RowCamera {
-    /// Of the camera.
-    pub intrinsics: Intrinsics,
+    intrinsics: Intrinsics,
     /// Node (0, 0, 0) in the optical frame, meters.
-    pub origin: Vector3<f64>,
+    origin: Vector3<f64>,
     /// Steps along x, y, z in the optical frame, meters.
-    pub steps: [Vector3<f64>; 3],
-    /// Focal lengths, pixels.
-    pub focal: [f32; 2],
-    /// Principal point, half a pixel further: a position then truncates to the pixel whose center is nearest.
-    pub center: [f32; 2],
+    steps: [Vector3<f64>; 3],
+    focal: [f32; 2],
+    center: [f32; 2],
 }
 
 /// The nodes of one row that fall into the image.
@@ -37,7 +34,7 @@ pub(super) struct Row {
 impl Row {
     /// Position of node x in the optical frame, meters.
     #[inline(always)]
-    pub fn at(&self, x: usize) -> Vector3<f32> {
+    pub(crate) fn at(&self, x: usize) -> Vector3<f32> {
         // Numbers of nodes are small, and 32 bits are what vector instructions convert.
         self.start + self.step * (x as i32) as f32
     }
@@ -45,7 +42,7 @@ impl Row {
 
 impl RowCamera {
     /// A camera on the grid with the given node (0, 0, 0) and spacing, both in the grid's frame.
-    pub fn new(
+    pub(crate) fn new(
         intrinsics: &Intrinsics,
         camera_from_grid: &Pose,
         origin: &Point3<f64>,
@@ -57,12 +54,13 @@ impl RowCamera {
             origin: (camera_from_grid * origin).coords,
             steps: [step(Vector3::x()), step(Vector3::y()), step(Vector3::z())],
             focal: [intrinsics.fx as f32, intrinsics.fy as f32],
+            // Half a pixel more, so that truncation gives the pixel whose center is nearest.
             center: [intrinsics.cx as f32 + 0.5, intrinsics.cy as f32 + 0.5],
         }
     }
 
     /// The part of row (y, z) of `nx` nodes inside the image and in front of the camera.
-    pub fn row(&self, y: usize, z: usize, nx: usize) -> Row {
+    pub(crate) fn row(&self, y: usize, z: usize, nx: usize) -> Row {
         let start = self.origin + self.steps[1] * y as f64 + self.steps[2] * z as f64;
         let k = &self.intrinsics;
         let (left, right) = (k.cx + 0.5, k.width as f64 - 0.5 - k.cx);
@@ -94,19 +92,19 @@ impl RowCamera {
     }
 
     /// Position of a node (x, y, z) in the optical frame, meters.
-    pub fn node(&self, [x, y, z]: [usize; 3]) -> Vector3<f32> {
+    pub(crate) fn node(&self, [x, y, z]: [usize; 3]) -> Vector3<f32> {
         let start = self.origin + self.steps[1] * y as f64 + self.steps[2] * z as f64;
         start.cast() + self.steps[0].cast() * x as f32
     }
 
     /// Whether a depth is far enough before the camera to be seen.
-    pub fn is_before(&self, depth_m: f32) -> bool {
+    pub(crate) fn is_before(&self, depth_m: f32) -> bool {
         f64::from(depth_m) > NEAR_M
     }
 
     /// Pixel coordinates plus one half of a point of a [`Row`], so that the integer part is the pixel.
     #[inline(always)]
-    pub fn project(&self, p: &Vector3<f32>) -> [f32; 2] {
+    pub(crate) fn project(&self, p: &Vector3<f32>) -> [f32; 2] {
         let inverse = 1.0 / p.z;
         [self.focal[0] * p.x * inverse + self.center[0], self.focal[1] * p.y * inverse + self.center[1]]
     }
@@ -114,7 +112,7 @@ impl RowCamera {
     /// Index of the pixel that holds each of the nodes of a [`Row`] from x on, and their depths, meters.
     /// Nodes outside the row's range get some pixel of the image.
     #[inline(always)]
-    pub fn pixels(&self, row: &Row, x: usize) -> ([u32; LANES], [f32; LANES]) {
+    pub(crate) fn pixels(&self, row: &Row, x: usize) -> ([u32; LANES], [f32; LANES]) {
         let width = self.intrinsics.width as u32;
         let last = [self.intrinsics.width, self.intrinsics.height].map(|n| n as f32 - 1.0);
         let (mut pixels, mut depths_m) = ([0; LANES], [0.0; LANES]);
@@ -131,7 +129,7 @@ impl RowCamera {
     }
 
     /// Index of the pixel that holds a point of a [`Row`].
-    pub fn pixel(&self, p: &Vector3<f32>) -> usize {
+    pub(crate) fn pixel(&self, p: &Vector3<f32>) -> usize {
         let [u, v] = self.project(p);
         // Rounding may put a point of the row's ends just outside.
         let (x, y) =

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
 use super::TriangleMesh;
-use crate::random::unit;
+use numeric::random::unit;
 
 /// Points on a mesh; the three lists run in parallel.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -56,10 +56,8 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        random::stage_rng,
-        surface::shapes::{box_mesh, color_of},
-    };
+    use crate::shapes::{box_mesh, color_of};
+    use numeric::random::stage_rng;
 
     #[test]
     fn samples_are_uniform_over_the_area() {

@@ -12,10 +12,7 @@ use super::{
     rows::RowCamera,
     tsdf_view::{FREE_WEIGHT, Said, TsdfView, behind_weight, said},
 };
-use crate::{
-    geometry::Grid3,
-    gpu::{Offload, Work},
-};
+use geometry::Grid3;
 
 /// Layers that one task fills, and rows of it that all views are added to before the next rows.
 /// derived: sums of so many rows of 224 nodes and the pixels that they fall on are less than a cache of 1 MB;
@@ -25,12 +22,12 @@ const LINES: usize = 16;
 
 /// Weighted means of projective distance and color at the nodes of a grid. 24 bytes a node.
 pub struct TsdfVolume {
-    pub(super) truncation_m: f32,
+    truncation_m: f32,
     /// Weighted sum of distances in truncations.
-    pub(super) sums: Grid3<f32>,
-    pub(super) weights: Vec<f32>,
+    sums: Grid3<f32>,
+    weights: Vec<f32>,
     /// Weighted sum of red, green, blue and the sum of weights.
-    pub(super) colors: Vec<[f32; 4]>,
+    colors: Vec<[f32; 4]>,
 }
 
 impl TsdfVolume {
@@ -47,13 +44,10 @@ impl TsdfVolume {
     }
 
     /// Fuses views into an empty volume by all that see a node, and once more near the surface by those that
-    /// see its side (3.4): those of the other side of a thin panel would push it outwards. On a GPU, where
-    /// one takes the work.
-    pub fn fuse(&mut self, views: &[TsdfView], offload: &Offload) {
-        if offload.attempt(Work::Fusion, |gpu| self.fuse_on(gpu, views)).is_none() {
-            self.integrate(views);
-            self.face(views);
-        }
+    /// see its side (3.4): those of the other side of a thin panel would push it outwards.
+    pub fn fuse(&mut self, views: &[TsdfView]) {
+        self.integrate(views);
+        self.face(views);
     }
 
     /// Fuses views. Readings weigh as `pixel weight / sigma(depth)^2`, 1 at one meter. The result does not
@@ -129,7 +123,7 @@ impl TsdfVolume {
     }
 
     /// Of each view its camera before the nodes, and its eye.
-    pub(super) fn cameras(&self, views: &[TsdfView]) -> Vec<(RowCamera, Vector3<f32>)> {
+    fn cameras(&self, views: &[TsdfView]) -> Vec<(RowCamera, Vector3<f32>)> {
         let of = |view: &TsdfView| {
             let volume_from_camera = view.volume_from_world * view.frame.world_from_camera;
             let (origin, spacing_m) = (&self.sums.origin, self.sums.spacing_m);
@@ -309,14 +303,12 @@ mod equation_tests;
 mod tests {
     use super::*;
     use crate::{
-        capture::{NoiseConfig, RgbdFrame, pixel_weights},
-        geometry::Pose,
-        surface::{
-            PixelRole, edge_defects,
-            shapes::{color_of, cuboid, orbit, sphere, view_of},
-            tsdf_view::object_roles,
-        },
+        PixelRole, edge_defects,
+        shapes::{color_of, cuboid, orbit, sphere, view_of},
+        tsdf_view::object_roles,
     };
+    use capture::{NoiseConfig, RgbdFrame, pixel_weights};
+    use geometry::Pose;
 
     fn fuse(frames: &[RgbdFrame], spacing_m: f64, truncation_m: f64, motion: Pose) -> TsdfVolume {
         let noise = NoiseConfig::default();
@@ -451,8 +443,8 @@ mod tests {
 
     #[test]
     fn the_number_of_threads_does_not_matter() {
-        let k = crate::geometry::Intrinsics { width: 60, height: 50, fx: 60.0, fy: 60.0, cx: 29.5, cy: 24.5 };
-        let pose = crate::surface::shapes::looking_at_origin(Point3::new(0.5, 0.4, 0.3));
+        let k = geometry::Intrinsics { width: 60, height: 50, fx: 60.0, fy: 60.0, cx: 29.5, cy: 24.5 };
+        let pose = crate::shapes::looking_at_origin(Point3::new(0.5, 0.4, 0.3));
         let frame = view_of(&sphere(0.2), k, pose);
         let with = |n| {
             let fused = || fuse(std::slice::from_ref(&frame), 0.02, 0.03, Pose::identity()).mesh(0.0);

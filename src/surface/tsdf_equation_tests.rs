@@ -1,11 +1,9 @@
 //! Fused nodes against the equations of docs/method.md 3.2, written out node by node in double precision.
 
 use super::*;
-use crate::{
-    capture::{NoiseConfig, RgbdFrame},
-    geometry::{Intrinsics, Pose},
-    surface::{PixelRole, shapes::sphere},
-};
+use crate::{PixelRole, shapes::sphere};
+use capture::{NoiseConfig, RgbdFrame};
+use geometry::{Intrinsics, Pose};
 
 const K: Intrinsics = Intrinsics { width: 28, height: 22, fx: 30.0, fy: 28.0, cx: 13.3, cy: 10.6 };
 const TRUNCATION_M: f64 = 0.06;
@@ -264,7 +262,7 @@ fn fusing_is_both_passes() {
     let views = views();
     let views = views.each_ref().map(View::tsdf_view);
     let [mut whole, mut steps] = [empty(), empty()];
-    whole.fuse(&views, &Offload::none());
+    whole.fuse(&views);
     steps.integrate(&views);
     steps.face(&views);
     assert!(whole.weights == steps.weights && whole.weights.iter().any(|w| *w > 0.0));
@@ -350,7 +348,7 @@ fn roles_follow_from_mask_weight_and_depth() {
     view.frame.mask = Some((0..count).map(|i| i != 0).collect());
     let mut weights = vec![1.0; count];
     weights[3] = 0.0;
-    let roles = crate::surface::tsdf_view::object_roles(&view.frame, &weights);
+    let roles = crate::tsdf_view::object_roles(&view.frame, &weights);
     let expected = [PixelRole::FreeOnly, PixelRole::Surface, PixelRole::Skip, PixelRole::Skip];
     assert_eq!(roles[..4], expected);
     assert_eq!(roles.len(), count);

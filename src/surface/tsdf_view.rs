@@ -4,16 +4,14 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::rows::RowCamera;
-use crate::{
-    capture::{NoiseConfig, RgbdFrame, object_weights},
-    geometry::{Intrinsics, Pose},
-};
+use capture::{NoiseConfig, RgbdFrame, object_weights};
+use geometry::{Intrinsics, Pose};
 
-/// Depth at which a reading has weight 1, meters.
+/// Depth at which a reading has weight 1, meters. derived: the unit of length
 const REFERENCE_DEPTH_M: f64 = 1.0;
 /// Weight of a node seen through, against one near a surface: rays that pass close by an edge would otherwise
 /// push its zero crossing inwards. (On a sphere of 20 node spacings the mean error is 0.11 spacings at weight
-/// 1 and 0.01 at 0.05.)
+/// 1 and 0.01 at 0.05.) chosen: between these two, so that free space still counts
 pub(super) const FREE_WEIGHT: f32 = 0.1;
 
 /// What a pixel says about the volume.
@@ -31,7 +29,7 @@ pub enum PixelRole {
 /// The roles for a whole object: object pixels with a positive weight are its surface, pixels off the mask
 /// are free space, object pixels without a usable depth are skipped.
 #[must_use]
-pub fn object_roles(frame: &RgbdFrame, weights: &[f32]) -> Vec<PixelRole> {
+pub(crate) fn object_roles(frame: &RgbdFrame, weights: &[f32]) -> Vec<PixelRole> {
     let role = |(pixel, &weight): (usize, &f32)| match (
         frame.is_object(pixel),
         weight > 0.0 && frame.depth_m[pixel] > 0.0,
@@ -55,33 +53,33 @@ pub(super) struct Reading {
 
 impl Reading {
     /// It says nothing.
-    pub const NOTHING: Self = Self { depth_m: 0.0, signed_weight: 0.0 };
+    pub(crate) const NOTHING: Self = Self { depth_m: 0.0, signed_weight: 0.0 };
 
     /// A surface of the volume's object.
-    pub fn surface(depth_m: f32, weight: f32) -> Self {
+    pub(crate) fn surface(depth_m: f32, weight: f32) -> Self {
         Self { depth_m, signed_weight: weight }
     }
 
     /// Empty space up to a depth, which may be infinite.
-    pub fn free(depth_m: f32, weight: f32) -> Self {
+    pub(crate) fn free(depth_m: f32, weight: f32) -> Self {
         Self { depth_m, signed_weight: -weight }
     }
 
     /// Its weight, negative where it is no surface.
     #[inline(always)]
-    pub fn signed_weight(self) -> f32 {
+    pub(crate) fn signed_weight(self) -> f32 {
         self.signed_weight
     }
 
     /// Its weight, at least 0.
     #[inline(always)]
-    pub fn weight(self) -> f32 {
+    pub(crate) fn weight(self) -> f32 {
         self.signed_weight.abs()
     }
 
     /// Whether it says that a surface of the volume's object is there.
     #[inline(always)]
-    pub fn is_surface(self) -> bool {
+    pub(crate) fn is_surface(self) -> bool {
         self.signed_weight > 0.0
     }
 }
@@ -97,7 +95,7 @@ pub struct TsdfView<'a> {
 }
 
 impl<'a> TsdfView<'a> {
-    /// A view whose pixels have these weights, e.g. of [`crate::capture::pixel_weights`], and roles, e.g. of
+    /// A view whose pixels have these weights, e.g. of [`capture::pixel_weights`], and roles, e.g. of
     /// [`object_roles`]. `volume_from_world` moves it before it is fused: the identity, or the motion of a
     /// part from the frame's state to the volume's.
     ///

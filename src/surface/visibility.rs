@@ -7,10 +7,8 @@ use super::{
     depth_tiles::DepthTiles,
     rows::RowCamera,
 };
-use crate::{
-    capture::{NoiseConfig, RgbdFrame},
-    geometry::Grid3,
-};
+use capture::{NoiseConfig, RgbdFrame};
+use geometry::Grid3;
 
 /// When a node counts as seen through.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -151,7 +149,7 @@ fn views_in_front<T>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::shapes::{grid_of, orbit, sphere};
+    use crate::shapes::{grid_of, orbit, sphere};
 
     #[test]
     fn nodes_in_front_and_just_behind_are_visible_and_deep_ones_are_not() {

@@ -74,7 +74,6 @@ fn representatives(vertices: &[Point3<f32>], spacing_m: f32) -> Vec<u32> {
 
 /// Sides of the triangles that do not belong to exactly one triangle in each direction: the open sides have
 /// one triangle, the non-manifold ones more than two or two that turn against each other.
-#[cfg(test)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EdgeDefects {
     /// Sides of one triangle only.
@@ -84,7 +83,6 @@ pub struct EdgeDefects {
 }
 
 /// Counts open and non-manifold sides.
-#[cfg(test)]
 #[must_use]
 pub fn edge_defects(mesh: &TriangleMesh) -> EdgeDefects {
     let mut sides: Vec<(u32, u32, bool)> =
@@ -102,7 +100,6 @@ pub fn edge_defects(mesh: &TriangleMesh) -> EdgeDefects {
 }
 
 /// Whether the mesh has triangles and each side of them belongs to exactly two, of consistent winding.
-#[cfg(test)]
 #[must_use]
 pub fn is_watertight(mesh: &TriangleMesh) -> bool {
     !mesh.is_empty() && edge_defects(mesh) == EdgeDefects::default()
@@ -111,7 +108,7 @@ pub fn is_watertight(mesh: &TriangleMesh) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::shapes::box_mesh;
+    use crate::shapes::box_mesh;
     use nalgebra::Vector3;
 
     /// Every triangle with its own three vertices.
@@ -135,7 +132,7 @@ mod tests {
             assert!(is_watertight(&welded));
             assert_eq!((welded.vertices.len(), welded.triangles.len(), welded.colors.len()), (8, 12, 8));
         }
-        let moved = mesh.transformed(&crate::geometry::Pose::translation(0.5, 0.5, 0.5));
+        let moved = mesh.transformed(&geometry::Pose::translation(0.5, 0.5, 0.5));
         assert!(weld(&moved, 1.0).is_empty());
     }
 

@@ -49,7 +49,7 @@ pub(super) struct Bvh {
 
 impl Bvh {
     /// Splits at the median along the longest side until a leaf holds two boxes.
-    pub fn new(boxes: &[Bounds]) -> Self {
+    pub(crate) fn new(boxes: &[Bounds]) -> Self {
         let mut bvh = Self { nodes: Vec::new(), order: (0..boxes.len()).collect() };
         if !boxes.is_empty() {
             bvh.build(boxes, 0, boxes.len());
@@ -79,7 +79,7 @@ impl Bvh {
 
     /// Calls `visit` with every box that the ray may meet before the farthest hit known, which `visit`
     /// returns.
-    pub fn visit(
+    pub(crate) fn visit(
         &self,
         origin: &Point3<f64>,
         ray: &Vector3<f64>,

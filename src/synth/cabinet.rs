@@ -7,11 +7,11 @@ use super::{
     carcass::{Carcass, Cell},
     look::Look,
 };
-use crate::random::{below, chance, range};
+use numeric::random::{below, chance, range};
 
-/// Narrowest opening, meters.
+/// Narrowest opening, meters. chosen: a narrow drawer of usual furniture
 const MIN_CELL_M: f64 = 0.09;
-/// Most a lid turns, radians.
+/// Most a lid turns, radians. chosen: a slit, and 100 degrees
 const LID_LIMITS_RAD: [f64; 2] = [0.05, 1.75];
 
 /// A cabinet of `parts` rigid parts.

@@ -10,11 +10,11 @@ pub(super) struct Cell {
 }
 
 impl Cell {
-    pub fn width(&self) -> f64 {
+    pub(crate) fn width(&self) -> f64 {
         self.y[1] - self.y[0]
     }
 
-    pub fn height(&self) -> f64 {
+    pub(crate) fn height(&self) -> f64 {
         self.z[1] - self.z[0]
     }
 }

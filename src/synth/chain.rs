@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 use rand_core::Rng;
 
 use super::{Part, PartJointKind, Solid, look::Look};
-use crate::geometry::Pose;
-use crate::random::{chance, range};
+use geometry::Pose;
+use numeric::random::{chance, range};
 
 /// A lamp: a foot, a post and `parts - 1` links that turn. The links stand upright, side by side, at rest.
 pub(super) fn lamp(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {

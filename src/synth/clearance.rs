@@ -3,9 +3,9 @@
 use nalgebra::Vector3;
 
 use super::{Object, Solid};
-use crate::geometry::Pose;
+use geometry::Pose;
 
-/// Depth to which solids may touch, meters.
+/// Depth to which solids may touch, meters. chosen: less than any gap
 const TOUCH_M: f64 = 0.0005;
 /// Steps between the states at which the parts are looked at.
 const STEPS: usize = 6;
@@ -66,7 +66,7 @@ fn overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synth::Material;
+    use crate::Material;
 
     #[test]
     fn boxes_meet_or_not() {

@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use super::{HandheldSensor, HandleStyle};
-use crate::capture::Paper;
+use capture::Paper;
 
 /// Family of shapes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! Steps of depth between neighboring pixels.
 
-use crate::geometry::Intrinsics;
+use geometry::Intrinsics;
 
 /// The largest step of depth from a pixel to one beside it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,7 +15,7 @@ pub(super) struct DepthStep {
 
 impl DepthStep {
     /// Whether two surfaces meet here, farther apart than `least_m` beyond what a slope explains.
-    pub fn is_beyond(&self, least_m: f64) -> bool {
+    pub(crate) fn is_beyond(&self, least_m: f64) -> bool {
         self.size_m > least_m + 2.0 * self.slope_m
     }
 }

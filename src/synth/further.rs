@@ -3,11 +3,12 @@
 use rand_core::Rng;
 
 use super::{Object, SynthConfig, clearance};
-use crate::random::{self, stage_rng};
+use numeric::random::{self, stage_rng};
 
 /// Positions that are tried for every state.
 const TRIES: usize = 200;
 /// Least distance of a position from those of the states before, as a share of the joint's range.
+/// chosen: states that differ clearly
 const APART: f64 = 0.08;
 
 /// No further positions were found.

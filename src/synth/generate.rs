@@ -9,19 +9,18 @@ use super::{
     Family, Object, PartJoint, PartJointKind, SynthConfig, cabinet, chain, clearance, fittings,
     lacquer::Lacquer, look::Look, observable, tabletop,
 };
-use crate::{
-    geometry::Pose,
-    random::{self, stage_rng},
-};
+use geometry::Pose;
+use numeric::random::{self, stage_rng};
 
 /// Shapes that are tried.
 const SHAPES: u64 = 100;
 /// Positions of the joints that are tried with each shape.
 const POSITIONS: usize = 60;
 /// Size of a patch over the radius of the object.
-/// tuned: patches of 5 to 15 cm on a cabinet, a pane of an oven's door or a display.
+/// chosen: patches of 5 to 15 cm on a cabinet, a pane of an oven's door or a display.
 const PATCH: f64 = 0.3;
 /// Largest distance of the object's foot from the world's origin along x and y, meters.
+/// chosen: worlds whose origin is not the object
 const FOOT_M: f64 = 0.3;
 
 /// No object of a family was found.

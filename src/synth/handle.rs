@@ -1,6 +1,6 @@
 //! Handles of doors and drawers, and where they are.
 
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Which handles doors and drawers get in place of the plain ones of their family.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,18 +6,16 @@
 use nalgebra::{Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use super::{CameraPath, SynthConfig};
-use crate::{
-    geometry::Pose,
-    random::{self, stage_rng},
-};
+use geometry::Pose;
+use numeric::random::{self, stage_rng};
 
-/// Acceleration of free fall, m/s².
+/// Acceleration of free fall, m/s². derived: the standard value
 const GRAVITY: f64 = 9.806_65;
-/// Readings a second: what realsense2_camera asks of it by default.
+/// Readings a second: what realsense2_camera asks of it by default. derived: that default
 const RATE_HZ: f64 = 250.0;
-/// Density of the noise, m/s² a root hertz: 150 µg.
+/// Density of the noise, m/s² a root hertz: 150 µg. derived: the data sheet of the BMI055
 const NOISE: f64 = 150e-6 * GRAVITY;
-/// Largest bias of an axis, m/s²: 70 mg.
+/// Largest bias of an axis, m/s²: 70 mg. derived: the data sheet of the BMI055
 const BIAS: f64 = 0.07 * GRAVITY;
 
 /// One reading.

@@ -5,11 +5,11 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
 use super::lattice_noise::value_noise;
-use crate::random;
+use numeric::random;
 
 /// Places by which the share is measured.
 const PLACES: usize = 4096;
-/// Share of the light that comes back through lacquer.
+/// Share of the light that comes back through lacquer. chosen: black lacquer
 const DARKENING: f64 = 0.2;
 
 /// Where a part is lacquered.
@@ -49,7 +49,7 @@ impl Lacquer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn patches_cover_their_share() {

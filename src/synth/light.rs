@@ -3,6 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 /// Exponent of the lobe of a highlight (Blinn 1977): it has half its height 4 degrees off.
+/// chosen: a bulb in lacquer
 const LOBE_EXPONENT: f64 = 300.0;
 
 /// Light of a scene.

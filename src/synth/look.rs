@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use rand_core::Rng;
 
 use super::Material;
-use crate::random;
+use numeric::random;
 
 /// How the surfaces of an object look.
 pub(super) struct Look {
@@ -16,7 +16,7 @@ pub(super) struct Look {
 
 impl Look {
     /// A material of random hue.
-    pub fn material(&self, rng: &mut impl Rng) -> Material {
+    pub(crate) fn material(&self, rng: &mut impl Rng) -> Material {
         let base = color(rng);
         if !self.textured {
             return Material::plain(base);
@@ -38,7 +38,7 @@ impl Look {
     }
 
     /// The material of handles and fittings: gray.
-    pub fn trim(&self, rng: &mut impl Rng) -> Material {
+    pub(crate) fn trim(&self, rng: &mut impl Rng) -> Material {
         Material::plain(Vector3::repeat(random::range(rng, 0.05, 0.5)))
     }
 }

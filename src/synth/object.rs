@@ -3,10 +3,8 @@
 use nalgebra::{Point3, Unit, Vector3};
 
 use super::{Family, Handle, Solid};
-use crate::{
-    geometry::{Pose, Screw, bounding_box},
-    surface::{TriangleMesh, merge},
-};
+use geometry::{Pose, Screw, bounding_box};
+use surface::{TriangleMesh, merge};
 
 /// How a part moves on its parent.
 #[derive(Clone, Copy, Debug, PartialEq)]

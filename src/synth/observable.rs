@@ -4,13 +4,13 @@ use nalgebra::Point3;
 use rand_core::Rng;
 
 use super::{Object, Scene, SynthConfig, recording, truth};
-use crate::surface::sample_surface;
+use surface::sample_surface;
 
 /// Views of each state that are looked at.
 const VIEWS: usize = 15;
 /// Points drawn on each part.
 const POINTS: usize = 300;
-/// Share of a part's surface that must be seen in both states.
+/// Share of a part's surface that must be seen in both states. chosen: less shows no part
 const MIN_SHARE: f64 = 0.1;
 
 /// Whether of every part some of the same surface is seen in both states: of one that shows another side in

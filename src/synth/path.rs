@@ -5,15 +5,17 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 use rand_core::Rng;
 
-use crate::{geometry::Pose, random};
+use geometry::Pose;
+use numeric::random;
 
-/// Half the sweep about the object's front, radians.
+/// Half the sweep about the object's front, radians. chosen: 100 degrees to either side
 const HALF_SWEEP_RAD: f64 = 1.75;
-/// Lowest and highest elevation of the sweep, radians.
+/// Lowest and highest elevation of the sweep, radians. chosen: 11 and 60 degrees
 const ELEVATION_RAD: [f64; 2] = [0.2, 1.05];
-/// Share of the half field of view that the object's sphere fills.
+/// Share of the half field of view that the object's sphere fills. chosen: a rim is left
 const FILL: f64 = 0.95;
 /// Nearest distance to the sphere's center, meters, besides 1.5 radii: where stereo still measures.
+/// chosen: that of usual stereo cameras
 const MIN_DISTANCE_M: f64 = 0.4;
 
 /// A wave in time: amplitude, frequency and phase.
@@ -91,7 +93,7 @@ impl CameraPath {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn the_object_stays_in_view_and_the_path_is_smooth() {

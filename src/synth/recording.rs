@@ -9,14 +9,12 @@ use super::{
     seen_points,
     workspace::whole_way,
 };
-use crate::{
-    geometry::{Intrinsics, Pose},
-    random::{self, stage_rng},
-};
+use geometry::{Intrinsics, Pose};
+use numeric::random::{self, stage_rng};
 
-/// Focal length over image width: 58 degrees across.
+/// Focal length over image width: 58 degrees across. chosen: a camera of usual width
 const FOCAL_SHARE: f64 = 0.902;
-/// Radius of the floor in radii of the object, meters at least.
+/// Radius of the floor in radii of the object, meters at least. chosen: the floor fills the images
 const FLOOR_RADII: f64 = 6.0;
 const MIN_FLOOR_M: f64 = 1.5;
 /// Points drawn on the true surface of each state.
@@ -25,7 +23,7 @@ const SURFACE_POINTS: usize = 40_000;
 /// Time between views of a clean recording, nanoseconds.
 const PERIOD_NANOS: i64 = 200_000_000;
 /// Mean speed of a camera carried by hand, meters a second: the hand-held sequences fr1/xyz and fr1/desk of
-/// Sturm et al. 2012 have 0.24 and 0.41.
+/// Sturm et al. 2012 have 0.24 and 0.41. chosen: between these two
 const HAND_SPEED: f64 = 0.35;
 /// Pieces that the camera's way is measured by.
 const WAY_PIECES: usize = 1000;
@@ -175,6 +173,7 @@ fn pace(path: &CameraPath, config: &SynthConfig) -> (usize, i64) {
 
 /// Velocity of the camera in its own frame, on a path that takes `seconds`.
 fn velocity(path: &CameraPath, time: f64, seconds: f64) -> [Vector3<f64>; 2] {
+    /// chosen: a difference quotient far above rounding
     const STEP: f64 = 1e-5;
     let seconds = 2.0 * STEP * seconds;
     let step = path.pose(time - STEP).inverse() * path.pose(time + STEP);

@@ -6,7 +6,7 @@ use super::{
     Board, Light, Material, Object, Shape, Solid,
     bvh::{Bounds, Bvh},
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// What a ray meets first.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -167,7 +167,7 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Luminance of linear red, green and blue (ITU-R BT.709).
+/// Luminance of linear red, green and blue (ITU-R BT.709). derived: that recommendation
 const LUMINANCE: Vector3<f64> = Vector3::new(0.2126, 0.7152, 0.0722);
 
 /// What a camera gets from a surface.
@@ -208,10 +208,8 @@ fn bounds(placed: &Placed) -> Bounds {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        random::{self, stage_rng},
-        synth::{SynthConfig, generate},
-    };
+    use crate::{SynthConfig, generate};
+    use numeric::random::{self, stage_rng};
 
     #[test]
     fn the_hierarchy_finds_what_a_full_search_finds() {

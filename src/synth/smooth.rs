@@ -29,7 +29,7 @@ pub(super) fn smooth(white: &[f64], width: usize, height: usize, sigma_px: f64) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::{self, stage_rng};
+    use numeric::random::{self, stage_rng};
 
     #[test]
     fn smoothed_noise_keeps_its_variance_and_is_correlated() {

@@ -3,7 +3,8 @@
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use super::Material;
-use crate::{geometry::Pose, surface::TriangleMesh};
+use geometry::Pose;
+use surface::TriangleMesh;
 
 /// Sides of the mesh of a cylinder or capsule; the ray hits the true shape.
 const CYLINDER_SIDES: u32 = 64;
@@ -274,7 +275,7 @@ fn capsule_mesh(radius_m: f64, half_m: f64) -> TriangleMesh {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::is_watertight;
+    use surface::is_watertight;
 
     #[test]
     fn hits_lie_on_the_surface_and_face_the_ray() {

@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 use rand_core::Rng;
 
 use super::{Part, PartJointKind, Solid, look::Look};
-use crate::geometry::Pose;
-use crate::random::range;
+use geometry::Pose;
+use numeric::random::range;
 
 /// A box with `parts - 1` screw caps on top, side by side. A bar across each cap shows how it is turned.
 pub(super) fn capped_box(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
@@ -91,7 +91,7 @@ pub(super) fn clamshell(look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synth::{Family, Shape, SynthConfig, generate};
+    use crate::{Family, Shape, SynthConfig, generate};
 
     #[test]
     fn closed_caps_hold_their_necks() {

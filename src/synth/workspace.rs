@@ -3,11 +3,12 @@
 use nalgebra::{Point3, Vector3};
 
 use super::Object;
-use crate::geometry::bounding_box;
+use geometry::bounding_box;
 
-/// Room that is left around the object, meters.
+/// Room that is left around the object, meters. chosen: more than errors of depth
 const MARGIN_M: f64 = 0.03;
 /// Height of the box's lower side above the floor, meters: above what the noise of the floor reaches.
+/// chosen: more than that noise
 const ABOVE_FLOOR_M: f64 = 0.006;
 
 /// Lower and upper corner of a box in the true world that holds the objects in both of their states, but for
@@ -45,7 +46,7 @@ pub(super) fn whole_way(object: &Object) -> [Point3<f64>; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synth::{SynthConfig, generate};
+    use crate::{SynthConfig, generate};
 
     #[test]
     fn the_box_holds_both_states_and_not_the_floor() {

@@ -3,15 +3,12 @@
 
 use std::path::{Path, PathBuf};
 
-use artitwin::internal::{
-    capture::CaptureConfig,
-    evaluate::{RunFiles, Truth, read_truth},
-    geometry::Pose,
-    io,
-    surface::MeshDistance,
-};
+use capture::CaptureConfig;
+use evaluate::{RunFiles, Truth, read_truth};
+use geometry::Pose;
 use nalgebra::{Matrix4, Matrix6, Point3, Rotation3, SymmetricEigen, UnitQuaternion, Vector3, Vector6};
 use serde_json::Value;
+use surface::MeshDistance;
 
 use super::{measure::json, runs::Frame, twin_files::TwinFiles};
 

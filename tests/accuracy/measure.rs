@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use artitwin::internal::evaluate::{EvaluateOptions, Evaluation, run};
+use evaluate::{EvaluateOptions, Evaluation, run};
 use serde_json::Value;
 
 use super::table::{Figure, Key, Table};

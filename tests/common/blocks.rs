@@ -5,13 +5,11 @@
 
 use std::path::Path;
 
-use artitwin::internal::{
-    geometry::Pose,
-    io::write_synth_bag,
-    model::{ArticulatedModel, JointKind},
-    synth::{Family, Material, Object, PartJointKind, Solid, SynthConfig, film, generate},
-};
+use geometry::Pose;
+use io::write_synth_bag;
+use model::{ArticulatedModel, JointKind};
 use nalgebra::{Point3, Unit, Vector3};
+use synth::{Family, Material, Object, PartJointKind, Solid, SynthConfig, film, generate};
 
 use super::objects::{box_mesh, joint, link, write_truth};
 

@@ -4,7 +4,7 @@
 
 use std::path::PathBuf;
 
-use artitwin::internal::io::ros2msg::{Header, JointState, Time};
+use io::ros2msg::{Header, JointState, Time};
 
 use crate::common::{BagWriter, START, TempDir};
 

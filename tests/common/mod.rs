@@ -11,17 +11,15 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use artitwin::internal::{
-    geometry::{Intrinsics, Pose},
-    io::{
-        ros2msg::{
-            CameraInfo, CompressedImage, Header, Image, Odometry, PoseStamped, TfMessage, Time, Transform,
-            TransformStamped, encode,
-        },
-        rvl,
-    },
-};
+use geometry::{Intrinsics, Pose};
 use image::{DynamicImage, ImageBuffer, ImageFormat};
+use io::{
+    ros2msg::{
+        CameraInfo, CompressedImage, Header, Image, Odometry, PoseStamped, TfMessage, Time, Transform,
+        TransformStamped, encode,
+    },
+    rvl,
+};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use serde::Serialize;
 

@@ -4,17 +4,15 @@
 
 use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 
-use artitwin::internal::{
-    export::ExportConfig,
-    geometry::Pose,
-    io::{Place, ResultKind, RunDir, read_mesh},
-    model::{
-        ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link,
-        ModelConfig, MovingPart, TypeScores, build, validate,
-    },
-    surface::TriangleMesh,
+use export::ExportConfig;
+use geometry::Pose;
+use io::{Place, ResultKind, RunDir, read_mesh};
+use model::{
+    ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link,
+    ModelConfig, MovingPart, TypeScores, build, validate,
 };
 use nalgebra::{Matrix3, Point3, SMatrix, Unit, UnitQuaternion, Vector3};
+use surface::TriangleMesh;
 
 /// Axis-aligned box with outward triangles, meters; every side is cut into `cells * cells` squares.
 pub fn box_mesh(lower: [f64; 3], upper: [f64; 3], color: [u8; 3], cells: u32) -> TriangleMesh {
@@ -292,7 +290,7 @@ pub fn write_run_as(model: &ArticulatedModel, config: &ExportConfig, out: &Path)
     assert_eq!(validate(model), []);
     let run =
         RunDir::open(&Place::named(out, &model.name), ResultKind::Reconstruct).expect("an output folder");
-    for file in artitwin::internal::export::urdf_package(model, config) {
+    for file in export::urdf_package(model, config) {
         run.put(&file.path, &file.bytes).expect("a written file");
     }
     let state = |q: &Vec<f64>| {
@@ -339,7 +337,7 @@ pub fn write_truth(model: &ArticulatedModel, folder: &Path) {
         for (l, mesh) in placed.iter().enumerate() {
             fs::write(state.join(format!("part_{l}.ply")), ply(mesh)).expect("a written file");
         }
-        let whole = artitwin::internal::surface::merge(&placed.iter().collect::<Vec<_>>());
+        let whole = surface::merge(&placed.iter().collect::<Vec<_>>());
         fs::write(state.join("whole.ply"), ply(&whole)).expect("a written file");
     }
 }

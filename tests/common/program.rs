@@ -8,7 +8,7 @@ use std::{
     process::Command,
 };
 
-use artitwin::internal::io::ros2msg::{CompressedImage, decode, encode};
+use io::ros2msg::{CompressedImage, decode, encode};
 
 use crate::common::{BagWriter, TempDir, write_metadata};
 

@@ -1,10 +1,8 @@
 //! Recordings: MCAP files, what they hold, the folder around them.
 
-use artitwin::internal::{
-    capture::CaptureConfig,
-    gap::record::{command::Told, drive::Hold, inputs::complete, tracks::Streams},
-    io::{inspect, read_frame_run, read_joint_log, twin_of},
-};
+use capture::CaptureConfig;
+use gap::record::{command::Told, drive::Hold, inputs::complete, tracks::Streams};
+use io::{inspect, read_frame_run, read_joint_log, twin_of};
 
 use super::{
     engine::{BYTES, Scratch, Target, plain, whole},

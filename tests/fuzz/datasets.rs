@@ -2,9 +2,9 @@
 
 use std::io::{Read as _, Write as _};
 
-use artitwin::internal::io::inspect;
 use flate2::{Compression, read::DeflateDecoder, write::DeflateEncoder};
 use image::ImageFormat;
+use io::inspect;
 
 use super::{
     engine::{BYTES, Scratch, Target, plain, whole},

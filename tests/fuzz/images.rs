@@ -2,14 +2,14 @@
 
 use std::io::Write as _;
 
-use artitwin::internal::io::{
+use flate2::{Compression, read::ZlibDecoder, write::ZlibEncoder};
+use image::ImageFormat;
+use io::{
     image_codec as codec,
     image_codec::{MAX_SIDE, Raster},
     ros2msg::CompressedImage,
     rvl,
 };
-use flate2::{Compression, read::ZlibDecoder, write::ZlibEncoder};
-use image::ImageFormat;
 
 use super::{
     engine::{BYTES, Target, plain, whole},

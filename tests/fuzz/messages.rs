@@ -1,18 +1,18 @@
 //! Messages of ROS 2, from bags and from the network.
 
-use artitwin::internal::io::{
+use io::{
     image_codec as codec,
     image_codec::{MAX_SIDE, Raster},
     pinhole,
     ros2msg::{
         CameraInfo, CompressedFront, CompressedImage, Image, ImageFront, JointState, Odometry, PoseStamped,
         TfMessage, Time, Transform, Vector3, WrenchStamped, decode, encode,
-        gap::DiagnoseGoal,
         odometry::FullOdometry,
-        status::{CollectionStatus, ReconstructGoal, SetStateRequest},
+        status::CollectionStatus,
         text::{Clock, Text},
     },
 };
+use node::requests::{DiagnoseGoal, ReconstructGoal, SetStateRequest};
 use serde::{Serialize, de::DeserializeOwned};
 
 use super::{

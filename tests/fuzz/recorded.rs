@@ -3,12 +3,13 @@
 
 use std::io::Write as _;
 
-use artitwin::internal::io::ros2msg::{
+use geometry::Pose;
+use image::{DynamicImage, ImageFormat};
+use io::ros2msg::{
     CameraInfo, CompressedImage, Header, Image, JointState, Odometry, PoseStamped, TfMessage, Time,
     Transform, TransformStamped, Vector3, WrenchStamped, encode,
 };
-use artitwin::internal::{geometry::Pose, io::rvl};
-use image::{DynamicImage, ImageFormat};
+use io::rvl;
 use serde::Serialize;
 
 use super::mutate::Parts;

@@ -2,11 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use artitwin::internal::{
-    evaluate::{RunFiles, Truth},
-    io::{read_gap_report, read_npy, read_run_summary},
-    run::{Checkpoint, Fingerprint, Monitor},
-};
+use evaluate::{RunFiles, Truth};
+use io::{read_gap_report, read_npy, read_run_summary};
+use run::{Checkpoint, Fingerprint, Monitor};
 use serde::{Serialize, Serializer, ser::SerializeTuple as _};
 
 use super::engine::{BYTES, Scratch, Target, plain, whole};

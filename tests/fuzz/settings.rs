@@ -1,6 +1,6 @@
 //! Settings and arguments: `--config`, `--set`, arguments and parameter files of ROS 2.
 
-use artitwin::internal::config::{Config, Layers};
+use config::{Config, Layers};
 
 use super::engine::{BYTES, Scratch, Target, plain, whole};
 
@@ -107,7 +107,7 @@ fn ros_arguments() {
             input.split(|b| *b == 0).map(|word| String::from_utf8_lossy(word).into_owned()).collect();
         // A file that the input names is not part of it.
         let names_file = arguments.iter().any(|a| a.contains("file"));
-        !names_file && artitwin::internal::node::check_arguments(&arguments).is_ok()
+        !names_file && node::check_arguments(&arguments).is_ok()
     });
 }
 
@@ -130,6 +130,6 @@ fn parameter_file() {
     target.run(|input| {
         let file = scratch.put("parameters.yaml", input);
         let arguments = ["--ros-args", "--params-file", file.to_str().unwrap()].map(str::to_owned);
-        artitwin::internal::node::check_arguments(&arguments).is_ok()
+        node::check_arguments(&arguments).is_ok()
     });
 }

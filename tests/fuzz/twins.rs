@@ -2,11 +2,9 @@
 
 use std::path::Path;
 
-use artitwin::internal::{
-    export::{Folder, check_folder},
-    io::{read_mesh, read_seen_twin, read_urdf, twin_of},
-    surface::TriangleMesh,
-};
+use export::{Folder, check_folder};
+use io::{read_mesh, read_seen_twin, read_urdf, twin_of};
+use surface::TriangleMesh;
 
 use super::engine::{BYTES, Scratch, Target, plain, whole};
 

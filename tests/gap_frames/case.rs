@@ -6,15 +6,13 @@ use std::{
     process::Command,
 };
 
-use artitwin::internal::{
-    io::{
-        Place,
-        ros2msg::{Header, JointState, Time},
-        write_synth_bag, write_true_twin,
-    },
-    synth::{Family, Object, PartJointKind, SynthConfig, film, further_states, generate},
+use io::{
+    Place,
+    ros2msg::{Header, JointState, Time},
+    write_synth_bag, write_true_twin,
 };
 use serde_json::Value;
+use synth::{Family, Object, PartJointKind, SynthConfig, film, further_states, generate};
 
 use crate::{
     common::{BagWriter, START, write_metadata},

@@ -2,14 +2,12 @@
 
 use std::{fs, ops::Range, path::Path};
 
-use artitwin::internal::{
-    gap::camera::model::small_motion::twist_motion,
-    geometry::Pose,
-    random::stage_rng,
-    synth::{Object, PartJointKind, SynthState},
-};
+use gap::camera::model::small_motion::twist_motion;
+use geometry::Pose;
 use nalgebra::{Point3, UnitQuaternion, Vector3, Vector6};
+use numeric::random::stage_rng;
 use rand_core::Rng as _;
+use synth::{Object, PartJointKind, SynthState};
 
 use crate::cut::cut;
 

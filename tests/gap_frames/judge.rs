@@ -1,8 +1,8 @@
 //! What a report should say of a case, and whether it does.
 
-use artitwin::internal::synth::{Object, PartJointKind};
 use nalgebra::Vector3;
 use serde_json::Value;
+use synth::{Object, PartJointKind};
 
 use crate::hidden::{Hidden, PART, encoder_bias, mount, play, second_way};
 

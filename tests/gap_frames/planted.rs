@@ -1,7 +1,7 @@
 //! Faults planted in reports and outcomes, which the judge of the suite must notice.
 
-use artitwin::internal::synth::{Family, Object, SynthConfig, further_states};
 use serde_json::{Value, json};
+use synth::{Family, Object, SynthConfig, further_states};
 
 use crate::{
     FURTHER, HELD, MISSED,

@@ -2,10 +2,8 @@
 
 use std::{fs, process::Command};
 
-use artitwin::internal::{
-    io::write_synth_bag,
-    synth::{SynthConfig, film},
-};
+use io::write_synth_bag;
+use synth::{SynthConfig, film};
 
 use crate::{
     case::{Folder, film_and_diagnose, usable},

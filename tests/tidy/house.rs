@@ -1,10 +1,10 @@
 //! Which file takes names from which.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use super::reader::{Source, paths, spelled_out};
 
-/// All files of `src/` and what each imports.
+/// All files of `src/` and what each imports from its own crate.
 pub struct House {
     pub sources: Vec<Source>,
 }
@@ -16,8 +16,9 @@ impl House {
         let code = without_re_exports(&source.code);
         let here = module_of(&source.name);
         let mut to = BTreeSet::new();
+        let root = &here[..usize::from(source.layer() != "cli").min(here.len())];
         for path in paths(&code, "crate") {
-            to.extend(self.file_of(&[], &segments(&path)[1..]));
+            to.extend(self.file_of(root, &segments(&path)[1..]));
         }
         for path in paths(&code, "super") {
             to.extend(self.file_of(&here[..here.len().saturating_sub(1)], &segments(&path)[1..]));
@@ -102,23 +103,9 @@ fn without_re_exports(code: &str) -> String {
 
 fn module_of(file: &str) -> Vec<&str> {
     let module = file.trim_end_matches(".rs");
-    module.strip_suffix("/mod").unwrap_or(module).split('/').collect()
+    ["/mod", "/lib"].iter().find_map(|face| module.strip_suffix(face)).unwrap_or(module).split('/').collect()
 }
 
 fn segments(path: &str) -> Vec<&str> {
     path.split("::").collect()
-}
-
-/// All files that an import leads to, over any number of steps.
-pub fn reached<'a>(arrows: &BTreeMap<&'a str, BTreeSet<&'a str>>, from: &str) -> BTreeSet<&'a str> {
-    let mut found = BTreeSet::new();
-    let mut open: Vec<&str> = vec![from];
-    while let Some(file) = open.pop() {
-        for &next in arrows.get(file).into_iter().flatten() {
-            if found.insert(next) {
-                open.push(next);
-            }
-        }
-    }
-    found
 }

@@ -47,7 +47,7 @@ pub fn read(folder: &Path, prefix: &str, sources: &mut Vec<(String, String)>) {
 /// Files and folders that a file declares by `#[cfg(test)] mod name;`, a `#[path]` between them or not.
 fn test_modules((name, text): &(String, String)) -> Vec<String> {
     let beside = name.rsplit_once('/').map_or(String::new(), |(folder, _)| format!("{folder}/"));
-    let below = if name.ends_with("mod.rs") || name == "lib.rs" {
+    let below = if name.ends_with("mod.rs") || name.ends_with("lib.rs") {
         beside.clone()
     } else {
         format!("{}/", name.trim_end_matches(".rs"))
@@ -57,8 +57,9 @@ fn test_modules((name, text): &(String, String)) -> Vec<String> {
         if let Some(path) = rest.strip_prefix("#[path = \"") {
             return Some(format!("{beside}{}", path.split_once(".rs\"")?.0));
         }
-        let module =
-            rest.trim_start_matches("pub(super) ").trim_start_matches("pub(crate) ").strip_prefix("mod ")?;
+        let module = ["pub(super) ", "pub(crate) ", "pub ", ""]
+            .iter()
+            .find_map(|p| rest.strip_prefix(p)?.strip_prefix("mod "))?;
         let module = module.split_once(';')?.0.trim();
         module.chars().all(|c| c.is_alphanumeric() || c == '_').then(|| format!("{below}{module}"))
     };

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import shlex
 import signal
 import sys
 import time
@@ -20,7 +21,7 @@ _TABLE_S = 60.0
 """How often the table is written while jobs run: what a lost head loses of it."""
 _METRICS_S = 2.0
 """derived: Prometheus asks every 10 s or so."""
-NEEDS = "artitwin fleet needs ray and pyarrow: pip install 'artitwin[fleet]'"
+NEEDS = "artitwin fleet needs ray, pyarrow and fsspec: pip install 'artitwin[fleet]'"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,6 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         place = given.index("--")
         given, common = given[:place], given[place + 1 :]
     options = _parser().parse_args(given)
+    options.given = [word for word in given if word != "--print-jobs"]
     signal.signal(signal.SIGTERM, _interrupt)
     # A shell starts what runs in the background with this signal ignored.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -40,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return FAILED
     except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("ray", "pyarrow"):
+        if (error.name or "").partition(".")[0] not in ("ray", "pyarrow", "fsspec"):
             raise
         print(f"error: {NEEDS}", file=sys.stderr)
         return FAILED
@@ -63,7 +65,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="TABLE|GLOB",
         help=".csv, .jsonl or .parquet, or a quoted pattern of paths",
     )
-    add("--out", required=True, metavar="URI", help="store of all results: a folder, s3://, gs://, az://")
+    add("--out", required=True, metavar="URI", help="store of all results: a folder, s3://, gs://, az://, ...")
     add(
         "--command",
         choices=("reconstruct", "diagnose"),
@@ -73,6 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--address", metavar="ADDRESS", help="a Ray cluster, or auto [this machine]")
     add("--estimate", action="store_true", help="says what it would take, and runs nothing")
     add("--print-jobs", action="store_true", help="prints a command line a row, for another scheduler")
+    add("--row", type=_positive, metavar="N", help="runs row N alone, in this process and without Ray")
     add("--cpus", type=_positive, metavar="N", help="cores of this machine to use [all]; not with --address")
     add("--cores", type=_positive, metavar="N", help="cores of a job [its estimate]")
     add("--retries", type=int, metavar="N", help="how often a lost job is tried again [5]")
@@ -82,7 +85,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="SECONDS",
         help="a job that takes longer is stopped and tried again [none]",
     )
-    add("--scratch", metavar="DIR", help="folder on the nodes for what jobs fetch [the job's own default]")
+    add("--scratch", metavar="DIR", help="folder on the nodes for what jobs fetch [that for temporary files]")
     add("--dashboard", action="store_true", help="starts Ray's dashboard on this machine")
     return parser
 
@@ -125,8 +128,12 @@ def _fleet(options: argparse.Namespace, common: Sequence[str]) -> int:
         for row in rows
     ]
     if options.print_jobs:
-        print("\n".join(job.line() for job in jobs))
+        behind = ["--", *common] if common else []
+        for job in jobs:
+            print(shlex.join(["artitwin", "fleet", f"--row={job.row.number + 1}", *options.given, *behind]))
         return DONE
+    if options.row is not None:
+        return _one(jobs, options.row, options.cores)
     outputs = Outputs(out, options.command)
     outputs.refuse_taken()
     progress = Progress()
@@ -136,12 +143,27 @@ def _fleet(options: argparse.Namespace, common: Sequence[str]) -> int:
         progress.close()
 
 
+def _one(jobs: Any, number: int, cores: int | None) -> int:
+    """Does one job, and prints its manifest's place; what may pass ends with the program's code for that."""
+    from .perform import work
+
+    if number > len(jobs):
+        raise ArtitwinError(f"--row {number}: there are {len(jobs)} rows")
+    job = jobs[number - 1]
+    outcome = work(job, None, cores or os.cpu_count() or 1)
+    if outcome.manifest is not None:
+        print(f"{job.out}/{outcome.manifest.key}.json")
+    if outcome.message:
+        print(f"error: {outcome.message}", file=sys.stderr)
+    return outcome.exit_code if outcome.exit_code >= 0 else 128 - outcome.exit_code
+
+
 def _with_cluster(options: argparse.Namespace, jobs: Any, outputs: Any, progress: Any) -> int:
     from .cluster import Cluster
     from .metrics import Metrics
     from .retries import MOST_RETRIES
     from .schedule import Schedule
-    from .store import StoreError
+    from .store import Folder, StoreError
 
     cluster = Cluster(options.address, options.cpus, options.dashboard)
     # Ray puts a handler of its own in its place.
@@ -172,7 +194,7 @@ def _with_cluster(options: argparse.Namespace, jobs: Any, outputs: Any, progress
         progress.say(forecast(schedule))
         if options.estimate:
             return DONE
-        if outputs.store.is_local and schedule.size.nodes > 1:
+        if isinstance(outputs.store, Folder) and schedule.size.nodes > 1:
             progress.say(f"note: all {schedule.size.nodes} nodes must share the folder of --out")
         try:
             schedule.run()

@@ -17,7 +17,8 @@ from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from ..errors import ArtitwinError
 from .engine import Size, Start
-from .job import Job, Look, Outcome, look, work
+from .job import Job, Look, Outcome
+from .perform import look, work
 
 _OBJECT_STORE = 100 << 20
 """derived: a result that goes through it has a few KB; Ray takes no less than 75 MB."""
@@ -39,9 +40,9 @@ class _Board:
         return new
 
 
-def _work(job: Job, attempt: int, cores: int, board: Any) -> Outcome:
+def _work(job: Job, known: Look | None, attempt: int, cores: int, board: Any) -> Outcome:
     board.began.remote(job.row.number, attempt, ray.get_runtime_context().get_node_id(), os.getpid())
-    return work(job, cores)
+    return work(job, known, cores)
 
 
 class Cluster:
@@ -77,10 +78,10 @@ class Cluster:
         """Estimates a job on some worker."""
         return self._look.remote(job)
 
-    def submit(self, job: Job, attempt: int, cores: float, memory: int) -> Any:
+    def submit(self, job: Job, known: Look | None, attempt: int, cores: float, memory: int) -> Any:
         """Queues a job for a worker with these cores and bytes free."""
         needs = {"num_cpus": cores, "memory": memory} if memory else {"num_cpus": cores}
-        return self._work.options(**needs).remote(job, attempt, int(cores), self._board)
+        return self._work.options(**needs).remote(job, known, attempt, int(cores), self._board)
 
     def wait(self, handles: Sequence[Any], timeout_s: float) -> list[tuple[Any, Look | Outcome]]:
         """Those that ended, after all did or the time is over."""

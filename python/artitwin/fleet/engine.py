@@ -35,8 +35,8 @@ class Engine(Protocol):
     def look(self, job: Job) -> Any:
         """Estimates a job on some worker."""
 
-    def submit(self, job: Job, attempt: int, cores: float, memory: int) -> Any:
-        """Queues a job for a worker with these cores and bytes free."""
+    def submit(self, job: Job, known: Look | None, attempt: int, cores: float, memory: int) -> Any:
+        """Queues a job, with what a look found, for a worker with these cores and bytes free."""
 
     def wait(self, handles: Sequence[Any], timeout_s: float) -> list[tuple[Any, Look | Outcome]]:
         """Those that ended, after all did or the time is over."""

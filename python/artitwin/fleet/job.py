@@ -1,29 +1,19 @@
-"""A job: the plain command for one row, run on this machine, and what became of it."""
+"""A job: what is asked for a row, and what is known of it before and after."""
 
-import json
 import os
-import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
 
-from ..errors import ReportError
 from ..note import Note
-from ..process import program
-from ..record import record
-from . import child
-from .leash import NOT_STARTED
-from .store import Store, StoreError, as_input
-from .summary import Summary, summary
+from .inputs import RECORDING, TWIN, TWIN_WITH_MESHES
+from .store import as_uri
+from .summary import Summary
 from .table import Row
 
-JOB = "artitwin-job/1"
-ESTIMATE = "artitwin-estimate/1"
-TEMPORARY = 75
-"""Exit code of what may pass (EX_TEMPFAIL of sysexits.h)."""
-STOPPED = 130
-_MOST_MANIFEST = 16 << 20
-"""A manifest of 1000 files has under 1 MB."""
+_READ = ("--frames", "--held-out")
+"""Options that name recordings: inputs like those of the row."""
+_PATHS = ("--config", "--matcher", "--stages")
+"""Options that name what every node has."""
 
 
 @dataclass(frozen=True)
@@ -36,41 +26,66 @@ class Job:
     program: str | None
     """None: the program of the node's own package."""
     folder: str
-    """Where it runs, if that folder is there."""
+    """From where relative paths in options count."""
     scratch: str | None
     limit_s: float | None
 
-    def arguments(self, estimate: bool = False) -> list[str]:
-        """The command line behind the program."""
-        return [
-            self.command,
-            *(["--estimate"] if estimate else []),
-            "--json",
-            f"--out={self.out}",
-            *([f"--name={self.row.name}"] if self.row.name else []),
-            *([f"--scratch={self.scratch}"] if self.scratch else []),
-            *self.row.options,
-            "--",
-            *(as_input(uri) for uri in self.row.inputs),
-        ]
+    def inputs(self) -> list[tuple[str, str]]:
+        """URI of each input, and what is read of it: those of the row, then those of its options."""
+        options = [value for name, value in self._options() if name in _READ]
+        more = [(as_uri(value, as_uri(self.folder)), RECORDING) for value in options]
+        if self.command == "reconstruct":
+            return [*((uri, RECORDING) for uri in self.row.inputs), *more]
+        has_frames = any(name == "--frames" for name, _ in self._options())
+        twin = (self.row.inputs[0], TWIN_WITH_MESHES if has_frames else TWIN)
+        return [twin, *((uri, RECORDING) for uri in self.row.inputs[1:]), *more]
 
-    def line(self) -> str:
-        """The same for a person, to run by hand."""
-        return shlex.join(["artitwin", *self.arguments()])
+    def arguments(self, paths: Iterable[str]) -> list[str]:
+        """Options and inputs of the command line; `paths` are where `inputs` are on this machine."""
+        given = list(paths)
+        own = given[: len(self.row.inputs)]
+        more = iter(given[len(self.row.inputs) :])
+        words = []
+        for name, value in self._options():
+            if name in _READ:
+                words.append(f"{name}={next(more)}")
+            elif name in _PATHS:
+                words.append(f"{name}={os.path.join(self.folder, value)}")
+            else:
+                words.append(name)
+        return [*words, "--", *own]
+
+    def _options(self) -> list[tuple[str, str]]:
+        """Options that name a path with it, in one word or two; all other words with nothing."""
+        found: list[tuple[str, str]] = []
+        words = iter(self.row.options)
+        for word in words:
+            name, equals, value = word.partition("=")
+            if name in (*_READ, *_PATHS):
+                found.append((name, value if equals else next(words, "")))
+            else:
+                found.append((word, ""))
+        return found
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a job will need; `done` is the status of a manifest that stands."""
+    """What a job will need, and what it is."""
 
-    key: str | None
-    done: str | None
+    key: str
+    """A digest of all that determines the result: inputs, settings, name and version of the program."""
     cores: float
     memory_bytes: int
     seconds: float
     scratch_bytes: int = 0
     bytes_stored: int = 0
     bytes_read: int = 0
+    name: str = ""
+    version: str = ""
+    listed: str = ""
+    """A digest of how the inputs were found."""
+    identities: tuple[str, ...] = ()
+    """What the key holds of each input."""
 
 
 @dataclass(frozen=True)
@@ -128,65 +143,4 @@ class Look:
     message: str
     """Why there is no estimate."""
     outcome: Outcome | None = None
-    """What stands already."""
-
-
-def look(job: Job) -> Look:
-    """Estimates a job; where its manifest stands, reads that."""
-    ended = _run(job, job.arguments(estimate=True), {})
-    if ended.exit_code != 0:
-        return Look(None, ended.message or f"exit code {ended.exit_code}")
-    try:
-        value = json.loads(ended.last_line)
-        if value.get("format") != ESTIMATE:
-            return Look(None, f"an estimate of format {value.get('format')}, not {ESTIMATE}")
-        estimate = record(Estimate, value, "estimate")
-    except (ValueError, AttributeError, ReportError) as error:
-        return Look(None, f"no estimate that this package reads: {error}")
-    if estimate.done is None or estimate.key is None:
-        return Look(estimate, "")
-    try:
-        data = Store(job.out).read(f"{estimate.key}.json", _MOST_MANIFEST)
-        return Look(estimate, "", data and _finished(json.loads(data), job, 0.0) or None)
-    except (StoreError, ValueError, ReportError):
-        # The job reads it once more, or writes it anew.
-        return Look(estimate, "")
-
-
-def work(job: Job, cores: int) -> Outcome:
-    """Runs a job to its end."""
-    # The program uses all cores that it sees; its results do not depend on their number.
-    ended = _run(job, job.arguments(), {"RAYON_NUM_THREADS": str(max(1, cores))})
-    code = ended.exit_code
-    if ended.overtime:
-        return Outcome(code, f"stopped after {ended.seconds:.0f} s", ended.seconds, lost=True)
-    try:
-        value = json.loads(ended.last_line) if ended.last_line.startswith("{") else {}
-        if value.get("format") == JOB:
-            return _finished(value, job, ended.seconds)
-    except (ValueError, ReportError) as error:
-        return Outcome(code, f"a result that this package does not read: {error}", ended.seconds)
-    message = ended.message.rpartition("error: ")[2] or f"exit code {code}"
-    if code in (1, 2, NOT_STARTED):
-        # A refusal before there was a key.
-        return Outcome(code, message, ended.seconds)
-    if code == STOPPED:
-        return Outcome(code, "stopped", ended.seconds, lost=True, stopped=True)
-    if code < 0 or code > 128:
-        number = -code if code < 0 else code - 128
-        return Outcome(code, f"ended by signal {number}", ended.seconds, lost=True, out_of_memory=number == 9)
-    return Outcome(code, message, ended.seconds, lost=True)
-
-
-def _run(job: Job, arguments: list[str], environment: Mapping[str, str]) -> child.Ended:
-    folder = job.folder if os.path.isdir(job.folder) else None
-    named = os.path.abspath(job.program or program())
-    return child.run([named, *arguments], environment, folder, job.limit_s)
-
-
-def _finished(value: Any, job: Job, seconds: float) -> Outcome:
-    if not isinstance(value, dict) or value.get("format") != JOB:
-        raise ReportError(f"a manifest that is not {JOB}")
-    manifest = record(Manifest, value, "manifest")
-    read = summary(Store(job.out), manifest.folder, job.command) if manifest.folder else None
-    return Outcome(manifest.exit_code, manifest.message or "", seconds, manifest, read)
+    """What stands already, or a refusal."""

@@ -7,7 +7,7 @@ from .drift_page import drift_page, drift_rows, drift_schema
 from .page import gallery
 from .results import refuse_taken, row, schema, table_bytes
 from .schedule import Item
-from .store import Store
+from .store import open_store
 
 TABLE = {"reconstruct": "fleet.parquet", "diagnose": "logs.parquet"}
 PAGE = {"reconstruct": "fleet.html", "diagnose": "machines.html"}
@@ -18,7 +18,7 @@ class Outputs:
     """Tables and a page in the store, each written whole."""
 
     def __init__(self, out: str, command: str) -> None:
-        self.store = Store(out)
+        self.store = open_store(out)
         self.command = command
         self.written: list[str] = []
 

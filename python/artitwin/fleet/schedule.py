@@ -97,7 +97,7 @@ class Schedule:
         self._later: list[tuple[float, int, Item]] = []
 
     def look(self) -> None:
-        """Estimates every row; ends those whose manifest stands."""
+        """Estimates every row; ends those whose manifest stands, or that are refused."""
         new = deque(self.items)
         pending: dict[Any, Item] = {}
         while new or pending:
@@ -110,7 +110,7 @@ class Schedule:
                 item.look = result if isinstance(result, Look) else Look(None, result.message)
                 item.status = "waiting"
                 if item.look.outcome is not None:
-                    item.standing = True
+                    item.standing = item.look.outcome.manifest is not None
                     self._end(item, item.look.outcome)
             self.on_change(self)
         first: dict[str, Item] = {}
@@ -188,7 +188,7 @@ class Schedule:
             memory = demand(bytes_, item.memory_factor, self.size.largest_memory)
             item.attempts += 1
             item.began = None
-            handle = self.engine.submit(item.job, item.attempts, self._cores(item), memory)
+            handle = self.engine.submit(item.job, item.look, item.attempts, self._cores(item), memory)
             self._running[handle] = item
 
     def _starts(self) -> None:

@@ -1,29 +1,146 @@
-"""Files of a store: local folders and object stores, by URI.
-
-Credentials and endpoints come from the environment, under the names that the program reads (docs/fleet.md).
-"""
+"""Files of a store, by URI: a folder of this machine, or what fsspec opens (`remote.py`)."""
 
 import os
 import posixpath
 import re
-import time
 import uuid
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import quote, unquote, urlsplit
 
-from pyarrow import fs  # type: ignore[import-untyped]
-
 from ..errors import ArtitwinError
 
 T = TypeVar("T")
-_WAITS_S = (0.2, 0.4, 0.8, 1.6, 3.2)
-"""derived: with one request in twenty failing, six leave one of 64 million; pyarrow's own come before."""
 
 
 class StoreError(ArtitwinError):
     """A store that cannot be used as it was asked to."""
+
+
+class MayPassError(StoreError):
+    """A store, a disk or another process was in the way; the same may succeed later."""
+
+
+@dataclass(frozen=True, order=True)
+class File:
+    """A file at or below a place of a store."""
+
+    path: str
+    """Within the place; empty for the place itself."""
+    size: int | None
+    """Bytes; None where the store does not say."""
+    tag: str
+    """Changes with the content."""
+
+
+class Store(ABC):
+    """A place whose files are read and written whole."""
+
+    lists = True
+    """Whether it says what a folder holds."""
+
+    def __init__(self, uri: str) -> None:
+        self.uri = uri.rstrip("/")
+
+    @abstractmethod
+    def read(self, path: str, most: int) -> bytes | None:
+        """A file of at most so many bytes; None where there is none."""
+
+    @abstractmethod
+    def write(self, path: str, data: bytes) -> None:
+        """A whole file or none, in place of one of that name."""
+
+    @abstractmethod
+    def create(self, path: str, data: bytes) -> bool:
+        """A whole file, unless one of that name stands; whether it is new."""
+
+    @abstractmethod
+    def children(self, most: int, path: str = "") -> list[tuple[str, bool]]:
+        """Names below a folder, sorted, each with whether it is a folder itself."""
+
+    @abstractmethod
+    def files(self, most: int) -> list[File]:
+        """The file at the place, or all below it, sorted; none where there is nothing."""
+
+    def at(self, path: str) -> str:
+        """The URI of a file."""
+        return f"{self.uri}/{quote(path)}" if path else self.uri
+
+
+def open_store(uri: str) -> Store:
+    """The store of a URI."""
+    if uri.startswith("file://"):
+        return Folder(uri)
+    from .remote import Remote
+
+    return Remote(uri)
+
+
+class Folder(Store):
+    """A folder or file of this machine, by its `file://` URI."""
+
+    def __init__(self, uri: str) -> None:
+        super().__init__(uri)
+        self.path = Path(unquote(urlsplit(self.uri).path) or "/")
+
+    def read(self, path: str, most: int) -> bytes | None:
+        def once() -> bytes:
+            if (self.path / path).stat().st_size > most:
+                raise StoreError(f"`{self.at(path)}` has more than {most} bytes")
+            return (self.path / path).read_bytes()
+
+        try:
+            return self._done("read", path, once)
+        except FileNotFoundError:
+            return None
+
+    def write(self, path: str, data: bytes) -> None:
+        self._done("write", path, lambda: _write_whole(self.path / path, data, os.replace))
+
+    def create(self, path: str, data: bytes) -> bool:
+        try:
+            self._done("write", path, lambda: _write_whole(self.path / path, data, _link))
+        except FileExistsError:
+            return False
+        return True
+
+    def children(self, most: int, path: str = "") -> list[tuple[str, bool]]:
+        def once() -> list[tuple[str, bool]]:
+            with os.scandir(self.path / path) as entries:
+                return sorted((entry.name, entry.is_dir()) for entry in entries)
+
+        try:
+            return few(self._done("list", path, once), most, self.at(path))
+        except (FileNotFoundError, NotADirectoryError):
+            return []
+
+    def files(self, most: int) -> list[File]:
+        def once() -> list[File]:
+            if self.path.is_file():
+                return [_file(self.path, "")]
+            # Links are followed as files only: one to a folder could lead around in circles.
+            paths = (Path(folder, name) for folder, _, names in os.walk(self.path) for name in names)
+            return sorted(_file(path, path.relative_to(self.path).as_posix()) for path in paths if path.is_file())
+
+        return few(self._done("list", "", once), most, self.uri)
+
+    def _done(self, what: str, path: str, once: Callable[[], T]) -> T:
+        try:
+            return once()
+        except (FileNotFoundError, FileExistsError, NotADirectoryError):
+            raise
+        except OSError as error:
+            raise MayPassError(f"cannot {what} `{self.at(path)}`: {error}") from error
+
+
+def few(found: list[T], most: int, uri: str) -> list[T]:
+    """What was found, unless there is more of it than there may be."""
+    if len(found) > most:
+        raise StoreError(f"`{uri}` holds more than {most} files")
+    return found
 
 
 def is_uri(text: str) -> bool:
@@ -42,81 +159,12 @@ def as_uri(text: str, base: str | None = None) -> str:
     return "file://" + quote(os.path.abspath(text))
 
 
-def as_input(uri: str) -> str:
-    """An input as the program takes it: a local file by its path."""
-    return unquote(urlsplit(uri).path) if uri.startswith("file://") else uri
+def _file(path: Path, name: str) -> File:
+    status = path.stat()
+    return File(name, status.st_size, str(status.st_mtime_ns))
 
 
-class Store:
-    """A file system with the path of a URI in it."""
-
-    def __init__(self, uri: str) -> None:
-        self.uri = uri.rstrip("/")
-        scheme, _, rest = self.uri.partition("://")
-        self.is_local = scheme == "file"
-        try:
-            self._files, self._root = _open(scheme, unquote(rest))
-        except (OSError, ValueError, ImportError) as error:
-            raise StoreError(f"`{uri}` cannot be used: {error}") from error
-
-    def _at(self, path: str) -> str:
-        return f"{self._root}/{path}" if path else self._root
-
-    def read(self, path: str, most: int) -> bytes | None:
-        """A file of at most so many bytes; None where there is none."""
-
-        def once() -> bytes:
-            with self._files.open_input_file(self._at(path)) as file:
-                if file.size() > most:
-                    raise StoreError(f"`{self.uri}/{path}` has more than {most} bytes")
-                return bytes(file.read())
-
-        try:
-            return self._again(once)
-        except FileNotFoundError:
-            return None
-        except OSError as error:
-            raise StoreError(f"cannot read `{self.uri}/{path}`: {error}") from error
-
-    def write(self, path: str, data: bytes) -> None:
-        """A whole file or none, in place of one of that name."""
-
-        def once() -> None:
-            # An object appears when its upload is complete.
-            with self._files.open_output_stream(self._at(path)) as file:
-                file.write(data)
-
-        try:
-            self._again((lambda: _write_whole(Path(self._at(path)), data)) if self.is_local else once)
-        except OSError as error:
-            raise StoreError(f"cannot write `{self.uri}/{path}`: {error}") from error
-
-    def children(self, most: int, path: str = "") -> list[tuple[str, bool]]:
-        """Names below a folder, sorted, each with whether it is a folder itself."""
-        selected = fs.FileSelector(self._at(path), recursive=False)
-        try:
-            found = self._again(lambda: self._files.get_file_info(selected))
-        except FileNotFoundError:
-            return []
-        except OSError as error:
-            raise StoreError(f"cannot list `{self.uri}/{path}`: {error}") from error
-        if len(found) > most:
-            raise StoreError(f"`{self.uri}/{path}` holds more than {most} entries")
-        return sorted((info.base_name, info.type == fs.FileType.Directory) for info in found)
-
-    def _again(self, once: Callable[[], T]) -> T:
-        """Does what may be done twice, again where a store did not answer as it should."""
-        for wait_s in () if self.is_local else _WAITS_S:
-            try:
-                return once()
-            except FileNotFoundError:
-                raise
-            except OSError:
-                time.sleep(wait_s)
-        return once()
-
-
-def _write_whole(at: Path, data: bytes) -> None:
+def _write_whole(at: Path, data: bytes, put: Callable[[Path, Path], Any]) -> None:
     at.parent.mkdir(parents=True, exist_ok=True)
     aside = at.with_name(f".{at.name}.{uuid.uuid4().hex}")
     try:
@@ -124,31 +172,17 @@ def _write_whole(at: Path, data: bytes) -> None:
             local.write(data)
             local.flush()
             os.fsync(local.fileno())
-        os.replace(aside, at)
+        put(aside, at)
     finally:
         aside.unlink(missing_ok=True)
 
 
-def _open(scheme: str, rest: str) -> tuple[Any, str]:
-    environment = os.environ.get
-    if scheme == "file":
-        return fs.LocalFileSystem(), "/" + rest.strip("/")
-    if scheme == "s3":
-        endpoint = environment("AWS_ENDPOINT") or environment("AWS_ENDPOINT_URL")
-        is_plain = endpoint is not None and endpoint.startswith("http://")
-        given: dict[str, Any] = {"region": environment("AWS_REGION") or environment("AWS_DEFAULT_REGION")}
-        if endpoint:
-            given |= {"endpoint_override": endpoint, "scheme": "http" if is_plain else "https"}
-            given["region"] = given["region"] or "us-east-1"
-        if environment("AWS_SKIP_SIGNATURE") == "true":
-            given["anonymous"] = True
-        return fs.S3FileSystem(**{key: value for key, value in given.items() if value}), rest
-    if scheme == "gs":
-        return fs.GcsFileSystem(), rest
-    if scheme in ("az", "azure", "abfs", "abfss"):
-        account = environment("AZURE_STORAGE_ACCOUNT_NAME")
-        if not account:
-            raise ValueError("AZURE_STORAGE_ACCOUNT_NAME is not set")
-        key = environment("AZURE_STORAGE_ACCOUNT_KEY")
-        return fs.AzureFileSystem(account_name=account, account_key=key), rest
-    raise ValueError(f"no store has the scheme `{scheme}`: file, s3, gs and az have one")
+def _link(aside: Path, at: Path) -> None:
+    """Puts a file where nothing stands, in one step."""
+    try:
+        os.link(aside, at)
+    except OSError as error:
+        if at.exists():
+            raise FileExistsError(at) from error
+        # A disk without links: whoever holds the job's lock is the only one to write.
+        os.rename(aside, at)

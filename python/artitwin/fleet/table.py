@@ -10,12 +10,11 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
 from ..errors import ArtitwinError
-from .store import Store, as_uri, is_uri
+from .store import as_uri, is_uri, open_store
 
 MOST_ROWS = 300_000
 """measured: eval/fleet/README.md; up to here the head's loop keeps up, and 11 KB a row are 3.2 GB."""
@@ -25,7 +24,7 @@ _MOST_CELL = 64 << 10
 """Longest cell, characters."""
 _MOST_INPUTS = 1000
 """Most inputs of a row."""
-_OWN = ("--out", "--json", "--estimate", "--jobs", "--resume", "--force", "--name", "--scratch")
+_OWN = ("--out", "--json", "--estimate", "--jobs", "--resume", "--force", "--name")
 """Options that the fleet sets, or that have no sense for a job of it."""
 _PATTERN = re.compile(r"[*?\[]")
 
@@ -93,7 +92,7 @@ def matches(pattern: str) -> list[str]:
     """URIs that a pattern matches, sorted. A star matches inside one part of a path, and no hidden name."""
     fixed = _PATTERN.split(pattern)[0].rpartition("/")[0]
     parts = [unquote(part) for part in pattern[len(fixed) :].strip("/").split("/")]
-    store = Store(fixed)
+    store = open_store(fixed)
     found = [""]
     for depth, part in enumerate(parts):
         is_last = depth == len(parts) - 1
@@ -113,7 +112,7 @@ def matches(pattern: str) -> list[str]:
 def _of_table(objects: str, suffix: str, command: str, common: Sequence[str]) -> list[Row]:
     uri = as_uri(objects)
     base, _, file = uri.rpartition("/")
-    data = Store(base).read(unquote(file), _MOST_BYTES)
+    data = open_store(base).read(unquote(file), _MOST_BYTES)
     if data is None:
         raise TableError(f"cannot read `{objects}`: there is no such file")
     try:
@@ -217,7 +216,3 @@ def _parquet(data: bytes) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = file.read().to_pylist()
     return rows
 
-
-def local_path(uri: str) -> Path | None:
-    """Where a URI is on this machine."""
-    return Path(unquote(uri[len("file://") :])) if uri.startswith("file://") else None

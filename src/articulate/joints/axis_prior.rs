@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, Matrix2, Matrix3x2, Matrix6, SMatrix, Unit, Vector3};
 
-use crate::articulate::joints::{
+use crate::joints::{
     free_motion::{ParentMotion, surface_sigma_m},
     joint::JointEstimate,
     joint_fit::{JointMotion, Residuals},
@@ -11,16 +11,14 @@ use crate::articulate::joints::{
     motion_evidence::RefineConfig,
     square_axes::SeenDirection,
 };
-use crate::{
-    geometry::Pose,
-    model::{AxisAlone, JointKind},
-};
+use geometry::Pose;
+use model::{AxisAlone, JointKind};
 
 /// Share of the largest slope below which a slope is none: of (direction 3, point 3) two have no effect, and
 /// finite differences ([`DIFFERENCE`]) leave 1e-10 to 1e-9 of them, whose inverse would blow any
 /// covariance up.
 ///
-/// derived: between that noise and the slopes of a real joint, which are no smaller than its motion in
+/// chosen: between that noise and the slopes of a real joint, which are no smaller than its motion in
 /// radians
 const FLAT: f64 = 1e-6;
 
@@ -90,7 +88,7 @@ impl JointEstimate {
 
     /// A turning joint whose axis keeps its direction, moved to where it suits that best; any other as it is.
     /// A motion that the joint left out stays out.
-    pub(crate) fn settled(mut self, motions: &[JointMotion], config: &RefineConfig) -> Self {
+    pub fn settled(mut self, motions: &[JointMotion], config: &RefineConfig) -> Self {
         if !matches!(self.kind, JointKind::Revolute | JointKind::Screw { .. }) {
             return self;
         }
@@ -150,7 +148,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::model::{JointEvidence, TypeScores};
+    use model::{JointEvidence, TypeScores};
 
     /// A hinge on a parent that turned, its covariances those of one another.
     fn hinge(

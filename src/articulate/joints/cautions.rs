@@ -1,10 +1,8 @@
 //! What speaks against trusting a joint, and what its states cannot show, in words.
 
-use crate::{
-    articulate::joints::{joint::JointEstimate, joint_type::DECISIVE},
-    model::{Deviations, JointFamily, JointKind, TypeScores},
-    note::{Note, NoteCode},
-};
+use crate::joints::{joint::JointEstimate, joint_type::DECISIVE};
+use common::note::{Note, NoteCode};
+use model::{Deviations, JointFamily, JointKind, TypeScores};
 
 /// Standard deviation of an axis direction, radians, from which a report calls it coarse.
 ///

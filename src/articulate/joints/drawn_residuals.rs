@@ -5,11 +5,9 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::{
-    articulate::{
-        joints::surface_draws::SurfaceDraws, observations::SurfaceSamples, samples::sample_index::SampleIndex,
-    },
-    geometry::{NearestPoints, Pose},
+    joints::surface_draws::SurfaceDraws, observations::SurfaceSamples, samples::sample_index::SampleIndex,
 };
+use geometry::{NearestPoints, Pose};
 
 /// Changes of the distances of surface points and of the ends of matches, by draw.
 #[derive(Clone, Debug, Default)]
@@ -71,12 +69,12 @@ impl DrawnResiduals {
     }
 
     /// Of a surface point of a state, meters.
-    pub(crate) fn of_point(&self, state: usize, point: usize) -> &[f32] {
+    pub fn of_point(&self, state: usize, point: usize) -> &[f32] {
         self.surfaces_m[state].get(point * self.count..(point + 1) * self.count).unwrap_or_default()
     }
 
     /// Of a match, meters.
-    pub(crate) fn of_match(&self, number: usize) -> &[Vector3<f32>] {
+    pub fn of_match(&self, number: usize) -> &[Vector3<f32>] {
         self.matches_m.get(number * self.count..(number + 1) * self.count).unwrap_or_default()
     }
 }

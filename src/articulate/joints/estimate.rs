@@ -5,20 +5,18 @@
 
 use std::collections::BTreeMap;
 
-use crate::{
-    articulate::joints::{
-        cautions::{Judged, cautions, not_observable},
-        joint::JointEstimate,
-        joint_covariance::JointCovariance,
-        joint_fit::{FreeFits, JointFit, JointMotion, PartPlace},
-        joint_motion::{Freedom, PlacedJoint, foot},
-        joint_type::{DECISIVE, TypeFits, excess},
-        motion_evidence::RefineConfig,
-    },
-    geometry::Pose,
-    model::{JointEvidence, JointKind, TypeScores},
-    note::{Note, NoteCode},
+use crate::joints::{
+    cautions::{Judged, cautions, not_observable},
+    joint::JointEstimate,
+    joint_covariance::JointCovariance,
+    joint_fit::{FreeFits, JointFit, JointMotion, PartPlace},
+    joint_motion::{Freedom, PlacedJoint, foot},
+    joint_type::{DECISIVE, TypeFits, excess},
+    motion_evidence::RefineConfig,
 };
+use common::note::{Note, NoteCode};
+use geometry::Pose;
+use model::{JointEvidence, JointKind, TypeScores};
 
 /// A motion is left out where that leaves less than this share of what no joint explains.
 ///
@@ -40,7 +38,7 @@ pub struct JointChoice {
 /// The motions must share the side of their blocks
 /// ([`MotionEvidence::block_m`](super::motion_evidence::MotionEvidence::block_m)).
 #[must_use]
-pub fn estimate_joint(
+pub(crate) fn estimate_joint(
     motions: &[JointMotion],
     place: PartPlace,
     choice: JointChoice,

@@ -1,13 +1,11 @@
 //! Joints of one and of several motions with a known answer.
 
-use crate::articulate::joints::{drawn_residuals::DrawnResiduals, surface_draws::SurfaceDraws};
+use crate::joints::{drawn_residuals::DrawnResiduals, surface_draws::SurfaceDraws};
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 
 use super::*;
-use crate::{
-    articulate::{MatchEvidence, MotionEvidence, ParentMotion, SeenDirection, SurfaceSamples},
-    geometry::{Grid3, SceneBox, Screw, line_distance_m},
-};
+use crate::{MatchEvidence, MotionEvidence, ParentMotion, SeenDirection, SurfaceSamples};
+use geometry::{Grid3, SceneBox, Screw, line_distance_m};
 
 const HALF: Vector3<f64> = Vector3::new(0.2, 0.03, 0.15);
 

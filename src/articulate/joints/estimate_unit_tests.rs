@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Unit, Vector3};
 
 use super::*;
-use crate::articulate::joints::{
+use crate::joints::{
     joint_fit::tests::{direction, of_motions, screw},
     quadratic::Quadratic,
 };

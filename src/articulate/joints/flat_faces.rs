@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Unit, Vector3};
 
-use crate::articulate::{joints::square_axes::SeenDirection, observations::SurfaceSamples};
+use crate::{joints::square_axes::SeenDirection, observations::SurfaceSamples};
 
 /// Normals within this angle are those of one face. No other face is looked for within twice of it.
 ///

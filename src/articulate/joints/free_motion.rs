@@ -2,14 +2,12 @@
 
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
-use crate::{
-    articulate::joints::{
-        minimise::minimise,
-        motion_evidence::{MotionEvidence, RefineConfig},
-        quadratic::Quadratic,
-    },
-    geometry::{Pose, exp_so3},
+use crate::joints::{
+    minimise::minimise,
+    motion_evidence::{MotionEvidence, RefineConfig},
+    quadratic::Quadratic,
 };
+use geometry::{Pose, exp_so3};
 
 /// Smallest standard deviation of a surface residual as a share of the reach: below it lies systematic error
 /// of poses and surfaces that more points do not average out.
@@ -63,7 +61,7 @@ pub(crate) struct FreeFit {
 impl FreeFit {
     /// Fits a rigid motion to evidence: once with the surface residuals' deviation at the start, once with
     /// that at the motion found.
-    pub fn new(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> Self {
+    pub(crate) fn new(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> Self {
         // Away from the true motion residuals are large; their scale is that of the errors only near it.
         let (near, _) = fit(start, evidence, surface_sigma_m(evidence, start), config);
         let sigma_m = surface_sigma_m(evidence, &near);
@@ -75,7 +73,7 @@ impl FreeFit {
     }
 
     /// Independent residuals.
-    pub fn independent(&self) -> f64 {
+    pub(crate) fn independent(&self) -> f64 {
         self.quadratic.independent.max(2.0)
     }
 }
@@ -104,7 +102,7 @@ fn fit(start: &Pose, evidence: &MotionEvidence, sigma_m: f64, config: &RefineCon
 
 /// The motion of a part without a joint, with its covariance; zero where some direction is not observed.
 #[must_use]
-pub fn free_motion(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> ParentMotion {
+pub(crate) fn free_motion(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> ParentMotion {
     let free = FreeFit::new(start, evidence, config);
     let displacements = free.quadratic.displacements();
     let inverse = free.quadratic.information.cholesky().map(|c| c.inverse());

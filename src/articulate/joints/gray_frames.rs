@@ -3,8 +3,16 @@
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::joints::patch_alignment::Patch;
-use crate::capture::{NoiseConfig, RgbdFrame, luma};
+use crate::joints::patch_alignment::Patch;
+use capture::{NoiseConfig, RgbdFrame, luma};
+
+/// A reading this share of its depth before or behind a point, beside four standard deviations, is of
+/// another surface.
+/// chosen: errors of poses
+const DEPTH_SHARE: f64 = 0.002;
+/// Least cosine between the ray and the normal of a point whose texture is read.
+/// chosen: 70 degrees; texture is three times as long there
+const LEAST_COSINE: f64 = 0.35;
 
 /// A square on a surface: center, unit normal, two unit tangents, spacing of samples.
 pub(crate) struct Tangent {
@@ -24,7 +32,7 @@ pub(crate) struct GrayFrames<'a> {
 }
 
 impl<'a> GrayFrames<'a> {
-    pub fn new(frames: &'a [RgbdFrame], noise: &'a NoiseConfig) -> Self {
+    pub(crate) fn new(frames: &'a [RgbdFrame], noise: &'a NoiseConfig) -> Self {
         let gray = frames.par_iter().map(|f| f.rgb.iter().map(|c| luma(*c)).collect()).collect();
         let camera_from_world =
             frames.iter().map(|f| nalgebra::convert(f.world_from_camera.inverse())).collect();
@@ -43,7 +51,7 @@ impl<'a> GrayFrames<'a> {
         // own.
         if depth <= 0.0
             || !f.is_object(pixel)
-            || (depth - in_camera.z).abs() > 4.0 * self.noise.sigma_m(depth) + 0.002 * depth
+            || (depth - in_camera.z).abs() > 4.0 * self.noise.sigma_m(depth) + DEPTH_SHARE * depth
         {
             return None;
         }
@@ -58,7 +66,7 @@ impl<'a> GrayFrames<'a> {
 
     /// Frames that see a point best: most pixels per area, at most `count`, in a fixed order; with the meters
     /// per pixel of the best one.
-    pub fn best(&self, point: &Point3<f64>, normal: &Vector3<f64>, count: usize) -> (Vec<usize>, f64) {
+    pub(crate) fn best(&self, point: &Point3<f64>, normal: &Vector3<f64>, count: usize) -> (Vec<usize>, f64) {
         let mut scored: Vec<(f64, usize, f64)> = (0..self.frames.len())
             .filter_map(|i| {
                 let f = &self.frames[i];
@@ -66,7 +74,7 @@ impl<'a> GrayFrames<'a> {
                 let cosine = -ray.dot(normal) / ray.norm();
                 let pixel_m = (self.camera_from_world[i] * point).z / f.intrinsics.fx;
                 // The score is the number of pixels on a unit of surface; grazing views smear the texture.
-                (cosine > 0.35 && self.see(i, point).is_some()).then_some((
+                (cosine > LEAST_COSINE && self.see(i, point).is_some()).then_some((
                     cosine / (pixel_m * pixel_m),
                     i,
                     pixel_m,
@@ -80,7 +88,7 @@ impl<'a> GrayFrames<'a> {
     }
 
     /// The mean patch of the given frames on a tangent square.
-    pub fn patch(&self, tangent: &Tangent, frames: &[usize], radius: i32) -> Patch {
+    pub(crate) fn patch(&self, tangent: &Tangent, frames: &[usize], radius: i32) -> Patch {
         let mut values = Vec::with_capacity(((2 * radius + 1) * (2 * radius + 1)) as usize);
         for v in -radius..=radius {
             for u in -radius..=radius {

@@ -3,11 +3,9 @@
 use nalgebra::{Matrix6, Point3, Unit, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    articulate::joints::joint_motion::{Freedom, PlacedJoint},
-    geometry::Pose,
-    model::{JointEvidence, JointKind},
-};
+use crate::joints::joint_motion::{Freedom, PlacedJoint};
+use geometry::Pose;
+use model::{JointEvidence, JointKind};
 
 /// A joint between a parent and a moving part, in the world frame as it stands in state 0.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -39,7 +37,7 @@ impl JointEstimate {
     }
 
     /// The joint as a family of motions.
-    pub(crate) fn placed(&self) -> PlacedJoint {
+    pub fn placed(&self) -> PlacedJoint {
         PlacedJoint {
             freedom: match self.kind {
                 JointKind::Prismatic => Freedom::Slide,

@@ -2,9 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::joints::{
-    motion_evidence::RefineConfig, square_axes::SquareConfig, texture::TextureConfig,
-};
+use crate::joints::{motion_evidence::RefineConfig, square_axes::SquareConfig, texture::TextureConfig};
 
 /// Settings of the joint estimation.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, Vector6};
 
-use crate::articulate::joints::{
+use crate::joints::{
     joint_fit::{FreeFits, JointFit},
     joint_motion::{Freedom, frame_across},
     quadratic::Source,
@@ -26,7 +26,7 @@ pub(crate) struct JointCovariance<'a> {
 }
 
 impl<'a> JointCovariance<'a> {
-    pub fn new(fit: &'a JointFit, found: &'a FreeFits<'a>) -> Self {
+    pub(crate) fn new(fit: &'a JointFit, found: &'a FreeFits<'a>) -> Self {
         let dispersion = found.dispersion * shared_error(fit);
         let own = fit.inverse.as_ref().map(|c| own(c, fit, dispersion));
         // Errors of the parents are not of this part: its motions have them once, its axis as the fit bears
@@ -41,13 +41,13 @@ impl<'a> JointCovariance<'a> {
     }
 
     /// Standard deviation of the position in motion `k`; infinite where it is not observed.
-    pub fn position_std(&self, k: usize) -> f64 {
+    pub(crate) fn position_std(&self, k: usize) -> f64 {
         let at = self.fit.joint.axis_dimension() + k;
         self.total.as_ref().map_or(f64::INFINITY, |c| c[(at, at)].max(0.0).sqrt())
     }
 
     /// Covariance of a left perturbation of motion `k` in the world.
-    pub fn motion(&self, k: usize) -> Matrix6<f64> {
+    pub(crate) fn motion(&self, k: usize) -> Matrix6<f64> {
         let t = &self.fit.tangents[k];
         let own = self.own.as_ref().map(|c| t * c * t.transpose());
         let own = own.map_or_else(Matrix6::zeros, |c| Matrix6::from_fn(|r, k| c[(r, k)]));
@@ -55,7 +55,7 @@ impl<'a> JointCovariance<'a> {
     }
 
     /// What every draw makes of motion `k` in the world, on top of that.
-    pub fn drawn_motion(&self, k: usize) -> Vec<Vector6<f64>> {
+    pub(crate) fn drawn_motion(&self, k: usize) -> Vec<Vector6<f64>> {
         let (t, parent) = (&self.fit.tangents[k], self.found.parent(k));
         let motion = |(draw, by): (usize, &DVector<f64>)| {
             let own = t * by;
@@ -66,7 +66,7 @@ impl<'a> JointCovariance<'a> {
 
     /// Covariance of (direction 3, point 3, motion 1, pitch 1); the motion is number `farthest`. Where that
     /// is not positive the axis is turned round. Infinite where some direction is not observed.
-    pub fn axis(&self, farthest: usize) -> SMatrix<f64, 8, 8> {
+    pub(crate) fn axis(&self, farthest: usize) -> SMatrix<f64, 8, 8> {
         let Some(total) = &self.total else { return SMatrix::from_element(f64::INFINITY) };
         let joint = &self.fit.joint;
         let (a, b) = frame_across(&joint.direction);

@@ -4,19 +4,17 @@ use nalgebra::{Point3, Unit, Vector3};
 
 use super::*;
 use crate::{
-    articulate::{
-        MotionEvidence, ParentMotion, SurfaceSamples,
-        joints::{
-            drawn_residuals::DrawnResiduals,
-            joint_fit::{JointMotion, PartPlace, Residuals},
-            joint_motion::PlacedJoint,
-            motion_evidence::RefineConfig,
-            quadratic::{Block, Patch, Quadratic},
-            surface_draws::SurfaceDraws,
-        },
+    MotionEvidence, ParentMotion, SurfaceSamples,
+    joints::{
+        drawn_residuals::DrawnResiduals,
+        joint_fit::{JointMotion, PartPlace, Residuals},
+        joint_motion::PlacedJoint,
+        motion_evidence::RefineConfig,
+        quadratic::{Block, Patch, Quadratic},
+        surface_draws::SurfaceDraws,
     },
-    geometry::{Grid3, Pose},
 };
+use geometry::{Grid3, Pose};
 
 const DISPERSION: f64 = 1.7;
 const STATES: usize = 2;

@@ -4,16 +4,14 @@
 
 use nalgebra::{DMatrix, DVector, Matrix6, Point3, Vector6};
 
-use crate::{
-    articulate::joints::{
-        free_motion::{FreeFit, ParentMotion},
-        joint_motion::PlacedJoint,
-        minimise::minimise,
-        motion_evidence::{MotionEvidence, RefineConfig},
-        quadratic::Quadratic,
-    },
-    geometry::Pose,
+use crate::joints::{
+    free_motion::{FreeFit, ParentMotion},
+    joint_motion::PlacedJoint,
+    minimise::minimise,
+    motion_evidence::{MotionEvidence, RefineConfig},
+    quadratic::Quadratic,
 };
+use geometry::Pose;
 
 /// What is known of one motion of a part, from state 0 to another state.
 #[derive(Clone, Copy)]
@@ -48,7 +46,7 @@ pub(crate) struct JointFit {
 
 impl JointFit {
     /// Cost of all motions.
-    pub fn cost(&self) -> f64 {
+    pub(crate) fn cost(&self) -> f64 {
         self.quadratics.iter().map(|q| q.cost).sum()
     }
 }
@@ -62,7 +60,7 @@ pub(crate) struct Residuals<'a> {
 
 impl Residuals<'_> {
     /// Quadratic models of the costs of all motions at what `motion` makes each of them.
-    pub fn at(&self, motion: impl Fn(usize) -> Pose) -> Vec<Quadratic> {
+    pub(crate) fn at(&self, motion: impl Fn(usize) -> Pose) -> Vec<Quadratic> {
         let linearise =
             |k: usize| self.motions[k].evidence.linearise(&motion(k), self.sigma_m[k], self.config);
         (0..self.motions.len()).map(linearise).collect()
@@ -73,7 +71,7 @@ impl Residuals<'_> {
     }
 
     /// The joint of the lowest cost near a start; the first `held` of its parameters stay.
-    pub fn fit(&self, start: PlacedJoint, held: usize) -> JointFit {
+    pub(crate) fn fit(&self, start: PlacedJoint, held: usize) -> JointFit {
         // What is held has no column: the others move to where they suit it best.
         let equations = |joint: &PlacedJoint, all: &Vec<Quadratic>| {
             let (h, g) = normal_equations(&self.tangents(joint), all);
@@ -122,7 +120,7 @@ pub(crate) struct FreeFits<'a> {
 }
 
 impl<'a> FreeFits<'a> {
-    pub fn new(motions: &'a [JointMotion<'a>], place: PartPlace, config: &'a RefineConfig) -> Self {
+    pub(crate) fn new(motions: &'a [JointMotion<'a>], place: PartPlace, config: &'a RefineConfig) -> Self {
         let free: Vec<FreeFit> =
             motions.iter().map(|m| FreeFit::new(&m.start, &m.evidence, config)).collect();
         // A motion that more residuals bear out says more about their errors.
@@ -137,18 +135,18 @@ impl<'a> FreeFits<'a> {
     }
 
     /// Motion `k` of the parent.
-    pub fn parent(&self, k: usize) -> &ParentMotion {
+    pub(crate) fn parent(&self, k: usize) -> &ParentMotion {
         self.residuals.motions[k].parent
     }
 
     /// Motion `k` relative to the parent, without a joint.
-    pub fn relative(&self, k: usize) -> Pose {
+    pub(crate) fn relative(&self, k: usize) -> Pose {
         self.parent(k).state1_from_state0.inverse() * self.free[k].motion
     }
 
     /// What errors of poses and depth add to half the gradient of motion `k`, by draw: by the part's own
     /// residuals, and by the motion of its parent, which the `information` makes a gradient.
-    pub fn drawn(&self, k: usize, motion: &Pose, information: &Matrix6<f64>) -> Vec<Vector6<f64>> {
+    pub(crate) fn drawn(&self, k: usize, motion: &Pose, information: &Matrix6<f64>) -> Vec<Vector6<f64>> {
         let Residuals { motions, sigma_m, config } = &self.residuals;
         let own = motions[k].evidence.drawn(motion, sigma_m[k], config);
         let of_parent = |draw| information * self.parent(k).drawn(draw);
@@ -156,20 +154,20 @@ impl<'a> FreeFits<'a> {
     }
 
     /// The slide that explains all motions best.
-    pub fn slide(&self) -> JointFit {
+    pub(crate) fn slide(&self) -> JointFit {
         let slide = |k| PlacedJoint::slide(&self.relative(k), &self.place.middle);
         self.fit((0..self.free.len()).map(slide).collect())
     }
 
     /// The turn about one axis that explains all motions best; `None` where none of them turns.
-    pub fn turn(&self) -> Option<JointFit> {
+    pub(crate) fn turn(&self) -> Option<JointFit> {
         let turn = |k| PlacedJoint::turn(&self.relative(k), &self.place.middle);
         let starts: Vec<PlacedJoint> = (0..self.free.len()).filter_map(turn).collect();
         (!starts.is_empty()).then(|| self.fit(starts))
     }
 
     /// The screw that explains all motions best; `None` where none of them turns.
-    pub fn helix(&self) -> Option<JointFit> {
+    pub(crate) fn helix(&self) -> Option<JointFit> {
         let helix = |k| PlacedJoint::helix(&self.relative(k), &self.place.middle);
         let starts: Vec<PlacedJoint> = (0..self.free.len()).filter_map(helix).collect();
         (!starts.is_empty()).then(|| self.fit(starts))

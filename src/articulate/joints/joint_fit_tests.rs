@@ -4,15 +4,13 @@ use nalgebra::{Matrix3, Matrix6xX, Unit, Vector3};
 
 use super::*;
 use crate::{
-    articulate::{
-        MatchEvidence, SurfaceSamples,
-        joints::{
-            drawn_residuals::DrawnResiduals, free_motion::free_motion, joint_motion::Freedom,
-            surface_draws::SurfaceDraws,
-        },
+    MatchEvidence, SurfaceSamples,
+    joints::{
+        drawn_residuals::DrawnResiduals, free_motion::free_motion, joint_motion::Freedom,
+        surface_draws::SurfaceDraws,
     },
-    geometry::{Grid3, Screw},
 };
+use geometry::{Grid3, Screw};
 
 /// Variance of every coordinate of both ends of a match.
 const VARIANCE_M2: f64 = 1e-6;

@@ -5,15 +5,17 @@
 
 use nalgebra::{DMatrix, DVector, Point3, Unit, Vector3};
 
-use crate::{
-    articulate::joints::minimise::{DIFFERENCE, left_difference},
-    geometry::{Pose, Screw, log_so3},
-    model::JointFamily,
-};
+use crate::joints::minimise::{DIFFERENCE, left_difference};
+use geometry::{Pose, Screw, log_so3};
+use model::JointFamily;
+
+/// Cosine from which on an axis is too near a direction to help to span the plane across it.
+/// chosen: the other one is then at least 36 degrees off, so that the product keeps its digits
+const HELPER_COSINE: f64 = 0.6;
 
 /// How a joint moves its part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Freedom {
+pub enum Freedom {
     Slide,
     Turn,
     Helix,
@@ -32,17 +34,17 @@ impl Freedom {
 
 /// A smaller rotation, radians, has no axis to start a fit from.
 ///
-/// derived: a motion by a tenth of the part's radius puts the axis of such a turn a hundred radii away, where
+/// chosen: a motion by a tenth of the part's radius puts the axis of such a turn a hundred radii away, where
 /// no hinge is (`far` in joint_type.rs)
 const LEAST_ANGLE_RAD: f64 = 1e-3;
 /// A shorter slide, meters, has no direction.
 ///
-/// derived: above the rounding of coordinates, below any reading
+/// chosen: above the rounding of coordinates, below any reading
 const LEAST_SLIDE_M: f64 = 1e-9;
 
 /// A joint and its position in every state behind state 0. The axis stands as in state 0.
 #[derive(Clone, Debug)]
-pub(crate) struct PlacedJoint {
+pub struct PlacedJoint {
     pub freedom: Freedom,
     pub direction: Unit<Vector3<f64>>,
     pub point: Point3<f64>,
@@ -151,8 +153,7 @@ impl PlacedJoint {
 /// Two unit vectors that span the plane across a direction, a fixed choice for each direction.
 pub(crate) fn frame_across(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vector3<f64>) {
     let d = direction.into_inner();
-    // The helper is at least 36 degrees off the direction, so that the product keeps its digits.
-    let helper = if d.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
+    let helper = if d.x.abs() < HELPER_COSINE { Vector3::x() } else { Vector3::y() };
     let a = d.cross(&helper).normalize();
     (a, d.cross(&a))
 }

@@ -5,20 +5,18 @@
 //! `cost + parameters * ln(independent residuals)`, the cost without what errors that leave no residual
 //! explain of it; the type with the lowest score wins, a screw only decisively.
 
-use crate::{
-    articulate::joints::{
-        free_motion::FREEDOMS,
-        joint_fit::{FreeFits, JointFit, PartPlace},
-        joint_motion::{Freedom, PlacedJoint, foot},
-        misfit::Misfit,
-    },
-    model::{JointFamily, JointKind, TypeScores},
+use crate::joints::{
+    free_motion::FREEDOMS,
+    joint_fit::{FreeFits, JointFit, PartPlace},
+    joint_motion::{Freedom, PlacedJoint, foot},
+    misfit::Misfit,
 };
+use model::{JointFamily, JointKind, TypeScores};
 
 /// Difference of two scores from which one is decisively better: very strong evidence on the scale of twice
 /// the log likelihood.
 ///
-/// derived: Kass and Raftery (1995), table in section 3.2
+/// chosen: the limit of very strong evidence of Kass and Raftery (1995), section 3.2
 pub(crate) const DECISIVE: f64 = 10.0;
 
 /// The best joint of every type, with the scores of all.
@@ -30,7 +28,7 @@ pub(crate) struct TypeFits {
 }
 
 impl TypeFits {
-    pub fn new(found: &FreeFits) -> Self {
+    pub(crate) fn new(found: &FreeFits) -> Self {
         let (slide, turn, helix) = (found.slide(), found.turn(), found.helix());
         let score = |cost: f64, parameters: f64| cost / found.dispersion + parameters * found.count.ln();
         // A part at rest is scored for the report alone: no choice rests on it.
@@ -56,7 +54,7 @@ impl TypeFits {
     }
 
     /// The joint of the best type, or of a known kind.
-    pub fn chosen(self, known: Option<JointKind>) -> (JointFit, TypeScores) {
+    pub(crate) fn chosen(self, known: Option<JointKind>) -> (JointFit, TypeScores) {
         let best = match known.map_or_else(|| best_type(&self.scores), JointKind::family) {
             JointFamily::Revolute => self.turn,
             JointFamily::Screw => self.helix,

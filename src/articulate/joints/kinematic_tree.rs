@@ -12,27 +12,25 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    articulate::{
-        joints::{
-            cautions::vagueness,
-            estimate::JointChoice,
-            flat_faces::flat_faces,
-            free_motion::ParentMotion,
-            joint::JointEstimate,
-            joint_config::JointConfig,
-            joint_type::DECISIVE,
-            pair_evidence::ObservedState,
-            parent_candidates::{Candidate, Candidates, candidates},
-            part_evidence::PartEvidence,
-            square_axes::{SeenDirection, square_priors},
-        },
-        observations::SurfaceSamples,
-        samples::hinge::HINGE,
+    joints::{
+        cautions::vagueness,
+        estimate::JointChoice,
+        flat_faces::flat_faces,
+        free_motion::ParentMotion,
+        joint::JointEstimate,
+        joint_config::JointConfig,
+        joint_type::DECISIVE,
+        pair_evidence::ObservedState,
+        parent_candidates::{Candidate, Candidates, candidates},
+        part_evidence::PartEvidence,
+        square_axes::{SeenDirection, square_priors},
     },
-    geometry::Pose,
-    model::JointKind,
-    note::{Note, NoteCode},
+    observations::SurfaceSamples,
+    samples::hinge::HINGE,
 };
+use common::note::{Note, NoteCode};
+use geometry::Pose;
+use model::JointKind;
 
 /// A joint and what it hangs on.
 #[derive(Clone, Debug, Serialize, Deserialize)]

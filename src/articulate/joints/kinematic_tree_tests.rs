@@ -1,17 +1,15 @@
 //! The tree and the joints of scenes with a known answer.
 
-use crate::articulate::joints::surface_draws::SurfaceDraws;
+use crate::joints::surface_draws::SurfaceDraws;
 use nalgebra::{Point3, Vector3};
 
 use super::*;
 use crate::{
-    articulate::{
-        joints::pair_evidence::PairEvidence,
-        samples::synthetic::{Scene, camera_ring},
-    },
-    capture::NoiseConfig,
-    geometry::{Grid3, Pose, SceneBox, Screw, line_distance_m},
+    joints::pair_evidence::PairEvidence,
+    samples::synthetic::{Scene, camera_ring},
 };
+use capture::NoiseConfig;
+use geometry::{Grid3, Pose, SceneBox, Screw, line_distance_m};
 
 const NODES: usize = 121;
 

@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Matrix3, Point3};
 
-use crate::articulate::{joints::motion_evidence::MatchEvidence, observations::LiftedMatch};
-use crate::capture::{NoiseConfig, RgbdFrame};
+use crate::{joints::motion_evidence::MatchEvidence, observations::LiftedMatch};
+use capture::{NoiseConfig, RgbdFrame};
 
 /// Covariance of a point lifted from a pixel, square meters, world axes: `sigma_pixel * depth / f` across the
 /// ray and the depth noise along it. See docs/method.md (8.2).
@@ -30,7 +30,7 @@ fn lifted_covariance(
 /// were matched; each of the `m` pairs (variance `2 sigma^2`) gets the share of an observation that adds up
 /// to that.
 #[must_use]
-pub fn match_evidence(
+pub(crate) fn match_evidence(
     matches: &[LiftedMatch],
     states: [&[RgbdFrame]; 2],
     noise: &NoiseConfig,

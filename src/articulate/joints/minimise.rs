@@ -2,19 +2,27 @@
 
 use nalgebra::{DMatrix, DVector, Vector6};
 
-use crate::geometry::{Pose, shift_and_turn};
+use geometry::{Pose, shift_and_turn};
 
+/// Factor of the damping after a step that lowers the cost.
+///
+/// chosen: about half a decade
+const DAMPING_FALL: f64 = 0.3;
+/// Factor of the damping after a step that does not.
+///
+/// chosen: about a decade, so that few trials are lost
+const DAMPING_RISE: f64 = 8.0;
 /// Damping at the start, as a share of the diagonal.
 ///
-/// derived: small, as every fit starts near its minimum
+/// chosen: small, as every fit starts near its minimum
 const FIRST_DAMPING: f64 = 1e-4;
 /// Damping beyond which no step can lower the cost.
 ///
-/// derived: steps are then below the rounding of parameters
+/// chosen: steps are then below the rounding of parameters
 const MOST_DAMPING: f64 = 1e8;
 /// Share of the cost by which a step must lower it for another to follow.
 ///
-/// derived: of costs of thousands of residuals it leaves parameters a thousandth of their standard
+/// chosen: of costs of thousands of residuals it leaves parameters a thousandth of their standard
 /// deviation from the minimum
 const LEAST_GAIN: f64 = 1e-9;
 
@@ -40,12 +48,12 @@ pub(crate) fn minimise<M, Q>(
         let trial = linearise(&next);
         let (before, after) = (cost(&q), cost(&trial));
         if after <= before {
-            (model, q, damping) = (next, trial, damping * 0.3);
+            (model, q, damping) = (next, trial, damping * DAMPING_FALL);
             if before - after < LEAST_GAIN * before.max(1e-12) {
                 break;
             }
         } else {
-            damping *= 8.0;
+            damping *= DAMPING_RISE;
             if damping > MOST_DAMPING {
                 break;
             }
@@ -56,7 +64,7 @@ pub(crate) fn minimise<M, Q>(
 
 /// Step of central differences of motions by parameters of about one: radians, meters.
 ///
-/// derived: near the cube root of the rounding of a double, which balances rounding and curvature
+/// chosen: near the cube root of the rounding of a double, which balances rounding and curvature
 pub(crate) const DIFFERENCE: f64 = 1e-6;
 
 /// Left perturbation (translation 3, rotation 3) that leads from a motion to one near it.

@@ -3,7 +3,7 @@
 
 use nalgebra::{DMatrix, DVector, DVectorView, Matrix6, Vector6};
 
-use crate::articulate::joints::{
+use crate::joints::{
     joint_fit::{FreeFits, JointFit},
     minimise::left_difference,
 };
@@ -19,7 +19,7 @@ pub(crate) struct Misfit {
 
 impl Misfit {
     /// None where the residuals leave some direction of a motion open.
-    pub fn new(found: &FreeFits) -> Option<Self> {
+    pub(crate) fn new(found: &FreeFits) -> Option<Self> {
         let size = 6 * found.free.len();
         let mut by_residuals = DMatrix::zeros(size, size);
         let mut of_gradient = DMatrix::zeros(size, size);
@@ -44,7 +44,7 @@ impl Misfit {
 
     /// What is left of a joint's misfit, by which its cost exceeds that of the free motions, when those
     /// errors explain what they can.
-    pub fn left(&self, misfit: f64, fit: &JointFit, found: &FreeFits) -> f64 {
+    pub(crate) fn left(&self, misfit: f64, fit: &JointFit, found: &FreeFits) -> f64 {
         let differences = found.free.iter().enumerate().map(|(k, free)| -> Vector6<f64> {
             left_difference(&fit.joint.motion(k, &found.parent(k).state1_from_state0), &free.motion)
         });

@@ -17,17 +17,15 @@ use nalgebra::{Matrix3, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::{
+use crate::{
     joints::{
         drawn_residuals::DrawnResiduals,
         quadratic::{Block, Patch, Quadratic, Source},
     },
     observations::SurfaceSamples,
 };
-use crate::{
-    geometry::{Grid3, Pose},
-    statistics::{SIGMAS_PER_MAD, median},
-};
+use geometry::{Grid3, Pose};
+use numeric::statistics::{SIGMAS_PER_MAD, median};
 
 /// Settings of the refinement.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -110,7 +108,7 @@ pub struct MotionEvidence<'a> {
 /// Where a state saw empty space, but not the surface behind it, the field jumps from inside to outside,
 /// which looks like a surface some millimeters in front of the true one.
 ///
-/// derived: between nodes a distance changes by at most its length along each axis, root 3 in all; 0.3 is
+/// chosen: between nodes a distance changes by at most its length along each axis, root 3 in all; 0.3 is
 /// below one by more than noise
 const SLOPES: RangeInclusive<f64> = 0.3..=1.733;
 
@@ -188,7 +186,7 @@ impl MotionEvidence<'_> {
                 continue;
             }
             // Towards state 1 the point moves with the perturbation; towards state 0 the perturbation acts
-            // before the inverse: d(T^-1 y) = -R^T (v + w x y).
+            // before the inverse: d(T^-1 y) = -R^T (v + w x y). docs/method.md (8.4).
             let (lever, slope) = if state == 0 { (y.coords, g) } else { (x.coords, -(motion.rotation * g)) };
             let w = lever.cross(&slope);
             let row = Vector6::new(slope.x, slope.y, slope.z, w.x, w.y, w.z) / sigma_m;
@@ -295,10 +293,8 @@ impl MotionEvidence<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        articulate::joints::free_motion::FreeFit,
-        geometry::{SceneBox, exp_so3},
-    };
+    use crate::joints::free_motion::FreeFit;
+    use geometry::{SceneBox, exp_so3};
 
     /// Half the sides of a panel, meters.
     const HALF: Vector3<f64> = Vector3::new(0.2, 0.012, 0.15);

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::articulate::{
+use crate::{
     joints::{
         drawn_residuals::DrawnResiduals,
         estimate::{JointChoice, estimate_joint},
@@ -17,10 +17,8 @@ use crate::articulate::{
     },
     observations::{LiftedMatch, SurfaceSamples},
 };
-use crate::{
-    capture::{NoiseConfig, RgbdFrame, smoothing_m},
-    geometry::{Grid3, Pose},
-};
+use capture::{NoiseConfig, RgbdFrame, smoothing_m};
+use geometry::{Grid3, Pose};
 
 /// What is known of one state once its surface is there.
 #[derive(Clone, Copy)]

@@ -3,22 +3,20 @@
 use rayon::prelude::*;
 
 use crate::{
-    articulate::{
-        joints::{
-            estimate::JointChoice,
-            free_motion::ParentMotion,
-            joint::JointEstimate,
-            joint_config::JointConfig,
-            joint_type::{DECISIVE, excess},
-            part_evidence::PartEvidence,
-        },
-        observations::SurfaceSamples,
-        samples::{hinge::axis_off_m, sample_index::SampleIndex},
+    joints::{
+        estimate::JointChoice,
+        free_motion::ParentMotion,
+        joint::JointEstimate,
+        joint_config::JointConfig,
+        joint_type::{DECISIVE, excess},
+        part_evidence::PartEvidence,
     },
-    geometry::Pose,
-    model::{JointKind, ParentScore, link_name},
-    note::{Note, NoteCode},
+    observations::SurfaceSamples,
+    samples::{hinge::axis_off_m, sample_index::SampleIndex},
 };
+use common::note::{Note, NoteCode};
+use geometry::Pose;
+use model::{JointKind, ParentScore, link_name};
 
 /// How well a part would hang on another.
 #[derive(Clone, Debug)]
@@ -52,7 +50,7 @@ impl Candidates {
 
     /// The candidates that touch a part and against which it moves no less simply, decisively, than against
     /// any other of them; where some of these turns run by both parts, as hinges do, only those.
-    pub fn qualified(&self) -> Vec<&Candidate> {
+    pub(crate) fn qualified(&self) -> Vec<&Candidate> {
         let simple: Vec<&Candidate> =
             self.all.iter().filter(|c| c.gap_m < self.contact_m && self.as_simple(c)).collect();
         let hinged: Vec<&Candidate> = simple.iter().copied().filter(|c| c.off_m < self.contact_m).collect();
@@ -60,7 +58,7 @@ impl Candidates {
     }
 
     /// Writes down what speaks against the parent of part number `part` and which others would do.
-    pub fn explain(&self, joint: &mut JointEstimate, part: usize, parent: usize) {
+    pub(crate) fn explain(&self, joint: &mut JointEstimate, part: usize, parent: usize) {
         let all = if joint.positions.len() == 1 { "both" } else { "all" };
         let scores =
             self.all.iter().map(|c| (link_name(c.parent), ParentScore { excess: c.excess, gap_m: c.gap_m }));

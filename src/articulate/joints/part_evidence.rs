@@ -1,6 +1,6 @@
 //! All that the states show of one part, and the joint that it makes.
 
-use crate::articulate::{
+use crate::{
     joints::{
         estimate::{JointChoice, estimate_joint},
         free_motion::ParentMotion,

@@ -2,6 +2,18 @@
 
 use nalgebra::{Matrix2, Vector2};
 
+/// Share of the least contrast below which a patch is too plain for any alignment.
+///
+/// chosen: the rest is rounding, which is left to the alignment
+const SURELY_PLAIN: f64 = 0.99;
+/// A shorter step ends the search, patch samples.
+///
+/// chosen: below what noise of gray values moves a patch
+const FOUND_SAMPLES: f64 = 0.02;
+/// Steps to and fro by less than this found the place well enough, patch samples.
+///
+/// chosen: a tenth of a sample
+const TO_AND_FRO_SAMPLES: f64 = 0.1;
 /// Samples on each side of a patch's center.
 pub(crate) const RADIUS: i32 = 4;
 /// Largest shift that is looked for, in patch samples.
@@ -40,13 +52,12 @@ impl Patch {
 impl Patch {
     /// Whether too little of a reference is seen, or it is too plain, for [`align`] to find it anywhere. That
     /// compares [`MIN_SEEN`] of it or more, whose squared deviations sum to no more than those of all.
-    pub fn is_lost(&self, min_contrast: f64) -> bool {
+    pub(crate) fn is_lost(&self, min_contrast: f64) -> bool {
         let seen = || self.values.iter().filter(|v| v.is_finite()).map(|v| f64::from(*v));
         let (count, least) = (seen().count() as f64, MIN_SEEN * self.values.len() as f64);
         let mean = seen().sum::<f64>() / count;
         let squares: f64 = seen().map(|v| (v - mean).powi(2)).sum();
-        // 0.99: rounding is left to the alignment.
-        count < least || squares < 0.99 * least * min_contrast * min_contrast
+        count < least || squares < SURELY_PLAIN * least * min_contrast * min_contrast
     }
 }
 
@@ -76,12 +87,11 @@ pub(crate) fn align(reference: &Patch, target: &Patch, min_contrast: f64) -> Opt
         if shift.amax() > f64::from(REACH - 1) {
             return None;
         }
-        if step.norm() < 0.02 {
+        if step.norm() < FOUND_SAMPLES {
             return last;
         }
     }
-    // Steps that go to and fro by less than a tenth of a sample found the place well enough.
-    last.filter(|last| (last.shift - shift).norm() < 0.1)
+    last.filter(|last| (last.shift - shift).norm() < TO_AND_FRO_SAMPLES)
 }
 
 /// The samples of a patch that are seen in both.

@@ -6,12 +6,10 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix6, Point3, SMatrix, Unit, Vector3};
 
-use crate::{
-    articulate::joints::{joint::JointEstimate, joint_motion::foot, kinematic_tree::TreeJointEstimate},
-    geometry::{Pose, Screw},
-    model::{JointEvidence, JointKind, TypeScores},
-    note::{Note, NoteCode},
-};
+use crate::joints::{joint::JointEstimate, joint_motion::foot, kinematic_tree::TreeJointEstimate};
+use common::note::{Note, NoteCode};
+use geometry::{Pose, Screw};
+use model::{JointEvidence, JointKind, TypeScores};
 
 /// A motion that turns by less is a slide, radians.
 ///
@@ -19,7 +17,7 @@ use crate::{
 const LEAST_TURN_RAD: f64 = std::f64::consts::PI / 18.0;
 /// Variance of what nothing says, radians squared or square meters.
 ///
-/// derived: far beyond what a guess is worth (docs/method.md 8.7), and finite, so that JSON holds it
+/// chosen: far beyond what a guess is worth (docs/method.md 8.7), and finite, so that JSON holds it
 const UNKNOWN: f64 = 1e12;
 
 /// The joint on the static part behind a motion `state1_from_state0` in the world of a part about `middle`,

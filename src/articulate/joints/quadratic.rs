@@ -101,13 +101,13 @@ impl Default for Quadratic {
 
 impl Quadratic {
     /// Nothing yet, with room for so many draws.
-    pub(crate) fn with_draws(count: usize) -> Self {
+    pub fn with_draws(count: usize) -> Self {
         Self { drawn: vec![Vector6::zeros(); count], ..Self::default() }
     }
 
     /// Adds one residual `r` (in standard deviations) with its row, robustly, as `share` of an observation;
     /// its weight.
-    pub(crate) fn add(&mut self, r: f64, row: &Vector6<f64>, share: f64, scale: f64, block: Block) -> f64 {
+    pub fn add(&mut self, r: f64, row: &Vector6<f64>, share: f64, scale: f64, block: Block) -> f64 {
         // Cost and weight of docs/method.md (8.5).
         let k = scale * scale;
         let u = k / (k + r * r);
@@ -120,7 +120,7 @@ impl Quadratic {
         w
     }
 
-    pub(crate) fn merge(mut self, o: Self) -> Self {
+    pub fn merge(mut self, o: Self) -> Self {
         self.information += o.information;
         self.gradient += o.gradient;
         self.cost += o.cost;

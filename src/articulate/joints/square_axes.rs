@@ -12,7 +12,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Matrix3x2, Unit, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::joints::joint_motion::frame_across;
+use crate::joints::joint_motion::frame_across;
 
 /// How square an object is taken to be built.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -48,10 +48,6 @@ const TILTED: f64 = 0.2;
 ///
 /// tuned: random objects (artitwin synth --skew)
 const TILT_DEG: f64 = 2.0;
-/// Information on the frame's rotation from nowhere.
-///
-/// derived: any rotation to the nearest of 24 square frames is known to about a radian
-const LEAST_INFORMATION: f64 = 1.0;
 const ITERATIONS: usize = 20;
 /// A direction farther than this cosine from all of the frame's has nothing to do with it.
 ///
@@ -171,7 +167,7 @@ fn log_sum(a: f64, b: f64) -> f64 {
 /// What the other axes and the faces say about each axis; `None` where it is likelier to run anywhere, or is
 /// not known at all.
 #[must_use]
-pub fn square_priors(
+pub(crate) fn square_priors(
     axes: &[Option<SeenDirection>],
     faces: &[SeenDirection],
     config: &SquareConfig,
@@ -191,9 +187,10 @@ pub fn square_priors(
     axes.iter().map(|axis| axis.and_then(|_| next.next()).and_then(prior)).collect()
 }
 
-/// Information and gradient on the frame's rotation of all directions.
+/// Information and gradient on the frame's rotation of all directions. Without any, the rotation to the
+/// nearest of 24 square frames is known to about a radian.
 fn summed(all: impl Iterator<Item = (Matrix3<f64>, Vector3<f64>)>) -> (Matrix3<f64>, Vector3<f64>) {
-    all.fold((Matrix3::identity() * LEAST_INFORMATION, Vector3::zeros()), |(h, g), (i, r)| (h + i, g + r))
+    all.fold((Matrix3::identity(), Vector3::zeros()), |(h, g), (i, r)| (h + i, g + r))
 }
 
 /// The likeliest frame; its columns are the directions.

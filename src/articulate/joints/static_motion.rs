@@ -3,13 +3,9 @@
 
 use nalgebra::Matrix6;
 
-use crate::articulate::joints::free_motion::ParentMotion;
-use crate::geometry::{Pose, shift_and_turn};
-
-/// Two motions contradict each other beyond this squared distance in their standard deviations.
-///
-/// derived: chi-square with six degrees of freedom, exceeded by chance once in a thousand
-const CONTRADICTION: f64 = 22.46;
+use crate::joints::free_motion::ParentMotion;
+use geometry::{Pose, shift_and_turn};
+use numeric::statistics::CHI_SQUARE_999;
 
 /// The static part's motion where states were brought into one world frame: `own` is its motion by its
 /// surfaces and matches, and that it stands still is known to the covariance `still` (a left perturbation,
@@ -23,7 +19,8 @@ pub fn static_motion(own: &ParentMotion, still: &Matrix6<f64>) -> ParentMotion {
     }
     let Some(both) = (own.covariance + still).cholesky().map(|c| c.inverse()) else { return own.clone() };
     let motion = shift_and_turn(&own.state1_from_state0);
-    if motion.dot(&(both * motion)) > CONTRADICTION {
+    // Six coordinates, in their standard deviations.
+    if motion.dot(&(both * motion)) > CHI_SQUARE_999[5] {
         return own.clone();
     }
     let share = still * both;
@@ -42,7 +39,7 @@ mod tests {
     use nalgebra::{Vector3, Vector6};
 
     use super::*;
-    use crate::geometry::log_so3;
+    use geometry::log_so3;
 
     fn diagonal(sigmas: [f64; 6]) -> Matrix6<f64> {
         Matrix6::from_diagonal(&Vector6::from_row_slice(&sigmas.map(|s| s * s)))

@@ -6,11 +6,9 @@
 use nalgebra::{Matrix3x6, Matrix6, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 
-use crate::{
-    articulate::observations::SurfaceSamples,
-    capture::{ErrorDraw, GRAZING_COSINE, NoiseConfig, RgbdFrame},
-    geometry::skew,
-};
+use crate::observations::SurfaceSamples;
+use capture::{ErrorDraw, GRAZING_COSINE, NoiseConfig, RgbdFrame};
+use geometry::skew;
 
 /// Displacements of the samples of one state, meters.
 #[derive(Clone, Debug, Default)]
@@ -23,7 +21,7 @@ pub struct SurfaceDraws {
 
 impl SurfaceDraws {
     /// Of the samples of state number `state`. Readings further from a sample than `reach_m` and their noise
-    /// are of another surface.
+    /// are of another surface. See docs/method.md (8.17).
     #[must_use]
     pub fn new(
         draws: &[ErrorDraw],
@@ -71,7 +69,7 @@ impl SurfaceDraws {
 
     /// So many samples that all draws displace alike, each by its own vector, meters.
     #[cfg(test)]
-    pub(crate) fn alike(samples: usize, displacements_m: &[Vector3<f32>]) -> Self {
+    pub fn alike(samples: usize, displacements_m: &[Vector3<f32>]) -> Self {
         Self { count: displacements_m.len(), displacements_m: displacements_m.repeat(samples) }
     }
 

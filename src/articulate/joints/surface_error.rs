@@ -6,14 +6,12 @@
 
 use rayon::prelude::*;
 
-use crate::articulate::{
+use crate::{
     observations::SurfaceSamples,
     samples::{sample_index::SampleIndex, surface_graph::SAME_NORMAL},
 };
-use crate::{
-    capture::{GRAZING_COSINE, NoiseConfig, RgbdFrame},
-    geometry::Pose,
-};
+use capture::{GRAZING_COSINE, NoiseConfig, RgbdFrame};
+use geometry::Pose;
 
 /// Heights of the readings over the surfaces of a part, averaged over some radius, meters; `None` where no
 /// frame shows one.
@@ -23,7 +21,7 @@ pub(crate) struct ReadingHeights {
 
 impl ReadingHeights {
     /// Readings further from a surface than `reach_m` and their noise are of another one.
-    pub fn new(
+    pub(crate) fn new(
         surfaces: [&SurfaceSamples; 2],
         frames: [&[RgbdFrame]; 2],
         noise: &NoiseConfig,
@@ -36,7 +34,7 @@ impl ReadingHeights {
     /// For every sample of each state by how much the readings lie further above it than those of the other
     /// state above the surface that a motion brings to it, found within `radius_m`: the distance from that
     /// surface is too small by so much, meters; 0 where either is not known.
-    pub fn offsets_m(
+    pub(crate) fn offsets_m(
         &self,
         surfaces: [&SurfaceSamples; 2],
         state1_from_state0: &Pose,
@@ -133,10 +131,8 @@ mod tests {
     use nalgebra::{Point3, Vector3};
 
     use super::*;
-    use crate::{
-        geometry::Intrinsics,
-        surface::shapes::{cuboid, looking_at_origin, view_of},
-    };
+    use capture::analytic::{cuboid, looking_at_origin, view_of};
+    use geometry::Intrinsics;
 
     /// The upper side of a box, a plate of samples 0.02 m high that lie `above_m` over it.
     fn plate(above_m: f64) -> SurfaceSamples {

@@ -4,17 +4,15 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 
-use crate::articulate::{
+use crate::{
     joints::{
         free_motion::surface_sigma_m,
         motion_evidence::{MotionEvidence, RefineConfig},
     },
     observations::SurfaceSamples,
 };
-use crate::{
-    geometry::{Pose, Screw},
-    statistics::median,
-};
+use geometry::{Pose, Screw};
+use numeric::statistics::median;
 
 /// Turns that are tried, all round; no regular prism but one of seven sides looks alike after any.
 const TURNS: usize = 7;
@@ -24,7 +22,7 @@ const TURNS: usize = 7;
 const AS_WELL: f64 = 0.9;
 /// A turn counts where more than this share of the points comes to where something was seen.
 ///
-/// derived: the majority
+/// chosen: the majority
 const SEEN: f64 = 0.5;
 /// Rounds in which the axis of a part settles.
 const CENTERINGS: usize = 10;
@@ -85,8 +83,8 @@ fn center(surface: &SurfaceSamples, direction: &Unit<Vector3<f64>>) -> Option<Po
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::joints::drawn_residuals::DrawnResiduals;
-    use crate::geometry::{Grid3, SceneBox};
+    use crate::joints::drawn_residuals::DrawnResiduals;
+    use geometry::{Grid3, SceneBox};
 
     /// A part with so many sides round a vertical axis through (.1, .05), seen in two states, lifted by 2 cm
     /// between them.

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::{
+use crate::{
     joints::{
         gray_frames::{GrayFrames, Tangent},
         joint_motion::frame_across,
@@ -18,10 +18,12 @@ use crate::articulate::{
     },
     observations::SurfaceSamples,
 };
-use crate::{
-    capture::{NoiseConfig, RgbdFrame},
-    geometry::{Grid3, Pose},
-};
+use capture::{NoiseConfig, RgbdFrame};
+use geometry::{Grid3, Pose};
+
+/// Least cosine between the normal of a moved point and that of the surface which is there.
+/// chosen: 45 degrees; beyond, it is not the surface that moved
+const SAME_WAY_COSINE: f64 = 0.7;
 
 /// Settings of the texture alignment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -57,7 +59,7 @@ impl Default for TextureConfig {
 /// Dense matches of one part under a motion near the true one. `sdf` are the distance fields of both states,
 /// meters.
 #[must_use]
-pub fn texture_matches(
+pub(crate) fn texture_matches(
     surfaces: [&SurfaceSamples; 2],
     states: [&[RgbdFrame]; 2],
     sdf: [&Grid3<f32>; 2],
@@ -127,7 +129,7 @@ fn match_point(
     let other_normal = warp.rotation * normal;
     let gradient = gradient.cast::<f64>();
     // The surface that is nearest there faces another way: it is not the one that moved.
-    if gradient.dot(&other_normal) < 0.7 * gradient.norm() {
+    if gradient.dot(&other_normal) < SAME_WAY_COSINE * gradient.norm() {
         return None;
     }
     // On the surface that is there: off it, frames from several sides would show it displaced.

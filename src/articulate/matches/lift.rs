@@ -3,19 +3,20 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::{observations::LiftedMatch, samples::index_sets::IndexSets};
-use crate::capture::{NoiseConfig, PixelMatch, RgbdFrame};
+use crate::observations::LiftedMatch;
+use capture::{NoiseConfig, PixelMatch, RgbdFrame};
+use numeric::index_sets::IndexSets;
 
 /// Half the side of the depth patch that gives a feature's depth, pixels.
 const PATCH_PX: i64 = 2;
 /// Fewest readings of a patch that must fit its plane.
 const PATCH_READINGS: usize = 16;
-/// Readings further than this from the patch's plane are left out, standard deviations; derived: normal noise
+/// Readings further than this from the patch's plane are left out, standard deviations; chosen: normal noise
 /// stays within with 99.7 %.
 const FIT_SIGMAS: f64 = 3.0;
 /// Expected error of a feature's position, pixels; tuned: shared/bags.
 const PIXEL_SIGMA: f64 = 0.6;
-/// Observations of one point agree within this many standard deviations; derived: three normal errors stay
+/// Observations of one point agree within this many standard deviations; chosen: three normal errors stay
 /// within with 99.9 %.
 const AGREEMENT_SIGMAS: f64 = 4.0;
 /// Share of a single observation's deviation that averaging over views does not reduce; tuned: shared/bags.
@@ -102,7 +103,7 @@ fn reading(frame: &RgbdFrame, [u, v]: [f32; 2], noise: &NoiseConfig) -> Option<R
     if !(plane[0] > 0.0 && cosine >= noise.grazing_cosine) {
         return None;
     }
-    // A slanted surface turns an error of the pixel into a larger one of the point.
+    // docs/method.md (4.2): a slanted surface turns an error of the pixel into a larger one of the point.
     let across_m = PIXEL_SIGMA * depth_m / k.fx / cosine;
     let point = frame.world_from_camera * Point3::from(ray * depth_m);
     let sigma_m = frame.sigma_m(cy as usize * k.width + cx as usize, noise);
@@ -204,7 +205,7 @@ fn clusters(
     (0..counts[state]).map(|i| sets.root(i)).collect()
 }
 
-/// Weighted mean point of every cluster, by the index of its root.
+/// Weighted mean point of every cluster, by the index of its root. See docs/method.md (4.3).
 fn averaged(
     matches: &[(&PixelMatch, [Reading; 2])],
     ends: &[[usize; 2]],
@@ -240,7 +241,7 @@ fn averaged(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::samples::synthetic::{Scene, camera_ring};
+    use crate::samples::synthetic::{Scene, camera_ring};
 
     #[test]
     fn the_depth_plane_gives_the_surface_point_at_sub_pixels() {

@@ -1,28 +1,25 @@
 //! Features of made scenes are matched where they show the same.
 
-use crate::articulate::samples::synthetic::{Scene, camera_ring};
-use crate::capture::{
-    Correspondence, MatchConfig, PixelMatch, RgbdFrame, frame_pairs, match_states, on_object,
-};
-use crate::gpu::Offload;
+use crate::samples::synthetic::{Scene, camera_ring};
+use capture::{Correspondence, MatchConfig, PixelMatch, RgbdFrame, frame_pairs, match_states, on_object};
 
 #[test]
 fn matches_lie_on_the_same_surface_points() {
     let scene = Scene::box_with_lid();
     let frames: [Vec<RgbdFrame>; 2] = [0, 1].map(|s| scene.frames(s, &camera_ring(6)));
     let config = MatchConfig { neighbors: 2, ..MatchConfig::default() };
-    let matches = match_states([&frames[0], &frames[1]], &config, &Offload::none());
+    let matches = match_states([&frames[0], &frames[1]], &config);
     assert!(matches.len() > 150, "{}", matches.len());
     let good = matches.iter().filter(|m| scene.match_error_m(&frames, m).is_some_and(|e| e < 0.004)).count();
     assert!(good * 100 > 80 * matches.len(), "{good} of {}", matches.len());
-    let swapped = match_states([&frames[1], &frames[0]], &config, &Offload::none());
+    let swapped = match_states([&frames[1], &frames[0]], &config);
     let mut back: Vec<PixelMatch> = swapped
         .into_iter()
         .map(|m| PixelMatch { frame0: m.frame1, pixel0: m.pixel1, frame1: m.frame0, pixel1: m.pixel0 })
         .collect();
     back.sort_by_key(|m| (m.frame0, m.frame1, m.pixel0.map(f32::to_bits), m.pixel1.map(f32::to_bits)));
     assert_eq!(back, matches);
-    assert_eq!(match_states([&frames[0], &frames[1]], &config, &Offload::none()), matches);
+    assert_eq!(match_states([&frames[0], &frames[1]], &config), matches);
 }
 
 #[test]

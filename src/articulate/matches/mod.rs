@@ -2,7 +2,7 @@
 
 pub(crate) mod lift;
 #[cfg(any(feature = "onnx", test))]
-pub(crate) mod model_image;
+pub mod model_image;
 
 #[cfg(test)]
 mod matched_scenes_tests;

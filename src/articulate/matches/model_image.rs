@@ -1,6 +1,6 @@
 //! Images as a matching model takes them, and pixels back to the frame.
 
-use crate::capture::{RgbdFrame, luma};
+use capture::{RgbdFrame, luma};
 
 /// Sides of an image whose size the model leaves open are multiples of this, pixels.
 pub const SIDE_MULTIPLE: usize = 32;
@@ -109,7 +109,7 @@ fn padded(values: &[f32], inner: [usize; 2], outer: [usize; 2]) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Intrinsics, Pose};
+    use geometry::{Intrinsics, Pose};
 
     const OPEN: ImageFormat = ImageFormat { channels: 1, height: None, width: None };
 

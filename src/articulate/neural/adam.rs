@@ -3,11 +3,11 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::neural::{
+use crate::neural::{
     feature_grid::FEATURES,
     segmentation::{SegmentationField, SegmentationGradient},
 };
-use crate::field::{ADAM_BETAS, ADAM_EPSILON};
+use field::{ADAM_BETAS, ADAM_EPSILON};
 
 /// Moments of a short vector and the steps taken.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,6 +1,6 @@
 //! Collision between parts (docs/method.md 12.8): no place may be filled more than once.
 
-use crate::articulate::neural::{loss_term::LossTerm, occupancy::BackwardFlow};
+use crate::neural::{loss_term::LossTerm, occupancy::BackwardFlow};
 
 /// Mean of `max(0, O(x) - 1)^2`.
 pub(crate) fn collision_loss(flow: &BackwardFlow<'_>, probabilities: &[f32]) -> LossTerm {

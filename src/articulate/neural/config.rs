@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::neural::trainer_error::TrainerError;
+use crate::neural::trainer_error::TrainerError;
 
 /// Most grid nodes along a side of the segmentation field.
 const MAX_GRID_NODES: usize = 200;
@@ -91,7 +91,7 @@ pub struct Compatibility {
     pub grid_alignment: Reading,
 }
 
-/// Settings of [`crate::articulate::neural::optimise::ArticulationTrainer`].
+/// Settings of [`crate::neural::optimise::ArticulationTrainer`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ArticulationConfig {

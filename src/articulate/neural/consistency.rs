@@ -4,29 +4,27 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::{
-    articulate::neural::{
-        config::{ArticulationConfig, ColorSpace, Reading, SdfResidual},
-        loss_term::{CHUNK, LossTerm},
-        motion_params::{Motions, Way},
-        ray_batch::RayBatch,
-        state_model::Volume,
-    },
-    surface::ColorSample,
+use crate::neural::{
+    config::{ArticulationConfig, ColorSpace, Reading, SdfResidual},
+    loss_term::{CHUNK, LossTerm},
+    motion_params::{Motions, Way},
+    ray_batch::RayBatch,
+    state_model::Volume,
 };
+use surface::ColorSample;
 
-/// Colors are kept this far from 0 and 1 before the logit; derived: less than half a step of 8-bit colors.
+/// Colors are kept this far from 0 and 1 before the logit; chosen: less than half a step of 8-bit colors.
 const LOGIT_MARGIN: f32 = 1e-3;
 
 /// A batch of samples, the two states and the motions between them.
 pub(crate) struct Consistency<'a> {
-    pub(crate) batch: &'a RayBatch,
-    pub(crate) source: &'a Volume<'a>,
-    pub(crate) target: &'a Volume<'a>,
-    pub(crate) motions: &'a Motions,
+    pub batch: &'a RayBatch,
+    pub source: &'a Volume<'a>,
+    pub target: &'a Volume<'a>,
+    pub motions: &'a Motions,
     /// From source to target.
-    pub(crate) way: Way,
-    pub(crate) config: &'a ArticulationConfig,
+    pub way: Way,
+    pub config: &'a ArticulationConfig,
 }
 
 /// Visibility factor `v = offset + slope * V`, `V = seen * sum_i P_i seen_i`: docs/method.md (12.14).

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::articulate::neural::{
+use crate::neural::{
     collision::collision_loss,
     config::{ArticulationConfig, LossWeights, Reading, SdfResidual},
     consistency::Consistency,
@@ -14,7 +14,8 @@ use crate::articulate::neural::{
     test_scene::{TestScene, two_blocks},
     uniform_batch::{OccupiedVoxels, UniformBatch},
 };
-use crate::{geometry::Pose, random::stage_rng};
+use geometry::Pose;
+use numeric::random::stage_rng;
 
 fn scene() -> TestScene {
     two_blocks(Pose::new(Vector3::new(0.05, -0.03, 0.04), Vector3::new(0.0, 0.1, 0.4)), 61)
@@ -64,7 +65,7 @@ impl<'a> Fixture<'a> {
         &self,
         motions: &Motions,
         field: &SegmentationField,
-    ) -> (ArticulationLosses, crate::articulate::neural::segmentation::SegmentationGradient, Vec<f64>) {
+    ) -> (ArticulationLosses, crate::neural::segmentation::SegmentationGradient, Vec<f64>) {
         let volumes = [self.scene.volume(0, &self.config), self.scene.volume(1, &self.config)];
         let objective = Objective {
             source: &volumes[self.source],
@@ -168,7 +169,7 @@ fn sdf_consistency_has_its_gradient() {
 fn color_consistency_has_its_gradient() {
     check(LossWeights { color: 1.0, ..NOTHING }, |_| ());
     check(LossWeights { color: 1.0, ..NOTHING }, |c| {
-        c.compatibility.color_space = crate::articulate::neural::config::ColorSpace::Logit
+        c.compatibility.color_space = crate::neural::config::ColorSpace::Logit
     });
 }
 

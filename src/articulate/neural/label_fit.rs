@@ -3,15 +3,13 @@
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
-use crate::{
-    articulate::neural::segmentation::{SegmentationField, SegmentationGradient, softmax, softmax_backward},
-    random::{below, unit},
-};
+use crate::neural::segmentation::{SegmentationField, SegmentationGradient, softmax, softmax_backward};
+use numeric::random::{below, unit};
 
 /// Labelled points of one state, normalised.
 pub(crate) struct LabelSet {
-    pub(crate) points: Vec<Point3<f64>>,
-    pub(crate) labels: Vec<u8>,
+    pub points: Vec<Point3<f64>>,
+    pub labels: Vec<u8>,
 }
 
 impl LabelSet {

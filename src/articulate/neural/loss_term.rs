@@ -1,6 +1,6 @@
 //! What every loss of stage 2 gives back.
 
-use crate::articulate::neural::motion_params::MotionGradient;
+use crate::neural::motion_params::MotionGradient;
 
 /// Points of a parallel work item. Fixed, so that sums have the same order for every number of threads.
 pub(crate) const CHUNK: usize = 256;
@@ -8,11 +8,11 @@ pub(crate) const CHUNK: usize = 256;
 /// Value and gradients of a loss.
 pub(crate) struct LossTerm {
     /// Not multiplied by the weight of the term.
-    pub(crate) value: f64,
+    pub value: f64,
     /// By the part probabilities of the points that the loss was given, `parts` a point.
-    pub(crate) by_probabilities: Vec<f32>,
+    pub by_probabilities: Vec<f32>,
     /// By the motions.
-    pub(crate) by_motions: MotionGradient,
+    pub by_motions: MotionGradient,
 }
 
 impl LossTerm {

@@ -3,7 +3,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::articulate::{
+use crate::{
     neural::{
         loss_term::LossTerm,
         motion_params::{Motions, Way},
@@ -12,13 +12,17 @@ use crate::articulate::{
     observations::LiftedMatch,
 };
 
+/// Least deviation of a match, truncation distances.
+/// chosen: far below any match's; it keeps the slope finite
+const LEAST_SIGMA: f64 = 1e-6;
+
 /// Some matches, the state they end in and the motions.
 pub(crate) struct Matching<'a> {
-    pub(crate) matches: &'a [LiftedMatch],
+    pub matches: &'a [LiftedMatch],
     /// The state that the points are moved to.
-    pub(crate) target: &'a Volume<'a>,
-    pub(crate) motions: &'a Motions,
-    pub(crate) way: Way,
+    pub target: &'a Volume<'a>,
+    pub motions: &'a Motions,
+    pub way: Way,
 }
 
 impl Matching<'_> {
@@ -70,7 +74,7 @@ impl Matching<'_> {
         term.by_probabilities.iter_mut().for_each(|g| *g *= factor as f32);
         term.by_motions = std::mem::replace(
             &mut term.by_motions,
-            crate::articulate::neural::motion_params::MotionGradient::zero(parts),
+            crate::neural::motion_params::MotionGradient::zero(parts),
         )
         .scaled(factor);
         term
@@ -84,7 +88,7 @@ impl Matching<'_> {
                 self.target.scene.normalise(if self.end() == 1 { &pair.point1 } else { &pair.point0 });
             let unit = self.target.scene.scale * self.target.truncation_m;
             // Quadratic within the noise of the match, absolute beyond.
-            let sigma = (pair.sigma_m / self.target.truncation_m).max(1e-6);
+            let sigma = (pair.sigma_m / self.target.truncation_m).max(LEAST_SIGMA);
             let offset = (blend - target) / unit;
             // docs/method.md (12.18).
             let size = (offset.norm_squared() + sigma * sigma).sqrt();

@@ -7,7 +7,7 @@ pub(crate) mod consistency;
 pub(crate) mod dense_kernel;
 pub(crate) mod feature_grid;
 #[cfg(test)]
-pub(crate) mod gradient_tests;
+pub mod gradient_tests;
 pub(crate) mod label_fit;
 pub(crate) mod loss_term;
 pub(crate) mod matching_loss;
@@ -17,11 +17,11 @@ pub(crate) mod occupancy;
 pub(crate) mod optimise;
 pub(crate) mod ray_batch;
 #[cfg(test)]
-pub(crate) mod recovery_tests;
+pub mod recovery_tests;
 pub(crate) mod segmentation;
 pub(crate) mod state_model;
 #[cfg(test)]
-pub(crate) mod test_scene;
+pub mod test_scene;
 pub(crate) mod trainer_error;
 pub(crate) mod trainer_input;
 pub(crate) mod uniform_batch;

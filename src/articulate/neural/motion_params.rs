@@ -7,8 +7,8 @@
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::neural::adam::Moments;
-use crate::geometry::{Pose, SceneBox, exp_so3};
+use crate::neural::adam::Moments;
+use geometry::{Pose, SceneBox, exp_so3};
 
 /// Which way points are taken by a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,7 +35,7 @@ impl Way {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Motions {
     /// `state1_from_state0` in normalised coordinates, one a part; the first is the identity.
-    pub(crate) parts: Vec<Pose>,
+    pub parts: Vec<Pose>,
     moments: Moments<f64>,
 }
 
@@ -43,7 +43,7 @@ pub(crate) struct Motions {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MotionGradient {
     /// By the left rotation step and by the translation.
-    pub(crate) parts: Vec<[Vector3<f64>; 2]>,
+    pub parts: Vec<[Vector3<f64>; 2]>,
 }
 
 impl Motions {
@@ -138,7 +138,7 @@ impl MotionGradient {
 #[cfg(test)]
 impl Motions {
     /// The motions with one coordinate (of the step that [`Motions::step`] makes) of one part changed.
-    pub(crate) fn nudged(&self, part: usize, coordinate: usize, amount: f64) -> Self {
+    pub fn nudged(&self, part: usize, coordinate: usize, amount: f64) -> Self {
         let mut all = self.clone();
         let mut d = [0.0; 6];
         d[coordinate] = amount;

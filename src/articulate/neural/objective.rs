@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::{
+use crate::{
     neural::{
         collision::collision_loss,
         config::ArticulationConfig,
@@ -45,7 +45,7 @@ pub struct ArticulationLosses {
 
 impl ArticulationLosses {
     /// Mean of the losses of two states.
-    pub(crate) fn mean(a: &Self, b: &Self) -> Self {
+    pub fn mean(a: &Self, b: &Self) -> Self {
         let m = |f: fn(&Self) -> f64| 0.5 * (f(a) + f(b));
         Self {
             sdf: m(|l| l.sdf),
@@ -64,26 +64,26 @@ impl ArticulationLosses {
 /// The samples of one step for the losses of one state.
 pub(crate) struct StateBatch<'a> {
     /// Samples of this state's rays.
-    pub(crate) rays: &'a RayBatch,
+    pub rays: &'a RayBatch,
     /// Matches, moved out of this state.
-    pub(crate) matches: &'a [LiftedMatch],
+    pub matches: &'a [LiftedMatch],
     /// Points of the other state for occupancy and collision; `None` while those losses are not active.
-    pub(crate) uniform: Option<&'a UniformBatch>,
+    pub uniform: Option<&'a UniformBatch>,
     /// Samples of the other state's rays, for collision; as above.
-    pub(crate) collision: Option<&'a [Point3<f64>]>,
+    pub collision: Option<&'a [Point3<f64>]>,
     /// Noise on the logits.
-    pub(crate) noise: GumbelNoise,
+    pub noise: GumbelNoise,
 }
 
 /// One state's share of the problem: `source` is the state whose segmentation is asked, `target` the other
 /// one.
 pub(crate) struct Objective<'a> {
-    pub(crate) source: &'a Volume<'a>,
-    pub(crate) target: &'a Volume<'a>,
+    pub source: &'a Volume<'a>,
+    pub target: &'a Volume<'a>,
     /// From source to target.
-    pub(crate) way: Way,
-    pub(crate) motions: &'a Motions,
-    pub(crate) config: &'a ArticulationConfig,
+    pub way: Way,
+    pub motions: &'a Motions,
+    pub config: &'a ArticulationConfig,
 }
 
 /// Points at which the segmentation is asked, group after group, with the gradients that come back.

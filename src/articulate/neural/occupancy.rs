@@ -8,7 +8,7 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::neural::{
+use crate::neural::{
     config::{ArticulationConfig, Reading},
     loss_term::{CHUNK, LossTerm},
     motion_params::{MotionGradient, Motions, Way},
@@ -19,11 +19,11 @@ use crate::articulate::neural::{
 #[derive(Clone, Copy)]
 pub(crate) struct Candidate {
     /// Index of the point `x`.
-    pub(crate) point: usize,
+    pub point: usize,
     /// Part.
-    pub(crate) part: usize,
+    pub part: usize,
     /// `x_i`, normalised, in the other state.
-    pub(crate) image: Point3<f64>,
+    pub image: Point3<f64>,
     occupancy: f64,
     by_image: Vector3<f64>,
 }
@@ -37,7 +37,7 @@ pub(crate) struct BackwardFlow<'a> {
     /// From here to the other state.
     way: Way,
     /// Candidates, by point and then part.
-    pub(crate) candidates: Vec<Candidate>,
+    pub candidates: Vec<Candidate>,
 }
 
 impl<'a> BackwardFlow<'a> {

@@ -4,7 +4,7 @@
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::{
+use crate::{
     neural::{
         adam::{FieldMoments, rate_at},
         config::ArticulationConfig,
@@ -22,11 +22,9 @@ use crate::articulate::{
     },
     observations::LiftedMatch,
 };
-use crate::{
-    geometry::{Pose, SceneBox},
-    random::{below, stage_rng},
-    statistics::median,
-};
+use geometry::{Pose, SceneBox};
+use numeric::random::{below, stage_rng};
+use numeric::statistics::median;
 use rand_core::Rng;
 use rand_pcg::Pcg64Mcg;
 

@@ -4,32 +4,40 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 use rayon::prelude::*;
 
-use crate::{
-    articulate::neural::{
-        config::{ArticulationConfig, Reading},
-        state_model::{SurfaceRay, Volume},
-    },
-    random::{below, unit},
+use crate::neural::{
+    config::{ArticulationConfig, Reading},
+    state_model::{SurfaceRay, Volume},
 };
+use numeric::random::{below, unit};
+
+/// Steepness of the weight near the surface, 1 / truncation distance.
+/// derived: the published one, docs/method.md (12.15)
+const STEEPNESS: f64 = 5.0;
+/// Distance from which on the released program gives no weight, truncation distances.
+/// derived: docs/method.md 12.9
+const RELEASED_CUT: f64 = 0.05;
+/// What the released program divides the distance by.
+/// derived: docs/method.md 12.9
+const RELEASED_SCALE: f64 = 0.03;
 
 /// Samples of some rays, ray-major.
 pub(crate) struct RayBatch {
     /// Samples on every ray.
-    pub(crate) samples_per_ray: usize,
+    pub samples_per_ray: usize,
     /// Normalised positions.
-    pub(crate) points: Vec<Point3<f64>>,
+    pub points: Vec<Point3<f64>>,
     /// The state's own signed distance at them, truncation distances.
-    pub(crate) sdf: Vec<f64>,
+    pub sdf: Vec<f64>,
     /// Their near-surface weight, docs/method.md (12.15), times that of the ray.
-    pub(crate) weights: Vec<f64>,
+    pub weights: Vec<f64>,
     /// Whether the state saw them.
-    pub(crate) visible: Vec<bool>,
+    pub visible: Vec<bool>,
     /// Expected standard deviation of every ray's depth, truncation distances.
-    pub(crate) sigma: Vec<f64>,
+    pub sigma: Vec<f64>,
     /// Unit world direction of every ray.
-    pub(crate) directions: Vec<Vector3<f64>>,
+    pub directions: Vec<Vector3<f64>>,
     /// One sample of every ray, drawn by weight: where colors are compared.
-    pub(crate) colored: Vec<usize>,
+    pub colored: Vec<usize>,
 }
 
 impl RayBatch {
@@ -96,10 +104,10 @@ fn draw_by_weight(weights: &[f64], pick: f64) -> usize {
 fn near_surface_weight(sdf: f64, reading: Reading) -> f64 {
     let sigmoid = |x: f64| 1.0 / (1.0 + (-x).exp());
     // docs/method.md (12.15).
-    let bell = |q: f64| sigmoid(5.0 * q) * sigmoid(-5.0 * q);
+    let bell = |q: f64| sigmoid(STEEPNESS * q) * sigmoid(-STEEPNESS * q);
     match reading {
         Reading::Paper if sdf.abs() < 1.0 => bell(sdf),
-        Reading::Released if sdf < 0.05 => bell((sdf / 0.03).max(-0.5)),
+        Reading::Released if sdf < RELEASED_CUT => bell((sdf / RELEASED_SCALE).max(-0.5)),
         _ => 0.0,
     }
 }

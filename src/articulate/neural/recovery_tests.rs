@@ -2,12 +2,12 @@
 
 use nalgebra::Vector3;
 
-use crate::articulate::neural::{
+use crate::neural::{
     config::ArticulationConfig,
     optimise::{ArticulationStart, ArticulationTrainer},
     test_scene::{Block, TestScene, two_blocks},
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 fn run(trainer: &mut ArticulationTrainer<'_>) {
     while !trainer.done() {
@@ -185,7 +185,7 @@ fn swapped_states_give_the_inverse_motion() {
 #[test]
 fn what_cannot_work_is_refused() {
     let scene = two_blocks(Pose::translation(0.05, 0.0, 0.0), 21);
-    let refused = |change: &dyn Fn(&mut crate::articulate::neural::optimise::ArticulationProblem<'_>),
+    let refused = |change: &dyn Fn(&mut crate::neural::optimise::ArticulationProblem<'_>),
                    start,
                    config: &ArticulationConfig| {
         let mut problem = scene.problem(&scene.matches);

@@ -6,13 +6,11 @@ use rand_core::Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    articulate::neural::{
-        dense_kernel::{multiply, multiply_transposed},
-        feature_grid::{Cell, FEATURES},
-    },
-    random::{STREAM_STEP, mix},
+use crate::neural::{
+    dense_kernel::{multiply, multiply_transposed},
+    feature_grid::{Cell, FEATURES},
 };
+use numeric::random::{STREAM_STEP, mix};
 
 /// Width of the network's input: grid features, x, y, z, and one zero that fills a vector register.
 const INPUTS: usize = 24;
@@ -24,7 +22,7 @@ const CHUNK: usize = 256;
 /// A dense layer, weights input-major: `y[o] = biases[o] + sum_i x[i] weights[i * outputs + o]`. The output
 /// width is a multiple of 8.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Dense {
+pub(crate) struct Dense {
     /// Input width.
     pub inputs: usize,
     /// Output width.
@@ -90,7 +88,7 @@ impl Dense {
 
 /// Parameters of the segmentation field of one state, over the normalised cube `[-1, 1]^3`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SegmentationField {
+pub(crate) struct SegmentationField {
     /// Number of parts; part 0 is the static one.
     pub parts: usize,
     /// Grid nodes along each side of the cube.
@@ -107,22 +105,22 @@ pub(crate) struct Activations {
     inputs: Vec<f32>,
     hidden: [Vec<f32>; 2],
     /// `stride` logits a point, of which the first `parts` count.
-    pub(crate) logits: Vec<f32>,
+    pub logits: Vec<f32>,
     /// Width of a row of `logits`.
-    pub(crate) stride: usize,
+    pub stride: usize,
 }
 
 /// Gradients by the parameters of one field. The grid's part is accumulated; see
 /// [`SegmentationField::backward`].
 pub(crate) struct SegmentationGradient {
     /// By the grid features.
-    pub(crate) grid: Vec<f32>,
+    pub grid: Vec<f32>,
     /// Nodes that ever had a gradient.
-    pub(crate) touched: Vec<bool>,
+    pub touched: Vec<bool>,
     /// By the layers.
-    pub(crate) layers: [Dense; 3],
+    pub layers: [Dense; 3],
     /// Memory of an earlier forward pass, to be used again.
-    pub(crate) spare: Activations,
+    pub spare: Activations,
 }
 
 impl SegmentationField {
@@ -309,7 +307,7 @@ pub(crate) fn softmax_backward(
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct GumbelNoise {
     /// Changes all of it; `None` is no noise.
-    pub(crate) key: Option<u64>,
+    pub key: Option<u64>,
 }
 
 impl GumbelNoise {
@@ -328,7 +326,7 @@ impl GumbelNoise {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     /// The definition of the field in f64: probabilities at one point, with `grid[g]` changed by a step.
     fn reference(

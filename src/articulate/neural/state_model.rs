@@ -2,11 +2,9 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::{
-    articulate::neural::config::Reading,
-    geometry::{Grid3, Intrinsics, Pose, SceneBox},
-    surface::ColorField,
-};
+use crate::neural::config::Reading;
+use geometry::{Grid3, Intrinsics, Pose, SceneBox};
+use surface::ColorField;
 
 /// A ray that hit the object, in the world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,12 +41,12 @@ pub struct StateModel<'a> {
 /// A state in normalised coordinates and truncation distances.
 #[derive(Clone, Copy)]
 pub(crate) struct Volume<'a> {
-    pub(crate) model: StateModel<'a>,
-    pub(crate) scene: SceneBox,
-    pub(crate) truncation_m: f64,
+    pub model: StateModel<'a>,
+    pub scene: SceneBox,
+    pub truncation_m: f64,
     /// Width over which occupancy falls, meters.
-    pub(crate) ramp_m: f64,
-    pub(crate) alignment: Reading,
+    pub ramp_m: f64,
+    pub alignment: Reading,
 }
 
 impl Volume<'_> {
@@ -94,12 +92,12 @@ impl Volume<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::neural::test_scene::two_blocks;
+    use crate::neural::test_scene::two_blocks;
 
     #[test]
     fn occupancy_falls_over_the_ramp_and_the_released_grid_is_stretched() {
         let scene = two_blocks(Pose::translation(0.1, 0.0, 0.0), 41);
-        let mut volume = scene.volume(0, &crate::articulate::neural::config::ArticulationConfig::default());
+        let mut volume = scene.volume(0, &crate::neural::config::ArticulationConfig::default());
         volume.ramp_m = 0.02;
         // Below the middle of the base's lower face, which lies at -0.1 m.
         let at = |height_m: f64| volume.scene.normalise(&Point3::new(-0.04, 0.0, -0.1 + height_m));

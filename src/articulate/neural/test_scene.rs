@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use crate::articulate::{
+use crate::{
     neural::{
         config::{ArticulationConfig, Reading},
         optimise::ArticulationProblem,
@@ -10,19 +10,17 @@ use crate::articulate::{
     },
     observations::LiftedMatch,
 };
-use crate::{
-    geometry::{Grid3, Intrinsics, Pose, SceneBox},
-    random::{stage_rng, unit},
-    surface::{ColorField, ColorSample},
-};
+use geometry::{Grid3, Intrinsics, Pose, SceneBox};
+use numeric::random::{stage_rng, unit};
+use surface::{ColorField, ColorSample};
 
-pub(crate) const TRUNCATION_M: f64 = 0.03;
+pub const TRUNCATION_M: f64 = 0.03;
 
 /// A box in its own frame and its pose in the world.
 #[derive(Clone, Copy)]
-pub(crate) struct Block {
-    pub(crate) half: Vector3<f64>,
-    pub(crate) pose: Pose,
+pub struct Block {
+    pub half: Vector3<f64>,
+    pub pose: Pose,
 }
 
 impl Block {
@@ -33,12 +31,12 @@ impl Block {
 }
 
 /// Blocks of one state; block `i` is part `i`.
-pub(crate) struct Shape {
-    pub(crate) blocks: Vec<Block>,
+pub struct Shape {
+    pub blocks: Vec<Block>,
 }
 
 impl Shape {
-    pub(crate) fn nearest(&self, world: &Point3<f64>) -> (usize, f64) {
+    pub fn nearest(&self, world: &Point3<f64>) -> (usize, f64) {
         let all = self.blocks.iter().map(|b| b.sdf(world)).enumerate();
         all.fold((0, f64::INFINITY), |best, x| if x.1 < best.1 { x } else { best })
     }
@@ -75,15 +73,15 @@ impl ColorField for Shape {
 }
 
 /// Everything that a problem borrows.
-pub(crate) struct TestScene {
-    pub(crate) shapes: [Shape; 2],
-    pub(crate) motions: Vec<Pose>,
-    pub(crate) scene: SceneBox,
+pub struct TestScene {
+    pub shapes: [Shape; 2],
+    pub motions: Vec<Pose>,
+    pub scene: SceneBox,
     sdf: [Grid3<f32>; 2],
     visible: [Grid3<bool>; 2],
     rays: [Vec<SurfaceRay>; 2],
     cameras: Vec<(Intrinsics, Pose)>,
-    pub(crate) matches: Vec<LiftedMatch>,
+    pub matches: Vec<LiftedMatch>,
 }
 
 fn ring() -> Vec<(Intrinsics, Pose)> {
@@ -103,7 +101,7 @@ fn ring() -> Vec<(Intrinsics, Pose)> {
 
 impl TestScene {
     /// `blocks` in state 0 and how each moves (`state1_from_state0`).
-    pub(crate) fn new(blocks: Vec<Block>, motions: Vec<Pose>, nodes: usize) -> Self {
+    pub fn new(blocks: Vec<Block>, motions: Vec<Pose>, nodes: usize) -> Self {
         let moved = blocks.iter().zip(&motions).map(|(b, m)| Block { pose: m * b.pose, ..*b }).collect();
         let shapes = [Shape { blocks }, Shape { blocks: moved }];
         let scene = SceneBox::around(&Point3::new(-0.28, -0.28, -0.12), &Point3::new(0.28, 0.28, 0.35));
@@ -159,7 +157,7 @@ impl TestScene {
         found
     }
 
-    pub(crate) fn model(&self, state: usize) -> StateModel<'_> {
+    pub fn model(&self, state: usize) -> StateModel<'_> {
         StateModel {
             sdf: &self.sdf[state],
             visible: &self.visible[state],
@@ -169,7 +167,7 @@ impl TestScene {
         }
     }
 
-    pub(crate) fn problem<'a>(&'a self, matches: &'a [LiftedMatch]) -> ArticulationProblem<'a> {
+    pub fn problem<'a>(&'a self, matches: &'a [LiftedMatch]) -> ArticulationProblem<'a> {
         ArticulationProblem {
             states: [self.model(0), self.model(1)],
             matches,
@@ -179,7 +177,7 @@ impl TestScene {
         }
     }
 
-    pub(crate) fn volume(&self, state: usize, config: &ArticulationConfig) -> Volume<'_> {
+    pub fn volume(&self, state: usize, config: &ArticulationConfig) -> Volume<'_> {
         Volume {
             model: self.model(state),
             scene: self.scene,
@@ -190,7 +188,7 @@ impl TestScene {
     }
 
     /// Surface points of a state with their true part.
-    pub(crate) fn labelled(&self, state: usize) -> (Vec<Point3<f64>>, Vec<u8>) {
+    pub fn labelled(&self, state: usize) -> (Vec<Point3<f64>>, Vec<u8>) {
         let points: Vec<Point3<f64>> =
             self.rays[state].iter().map(|r| r.origin + r.direction * r.depth_m).collect();
         let labels = points.iter().map(|p| self.shapes[state].nearest(p).0 as u8).collect();
@@ -214,7 +212,7 @@ fn cast(shape: &Shape, cameras: &[(Intrinsics, Pose)]) -> Vec<SurfaceRay> {
 }
 
 /// A static block and one that stands on it, turned or shifted.
-pub(crate) fn two_blocks(motion: Pose, nodes: usize) -> TestScene {
+pub fn two_blocks(motion: Pose, nodes: usize) -> TestScene {
     let base = Block { half: Vector3::new(0.2, 0.15, 0.05), pose: Pose::translation(-0.04, 0.0, -0.05) };
     let lid = Block { half: Vector3::new(0.07, 0.1, 0.06), pose: Pose::translation(0.05, 0.02, 0.075) };
     TestScene::new(vec![base, lid], vec![Pose::identity(), motion], nodes)

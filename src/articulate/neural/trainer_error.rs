@@ -3,7 +3,7 @@
 /// Fewest parts: a static and a moving one.
 pub(crate) const MIN_PARTS: usize = 2;
 /// Most parts that a segmentation can have.
-pub const MAX_PARTS: usize = 64;
+pub(crate) const MAX_PARTS: usize = 64;
 /// The articulation trainer cannot work with what it was given.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TrainerError {
@@ -62,7 +62,7 @@ pub enum TrainerError {
 
 impl TrainerError {
     /// Refuses a setting unless it is in range.
-    pub(crate) fn unless(
+    pub fn unless(
         in_range: bool,
         name: &'static str,
         value: String,

@@ -3,18 +3,16 @@
 use nalgebra::Point3;
 
 use crate::{
-    articulate::{
-        neural::{
-            state_model::{StateModel, SurfaceRay},
-            trainer_error::{MAX_PARTS, MIN_PARTS, TrainerError},
-        },
-        observations::LiftedMatch,
+    neural::{
+        state_model::{StateModel, SurfaceRay},
+        trainer_error::{MAX_PARTS, MIN_PARTS, TrainerError},
     },
-    geometry::Pose,
+    observations::LiftedMatch,
 };
+use geometry::Pose;
 
 /// Labelled surface points of a state: world points in meters, one part index each.
-pub type LabelledPoints = (Vec<Point3<f64>>, Vec<u8>);
+pub(crate) type LabelledPoints = (Vec<Point3<f64>>, Vec<u8>);
 
 /// Refuses a number of parts or a scale that cannot be worked with.
 pub(crate) fn check_scale(parts: usize, truncation_m: f64) -> Result<(), TrainerError> {

@@ -5,14 +5,19 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 use rayon::prelude::*;
 
-use crate::{
-    articulate::neural::{
-        motion_params::{Motions, Way},
-        state_model::Volume,
-    },
-    geometry::Grid3,
-    random::{below, unit},
+use crate::neural::{
+    motion_params::{Motions, Way},
+    state_model::Volume,
 };
+use geometry::Grid3;
+use numeric::random::{below, unit};
+
+/// Share of points that are drawn from the whole cube.
+/// derived: the published one; it keeps every weight at 4 or less
+const CUBE_SHARE: f64 = 0.25;
+/// Share of points from the occupied voxels of each state.
+/// derived: half of what the cube leaves
+const STATE_SHARE: f64 = 0.375;
 
 /// The voxels (cubes around grid nodes) of a state in which occupancy is not zero everywhere.
 pub(crate) struct OccupiedVoxels {
@@ -49,9 +54,9 @@ impl OccupiedVoxels {
 /// f(point)`.
 pub(crate) struct UniformBatch {
     /// Normalised positions, in the state that points are warped *out of*.
-    pub(crate) points: Vec<Point3<f64>>,
+    pub points: Vec<Point3<f64>>,
     /// Ratio of uniform to proposal density.
-    pub(crate) weights: Vec<f64>,
+    pub weights: Vec<f64>,
 }
 
 impl UniformBatch {
@@ -66,11 +71,11 @@ impl UniformBatch {
         rng: &mut impl Rng,
     ) -> Self {
         let parts = motions.parts.len();
-        // Most of the cube is empty; the uniform quarter keeps every weight at 4 or less.
+        // Most of the cube is empty.
         let shares = [
-            0.25,
-            if here.1.indices.is_empty() { 0.0 } else { 0.375 },
-            if other.1.indices.is_empty() { 0.0 } else { 0.375 },
+            CUBE_SHARE,
+            if here.1.indices.is_empty() { 0.0 } else { STATE_SHARE },
+            if other.1.indices.is_empty() { 0.0 } else { STATE_SHARE },
         ];
         let total: f64 = shares.iter().sum();
         let draw = |_| {

@@ -4,8 +4,8 @@
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 
-use crate::articulate::{observations::LiftedMatch, pair::surface_pair::SurfacePair};
-use crate::geometry::{Pose, exp_so3};
+use crate::{observations::LiftedMatch, pair::surface_pair::SurfacePair};
+use geometry::{Pose, exp_so3};
 
 /// Surface residuals beyond this many standard deviations lose their weight (Geman-McClure).
 /// derived: nine tenths of the efficiency of least squares where errors are normal
@@ -20,7 +20,7 @@ pub(crate) const SAMPLES_PER_READING: f64 = 12.0;
 /// Gauss-Newton steps against one set of correspondences.
 const STEPS: usize = 3;
 /// Damping relative to the mean diagonal: holds directions that nothing observes.
-/// derived: too small to move a direction that something observes
+/// chosen: too small to move a direction that something observes
 const DAMPING: f64 = 1e-5;
 
 /// A residual `normal . (point - T source)` in the frame of state 1, or its three components for a match.
@@ -36,7 +36,7 @@ pub(crate) struct Plane {
 
 impl Plane {
     /// Where a motion takes the point, the surface normal there, in the frame of state 1, and the residual.
-    pub fn under(&self, motion: &Pose) -> (Point3<f64>, Vector3<f64>, f64) {
+    pub(crate) fn under(&self, motion: &Pose) -> (Point3<f64>, Vector3<f64>, f64) {
         let moved = motion * self.source;
         let normal = if self.normal_moves { motion * self.normal } else { self.normal };
         (moved, normal, normal.dot(&(moved - self.target)))
@@ -173,7 +173,7 @@ pub(crate) fn refine(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::{
+    use crate::{
         pair::surface_pair::SurfacePair,
         samples::synthetic::{Scene, camera_ring},
     };

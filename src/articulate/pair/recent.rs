@@ -13,12 +13,12 @@ pub(crate) struct Recent<K, V> {
 
 impl<K: PartialEq, V> Recent<K, V> {
     /// Keeps so many results.
-    pub fn keeping(most: usize) -> Self {
+    pub(crate) fn keeping(most: usize) -> Self {
         Self { most, all: Mutex::default() }
     }
 
     /// The result of a key, made now unless it is kept.
-    pub fn get(&self, key: K, make: impl FnOnce() -> V) -> Arc<V> {
+    pub(crate) fn get(&self, key: K, make: impl FnOnce() -> V) -> Arc<V> {
         let kept =
             |all: &VecDeque<(K, Arc<V>)>| all.iter().find(|(k, _)| *k == key).map(|(_, v)| Arc::clone(v));
         let lock = || self.all.lock().unwrap_or_else(PoisonError::into_inner);
@@ -37,7 +37,7 @@ impl<K: PartialEq, V> Recent<K, V> {
     }
 
     /// Gives up all of them.
-    pub fn clear(&self) {
+    pub(crate) fn clear(&self) {
         self.all.lock().unwrap_or_else(PoisonError::into_inner).clear();
     }
 }

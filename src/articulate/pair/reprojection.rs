@@ -1,9 +1,8 @@
 //! Where a surface sample goes in the other state, and what that costs: a robust negative log-likelihood in
 //! units of the 3 nats that a correspondence at the edge of the reach loses. See docs/method.md (6.5).
 
-/// Cost of a place that was not seen: weaker than any agreement, hardly evidence against.
-/// tuned: shared/bags
-pub(crate) const HIDDEN: f32 = 0.9;
+pub(crate) use crate::samples::place_costs::{ALL_FREE, HIDDEN};
+
 /// Additional cost of a surface that follows another motion, and what a correspondence under another motion
 /// says against a motion that hid the sample.
 /// tuned: shared/bags
@@ -11,13 +10,10 @@ pub(crate) const TAKEN: f32 = 0.4;
 /// Cost of a place in space seen to be empty.
 /// tuned: shared/bags
 pub(crate) const FREE: f32 = 1.6;
-/// Cost of a place seen to be empty all around, as far as errors of depth and motion take it.
-/// derived: above the other by what decides no label, so that it can be recognized
-pub(crate) const ALL_FREE: f32 = 1.61;
 /// Squared mismatch in standard deviations at which half the cost of a missing surface is reached: half of it
 /// are the 3 nats of a unit of cost.
 /// derived: 2 * 3 nats, so that small deviations cost `z^2 / 2` nats (Geman-McClure)
-const HALF_COST: f64 = 6.0;
+pub(crate) const HALF_COST: f64 = 6.0;
 /// A sample is explained by a motion of a lower cost: it is nearer than [`HALF_COST`].
 /// derived: `HALF_COST / (HALF_COST + HALF_COST)`
 pub(crate) const EXPLAINED: f32 = 0.5;
@@ -58,7 +54,7 @@ impl Reprojection {
     /// Agreement with the surface: 0 for a perfect partner, towards 1 for none; [`HIDDEN`] or [`FREE`] where
     /// there is no surface and empty space is known. A partner that follows another motion by `other_labels`
     /// hides the sample at best.
-    pub fn cost(&self, look: Look<'_>) -> f32 {
+    pub(crate) fn cost(&self, look: Look<'_>) -> f32 {
         let Look { label, other_labels, colored } = look;
         let partner = self.partner.map(|(j, shape, color)| {
             let squared = if colored { shape + color } else { shape };

@@ -1,29 +1,35 @@
 //! Both states' surface samples, prepared for search: where each goes under a motion, and which motion it
 //! follows.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::{
+use crate::{
     observations::SurfaceSamples,
     pair::{
         recent::Recent,
         reprojection::{ALL_FREE, FREE, HIDDEN, Look, Reprojection, TAKEN},
     },
     samples::{
-        index_kernel::{IndexOnGpu, nearest_of_all},
         sample_index::SampleIndex,
         spacing::spacing_m,
         surface_graph::{NORMAL_SIGMA, Of, SurfaceGraph},
     },
 };
-use crate::{
-    geometry::{Pose, all_about},
-    gpu::{Gpu, GpuError, Offload, Work},
-    statistics::median,
-};
+use geometry::{Pose, all_about};
+use numeric::statistics::median;
+
+/// Standard deviations of a normal distribution in its median absolute deviation.
+/// derived: `numeric::statistics::SIGMAS_PER_MAD`, to two places
+const SIGMAS_PER_MEDIAN: f64 = 1.48;
+/// Least and largest deviation of a surface from its partner, as shares of the reach.
+/// chosen: a surface that coincides exactly is not known so well; a reach holds five of the largest
+const PLANE: [f64; 2] = [0.02, 0.2];
+/// Least and largest deviation of a color.
+/// chosen: a few levels of noise; beyond the largest, colors say nothing
+const COLOR: [f64; 2] = [0.03, 0.15];
 
 /// Whether a world point was seen to be empty in a state.
 pub type FreeSpace<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);
@@ -33,7 +39,7 @@ pub type FreeSpace<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);
 /// tuned: shared/bags
 const SHADING: f64 = 0.5;
 /// Errors of depth take a sample by less than this many deviations of a plane.
-/// derived: 99 of 100 normal errors
+/// chosen: 99 of 100 normal errors
 const DEPTH_ERROR: f64 = 2.5;
 /// Errors of a motion, with those of depth, take a sample by less than this share of the reach.
 /// derived: 2.5 deviations of a plane, which are a fifth of the reach at most
@@ -81,19 +87,20 @@ pub(crate) struct SurfacePair<'a> {
     reprojections: Recent<(usize, Pose), Vec<Reprojection>>,
     /// Labels under the last few sets of motions.
     pub labelings: Recent<Vec<Pose>, Labeling>,
-    offload: Offload,
-    /// The indices on the GPU, where it is asked for them.
-    on_gpu: OnceLock<[IndexOnGpu; 2]>,
 }
 
 impl<'a> SurfacePair<'a> {
     /// Prepares the search; deviations are measured on the samples that coincide in both states.
-    pub fn new(samples: [&'a SurfaceSamples; 2], free: [Option<FreeSpace<'a>>; 2], reach_m: f64) -> Self {
+    pub(crate) fn new(
+        samples: [&'a SurfaceSamples; 2],
+        free: [Option<FreeSpace<'a>>; 2],
+        reach_m: f64,
+    ) -> Self {
         let indices = samples.map(|s| SampleIndex::new(s, reach_m));
         let graph = |s: usize| SurfaceGraph::new(samples[s], &indices[s], reach_m);
         let graphs = rayon::join(|| graph(0), || graph(1)).into();
         // The widest scales, until the pair itself is there to measure its own.
-        let scales = Scales { plane_m: 0.2 * reach_m, color: 0.15 };
+        let scales = Scales { plane_m: PLANE[1] * reach_m, color: COLOR[1] };
         let spacing_m = samples.map(|s| spacing_m(&s.points, reach_m));
         let mut pair = Self {
             samples,
@@ -105,37 +112,25 @@ impl<'a> SurfacePair<'a> {
             spacing_m,
             reprojections: Recent::keeping(KEPT),
             labelings: Recent::keeping(LABELINGS),
-            offload: Offload::none(),
-            on_gpu: OnceLock::new(),
         };
         // Surface that stands still shows the errors of depth and color without any motion's.
         pair.scales = pair.static_scales();
         pair
     }
 
-    /// The same pair, with a GPU that may search.
-    pub fn offloading(self, offload: &Offload) -> Self {
-        Self { offload: offload.clone(), ..self }
-    }
-
-    /// The work that a GPU may do.
-    pub fn offload(&self) -> &Offload {
-        &self.offload
-    }
-
     /// Gives up what is kept.
-    pub fn forget(&self) {
+    pub(crate) fn forget(&self) {
         self.reprojections.clear();
         self.labelings.clear();
     }
 
     /// Number of the smooth sheet that a sample is on.
-    pub fn sheet(&self, state: usize, sample: usize) -> u32 {
+    pub(crate) fn sheet(&self, state: usize, sample: usize) -> u32 {
         self.graphs[state].sheet(sample)
     }
 
     /// Samples beside a sample on its surface.
-    pub fn beside(&self, state: usize, sample: usize) -> impl Iterator<Item = usize> {
+    pub(crate) fn beside(&self, state: usize, sample: usize) -> impl Iterator<Item = usize> {
         self.graphs[state].beside(sample)
     }
 
@@ -155,14 +150,14 @@ impl<'a> SurfacePair<'a> {
         let typical = |k: usize| median(pairs.iter().map(|p| p[k]).collect());
         Scales {
             // Where nothing stands still the upper bounds hold, as if the scales were not measured.
-            plane_m: (1.48 * typical(0).unwrap_or(f64::INFINITY))
-                .clamp(0.02 * self.reach_m, 0.2 * self.reach_m),
-            color: (1.48 * typical(1).unwrap_or(f64::INFINITY)).clamp(0.03, 0.15),
+            plane_m: (SIGMAS_PER_MEDIAN * typical(0).unwrap_or(f64::INFINITY))
+                .clamp(PLANE[0] * self.reach_m, PLANE[1] * self.reach_m),
+            color: (SIGMAS_PER_MEDIAN * typical(1).unwrap_or(f64::INFINITY)).clamp(COLOR[0], COLOR[1]),
         }
     }
 
     /// Where a motion takes a sample in the other state, meters, and the nearest sample there.
-    pub fn carried(
+    pub(crate) fn carried(
         &self,
         state: usize,
         sample: usize,
@@ -174,19 +169,13 @@ impl<'a> SurfacePair<'a> {
         (point, self.indices[1 - state].nearest(&point, &normal))
     }
 
-    /// Where a sample goes in the other state, where `nearest` finds the nearest sample to a place and a
-    /// normal.
-    fn reprojection(
-        &self,
-        (state, sample): (usize, usize),
-        other_from_this: &Pose,
-        nearest: impl FnOnce(&Point3<f64>, &Vector3<f64>) -> Option<usize>,
-    ) -> Reprojection {
+    /// Where a sample goes in the other state.
+    fn reprojection(&self, state: usize, sample: usize, other_from_this: &Pose) -> Reprojection {
         let (these, others) = (self.samples[state], self.samples[1 - state]);
         let point = other_from_this * these.points[sample];
         let normal = other_from_this * these.normals[sample];
         let free = self.free[1 - state].map(|is_free| is_free(&point));
-        let partner = nearest(&point, &normal).and_then(|j| {
+        let partner = self.indices[1 - state].nearest(&point, &normal).and_then(|j| {
             let (off_m, aside) = self.offset(1 - state, j, &point);
             // Space seen empty beside a surface is beyond its edge.
             if free == Some(true) && aside > EDGE {
@@ -208,7 +197,7 @@ impl<'a> SurfacePair<'a> {
 
     /// Height of a point above a sample's plane, meters, and its distance along that plane in mean distances
     /// of samples.
-    pub fn offset(&self, state: usize, sample: usize, point: &Point3<f64>) -> (f64, f64) {
+    pub(crate) fn offset(&self, state: usize, sample: usize, point: &Point3<f64>) -> (f64, f64) {
         let (offset, normal) =
             (point - self.samples[state].points[sample], self.samples[state].normals[sample]);
         let off_m = normal.dot(&offset);
@@ -231,41 +220,18 @@ impl<'a> SurfacePair<'a> {
         self.reprojections.get((state, *motion), || {
             let other_from_this = if state == 0 { *motion } else { motion.inverse() };
             let samples = 0..self.samples[state].points.len();
-            let partners =
-                self.offload.attempt(Work::Labels, |gpu| self.nearest_on(gpu, state, &other_from_this));
-            let nearest = |p: &Point3<f64>, n: &Vector3<f64>| self.indices[1 - state].nearest(p, n);
-            let one = |i: usize| match &partners {
-                Some(partners) => self.reprojection((state, i), &other_from_this, |_, _| partners[i]),
-                None => self.reprojection((state, i), &other_from_this, nearest),
-            };
-            samples.into_par_iter().map(one).collect()
+            samples.into_par_iter().map(|i| self.reprojection(state, i, &other_from_this)).collect()
         })
     }
 
-    /// The sample of the other state that is nearest to each of a state under a motion.
-    fn nearest_on(
-        &self,
-        gpu: &Gpu,
-        state: usize,
-        other_from_this: &Pose,
-    ) -> Result<Vec<Option<usize>>, GpuError> {
-        let on_gpu = match self.on_gpu.get() {
-            Some(on_gpu) => on_gpu,
-            None => {
-                let [a, b] = &self.indices;
-                let made = [IndexOnGpu::new(gpu, a)?, IndexOnGpu::new(gpu, b)?];
-                // Another thread may have been faster.
-                self.on_gpu.get_or_init(|| made)
-            }
-        };
-        let of = |s: usize| (&self.indices[s], &on_gpu[s]);
-        nearest_of_all(gpu, of(state), of(1 - state), other_from_this)
-    }
-
     /// Cost of one sample by shape alone, and its partner in the other state.
-    pub fn shape_cost(&self, state: usize, sample: usize, other_from_this: &Pose) -> (f32, Option<usize>) {
-        let nearest = |p: &Point3<f64>, n: &Vector3<f64>| self.indices[1 - state].nearest(p, n);
-        let found = self.reprojection((state, sample), other_from_this, nearest);
+    pub(crate) fn shape_cost(
+        &self,
+        state: usize,
+        sample: usize,
+        other_from_this: &Pose,
+    ) -> (f32, Option<usize>) {
+        let found = self.reprojection(state, sample, other_from_this);
         (
             found.cost(Look { label: 0, other_labels: None, colored: false }),
             found.partner.map(|p| p.0 as usize),
@@ -274,7 +240,7 @@ impl<'a> SurfacePair<'a> {
 
     /// The samples of a state that have a partner in the other under a motion from state 0 to state 1, each
     /// with it.
-    pub fn partners(&self, state: usize, motion: &Pose) -> Vec<(usize, usize)> {
+    pub(crate) fn partners(&self, state: usize, motion: &Pose) -> Vec<(usize, usize)> {
         self.reprojections(state, motion)
             .iter()
             .enumerate()
@@ -284,14 +250,14 @@ impl<'a> SurfacePair<'a> {
 
     /// Costs of every sample of a state under every motion, sample-major. `other_labels` are the labels of
     /// the other state's samples, where known.
-    pub fn costs(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {
+    pub(crate) fn costs(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {
         self.costs_of(state, motions, other_labels.map(|l| (l, TAKEN)), true)
     }
 
     /// The same for labels. Of all parts a motion is ruled out that takes a sample to a place which was seen
     /// empty all around: it costs [`ALL_FREE`]. While parts are missing such surface would be handed to any
     /// other that happens to be hidden there.
-    pub fn label_costs(
+    pub(crate) fn label_costs(
         &self,
         state: usize,
         motions: &[Pose],
@@ -328,7 +294,12 @@ impl<'a> SurfacePair<'a> {
 
     /// The same by shape alone: light stands still where a part turns, so that colors err together over a
     /// surface.
-    pub fn shape_costs(&self, state: usize, motions: &[Pose], other_labels: Option<&[u8]>) -> Vec<f32> {
+    pub(crate) fn shape_costs(
+        &self,
+        state: usize,
+        motions: &[Pose],
+        other_labels: Option<&[u8]>,
+    ) -> Vec<f32> {
         self.costs_of(state, motions, other_labels.map(|l| (l, TAKEN)), false)
     }
 
@@ -354,7 +325,7 @@ impl<'a> SurfacePair<'a> {
     /// Label of every sample of a state: mean-field smoothing of the costs, then labels handed along the
     /// surface to samples that hold no evidence, then islands without evidence joined to what surrounds them.
     /// Samples out of reach of any evidence are static (label 0).
-    pub fn labels(&self, state: usize, costs: &[f32], motions: usize, of: Of) -> Vec<u8> {
+    pub(crate) fn labels(&self, state: usize, costs: &[f32], motions: usize, of: Of) -> Vec<u8> {
         // The static part alone has all of the surface.
         if motions == 1 {
             return vec![0; costs.len()];
@@ -375,7 +346,7 @@ fn color_distance(a: [f32; 3], b: [f32; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::samples::synthetic::{Scene, camera_ring};
+    use crate::samples::synthetic::{Scene, camera_ring};
 
     fn check(scene: &Scene, with_free: bool, percent: usize) {
         let cameras = camera_ring(10);

@@ -1,10 +1,10 @@
 //! Surface that no motion explains.
 
-use crate::articulate::pair::{
+use crate::pair::{
     reprojection::{EXPLAINED, FREE},
     surface_pair::SurfacePair,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// What a motion explains must have this share of all samples: less could not outweigh the cost of a part.
 /// tuned: shared/bags
@@ -21,7 +21,7 @@ pub(crate) struct Unexplained {
 
 impl Unexplained {
     /// What `motions` leave.
-    pub fn of(pair: &SurfacePair<'_>, motions: &[Pose]) -> Self {
+    pub(crate) fn of(pair: &SurfacePair<'_>, motions: &[Pose]) -> Self {
         let both = [0, 1].map(|s| {
             let costs = pair.shape_costs(s, motions, None);
             let free = pair.free[1 - s].is_some();
@@ -40,7 +40,7 @@ impl Unexplained {
     /// Whether a correspondence of a sample with one of the other state calls for a motion: both are open,
     /// and one of the two is where the other state saw nothing. Surface that doors hid in turn may look alike
     /// by chance.
-    pub fn calls_for(&self, state: usize, sample: usize, partner: usize) -> bool {
+    pub(crate) fn calls_for(&self, state: usize, sample: usize, partner: usize) -> bool {
         self.open[1 - state][partner] && (self.moved[state][sample] || self.moved[1 - state][partner])
     }
 }

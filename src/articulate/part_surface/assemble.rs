@@ -8,7 +8,14 @@ use std::ops::RangeInclusive;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use crate::geometry::{Grid3, Pose};
+use geometry::{Grid3, Pose};
+
+/// Places outside a grid up to here count as its border's, spacings.
+/// derived: half a spacing; the rest is rounding
+const OUTSIDE: f64 = 0.51;
+/// Least weight of a vote.
+/// chosen: nothing against an observation; the mean stays finite
+const LEAST_WEIGHT: f32 = 1e-3;
 
 /// The surface of one state with a part for every place near it.
 pub struct LabelledState {
@@ -85,8 +92,7 @@ impl LabelledState {
     /// What it knows of all places within `radius_m` of one.
     fn about(&self, place: &Point3<f64>, radius_m: f64) -> Known {
         let at = (place - self.tsdf.origin) / self.tsdf.spacing_m;
-        // Places outside by half a spacing count as the border's; the rest is rounding.
-        let reach = radius_m / self.tsdf.spacing_m + 0.51;
+        let reach = radius_m / self.tsdf.spacing_m + OUTSIDE;
         let last = self.tsdf.dims.map(|n| n.saturating_sub(1) as f64);
         if (0..3).any(|k| at[k] + reach < 0.0 || at[k] - reach > last[k]) {
             return Known { all: false, ..Known::NO_PLACE };
@@ -162,7 +168,7 @@ fn vote(part: u8, place: &Point3<f64>, motions: &[Pose], states: &[LabelledState
         }
         let free = state.truncation_m as f32;
         let label = state.labels.values[node];
-        let w = state.weight.values[node].max(1e-3);
+        let w = state.weight.values[node].max(LEAST_WEIGHT);
         if label == part {
             sum += w * distance;
             weight += w;
@@ -181,7 +187,7 @@ fn vote(part: u8, place: &Point3<f64>, motions: &[Pose], states: &[LabelledState
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::SceneBox;
+    use geometry::SceneBox;
 
     /// Two slabs normal to z: part 0 at z < -0.2, part 1 at z < 0 in state 0 and z < 0.1 in state 1.
     fn state(top: f64, seen_below: bool) -> LabelledState {

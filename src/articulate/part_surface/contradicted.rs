@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use crate::geometry::{Grid3, NearestPoints, Pose, all_about};
+use geometry::{Grid3, NearestPoints, Pose, all_about};
 
 /// A state that a surface is looked for in.
 pub struct OtherState<'a> {
@@ -50,7 +50,7 @@ pub fn contradicted(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::SceneBox;
+    use geometry::SceneBox;
 
     #[test]
     fn surface_is_of_no_part_where_its_part_was_seen_to_be_absent() {

@@ -3,8 +3,8 @@
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use crate::articulate::part_surface::assemble::NO_LABEL;
-use crate::geometry::{Grid3, NearestPoints};
+use crate::part_surface::assemble::NO_LABEL;
+use geometry::{Grid3, NearestPoints};
 
 /// Label of the nearest surface point at every node closer than `reach_m` to the surface (by `tsdf`, meters);
 /// [`NO_LABEL`] at all other nodes.

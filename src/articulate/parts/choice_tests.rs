@@ -1,7 +1,7 @@
 //! The choice among hand-made sets of motions.
 
 use super::*;
-use crate::articulate::{RegisterConfig, samples::synthetic::Scene};
+use crate::{RegisterConfig, samples::synthetic::Scene};
 
 /// The test of a box with a lid, which moved unless it is `at_rest`.
 fn of_box(at_rest: bool, test: impl Fn(&MatchedPair<'_>, Pose)) {

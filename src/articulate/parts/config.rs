@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::propose::ransac::RansacConfig;
+use crate::propose::ransac::RansacConfig;
 
 /// How parts and motions are found. Lengths are shares of the object's longest side.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

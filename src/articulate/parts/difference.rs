@@ -5,21 +5,19 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::{
-    articulate::{
-        observations::SurfaceSamples,
-        parts::{
-            config::RegisterConfig,
-            error::RegisterError,
-            register::{MotionSupport, Registration, checked_extent_m},
-        },
+    observations::SurfaceSamples,
+    parts::{
+        config::RegisterConfig,
+        error::RegisterError,
+        register::{MotionSupport, Registration, checked_extent_m},
     },
-    geometry::{NearestPoints, Pose, rigid_fit},
 };
+use geometry::{NearestPoints, Pose, rigid_fit};
 
 /// Most rounds of closest points, and of clusters.
 const ROUNDS: usize = 100;
 /// A round that moves a part by less than this share of its size ends the search.
-/// derived: far below what surfaces are measured to.
+/// chosen: far below what surfaces are measured to.
 const STILL: f64 = 1e-6;
 
 /// Finds the motions of `parts` parts, the static one included, and the part of every surface sample.

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
 
-use crate::articulate::{
+use crate::{
     pair::point_to_plane::{Plane, SAMPLES_PER_READING, correspondences, refine, step},
     parts::{
         elimination::{SLIGHT, Step, best},
@@ -19,7 +19,7 @@ use crate::articulate::{
     },
     samples::spacing::cell_of,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Residuals beyond this share of the reach lose their weight (Geman-McClure).
 /// tuned: shared/bags
@@ -34,7 +34,7 @@ const ROUNDS: usize = 3;
 /// tuned: shared/bags
 const LEAST_ALONE: f64 = 0.025;
 /// Standard deviation of a side's step from the shared motion, as a share of the reach.
-/// derived: two of them are the reach, within which both motions lie
+/// chosen: two of them are the reach, within which both motions lie
 const STEP: f64 = 0.5;
 /// Side of the blocks of surface that share errors, in radii.
 /// derived: a sixth of the side of a square plate, whose radius is `side / sqrt 6`; see docs/method.md (8.10)
@@ -326,7 +326,7 @@ fn settled(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], label: u8, motion: &Po
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::{
+    use crate::{
         RegisterConfig,
         pair::surface_pair::{FreeSpace, SurfacePair},
         samples::{

@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::{
+use crate::{
     pair::reprojection::MISSED,
     parts::{
         evidence_curve::{EvidencePoint, point, stands},
@@ -15,7 +15,7 @@ use crate::articulate::{
     },
     propose::ransac::CHANCE,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// A motion with less than this share of the least evidence explains next to nothing.
 /// tuned: shared/bags

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::{
+use crate::{
     pair::reprojection::EXPLAINED,
     parts::{
         labeling::label,
@@ -21,7 +21,7 @@ use crate::articulate::{
         slip::{Slip, round_axis},
     },
 };
-use crate::geometry::{Pose, Screw};
+use geometry::{Pose, Screw};
 
 /// Rounds in which a turned motion settles.
 const ROUNDS: usize = 3;
@@ -67,7 +67,7 @@ fn worth(pair: &MatchedPair<'_>, motions: &[Pose], k: usize) -> f64 {
 
 /// How well the motion of part `k` could be that of a hinge on another part, from 0 to 1: its axis runs
 /// by the surfaces of both, and it does not turn too far. A slide along another part has no axis; both
-/// touch.
+/// touch. See docs/method.md (6.13).
 fn hinge(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[u8], k: usize) -> f64 {
     let of = |part: usize| -> Vec<Point3<f64>> {
         let points = pair.surfaces.samples[0].points.iter().zip(labels);
@@ -175,7 +175,7 @@ impl Middle {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulate::{
+    use crate::{
         RegisterConfig,
         pair::surface_pair::SurfacePair,
         samples::synthetic::{Scene, camera_ring, turn},

@@ -10,7 +10,7 @@ const SPLIT: f64 = 0.8;
 /// tuned: shared/bags
 const ADDING: f64 = 0.6;
 /// A part with this many times the least evidence is one even where the sum falls a little.
-/// derived: enough for two parts
+/// chosen: enough for two parts
 const FIRM: f64 = 2.0;
 
 /// Evidence for a number of parts.

@@ -1,7 +1,7 @@
 //! One motion in the place of several: motions that each explain a segment of a part may have driven out the
 //! one that explains all of it, as none of them has much that it explains alone. See docs/method.md 6.7.
 
-use crate::articulate::{
+use crate::{
     pair::reprojection::{EXPLAINED, FREE},
     parts::{
         evidence_curve::point,
@@ -11,7 +11,7 @@ use crate::articulate::{
         settle::settle,
     },
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// A motion can take the place of one of whose surface it explains this share.
 /// tuned: shared/bags
@@ -78,7 +78,7 @@ mod tests {
     use nalgebra::{Point3, UnitQuaternion, Vector3};
 
     use super::*;
-    use crate::articulate::{RegisterConfig, samples::synthetic::Scene};
+    use crate::{RegisterConfig, samples::synthetic::Scene};
 
     #[test]
     fn one_motion_takes_the_place_of_two_that_each_explain_a_piece() {

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use crate::articulate::{
+use crate::{
     pair::surface_pair::{Labeling, SurfacePair},
     samples::surface_graph::Of,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Most rounds in which the labels of all parts settle: each state's follow from the other's.
 ///

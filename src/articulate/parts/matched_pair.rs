@@ -4,14 +4,14 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 
-use crate::articulate::{
+use crate::{
     observations::LiftedMatch,
     pair::{reprojection::EXPLAINED, surface_pair::SurfacePair},
     parts::config::RegisterConfig,
     propose::ransac::Gate,
     samples::spacing::{cell_of, occupied_cells},
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// What sets of motions are judged by.
 pub(crate) struct MatchedPair<'a> {
@@ -27,7 +27,7 @@ pub(crate) struct MatchedPair<'a> {
 
 impl<'a> MatchedPair<'a> {
     /// For an object whose longest side is `extent_m`.
-    pub fn new(
+    pub(crate) fn new(
         matches: &'a [LiftedMatch],
         extent_m: f64,
         config: &'a RegisterConfig,
@@ -38,7 +38,7 @@ impl<'a> MatchedPair<'a> {
     }
 
     /// The motion that every match follows.
-    pub fn match_labels(&self, motions: &[Pose]) -> Vec<Option<u8>> {
+    pub(crate) fn match_labels(&self, motions: &[Pose]) -> Vec<Option<u8>> {
         let one = |m: &LiftedMatch| {
             let supports = motions.iter().enumerate().map(|(k, t)| (self.gate.support(m, t), k));
             let (support, k) = supports.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
@@ -48,19 +48,19 @@ impl<'a> MatchedPair<'a> {
     }
 
     /// The matches that moved and follow a motion.
-    pub fn followers(&self, match_labels: &[Option<u8>], label: u8) -> Vec<LiftedMatch> {
+    pub(crate) fn followers(&self, match_labels: &[Option<u8>], label: u8) -> Vec<LiftedMatch> {
         let follows = |(m, l): &(&LiftedMatch, &Option<u8>)| **l == Some(label) && self.gate.has_moved(m);
         self.matches.iter().zip(match_labels).filter(follows).map(|(m, _)| *m).collect()
     }
 
     /// Side of the cells in which support is counted, meters.
-    pub fn cell_m(&self) -> f64 {
+    pub(crate) fn cell_m(&self) -> f64 {
         self.config.ransac.cell * self.extent_m
     }
 
     /// Cells of the matches that follow each motion, every cell by the match that most prefers it to all
     /// other motions; the state with fewer decides.
-    pub fn match_cells(&self, motions: &[Pose]) -> Vec<f64> {
+    pub(crate) fn match_cells(&self, motions: &[Pose]) -> Vec<f64> {
         let cell_m = self.cell_m();
         let mut best: Vec<[BTreeMap<[i64; 3], f64>; 2]> =
             motions.iter().map(|_| Default::default()).collect();
@@ -86,7 +86,7 @@ impl<'a> MatchedPair<'a> {
     }
 
     /// Cells of the surface of both states.
-    pub fn surface_cells(&self) -> usize {
+    pub(crate) fn surface_cells(&self) -> usize {
         self.surfaces.samples.iter().map(|s| occupied_cells(&s.points, self.cell_m())).sum()
     }
 }

@@ -3,25 +3,23 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::Pose;
 use crate::{
-    articulate::{
-        pair::{reprojection::ASTRAY, unexplained::Unexplained},
-        parts::{
-            elimination::{SLIGHT, Step, standing},
-            error::RegisterError,
-            evidence_curve::EvidencePoint,
-            matched_pair::MatchedPair,
-        },
+    pair::{reprojection::ASTRAY, unexplained::Unexplained},
+    parts::{
+        elimination::{SLIGHT, Step, standing},
+        error::RegisterError,
+        evidence_curve::EvidencePoint,
+        matched_pair::MatchedPair,
     },
-    note::{Note, NoteCode},
 };
+use common::note::{Note, NoteCode};
+use geometry::Pose;
 
 /// Motions with less evidence than this many times the least are said to rest on little of it.
 /// tuned: shared/bags
 pub(crate) const LITTLE: f64 = 1.5;
 /// Share of the surface that must stand still before it is said that nothing moved.
-/// derived: the majority
+/// chosen: the majority
 const MAJORITY: f64 = 0.5;
 
 /// The motions that are parts.

@@ -4,19 +4,16 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
 use crate::{
-    articulate::{
-        LiftedMatch, RegisterConfig, RegisterError, Registrar, Registration,
-        parts::{
-            elimination::{best, steps},
-            matched_pair::MatchedPair,
-        },
-        register,
-        samples::synthetic::{Scene, camera_ring},
+    LiftedMatch, RegisterConfig, RegisterError, Registrar, Registration,
+    parts::{
+        elimination::{best, steps},
+        matched_pair::MatchedPair,
     },
-    geometry::Pose,
-    gpu::Offload,
-    random::stage_rng,
+    register,
+    samples::synthetic::{Scene, camera_ring},
 };
+use geometry::Pose;
+use numeric::random::stage_rng;
 
 fn uniform(rng: &mut impl Rng) -> f64 {
     (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
@@ -177,7 +174,7 @@ fn a_search_goes_on_from_any_of_its_steps() {
     let config = RegisterConfig::default();
     let begin = || {
         let mut rng = stage_rng(0, "register", 0);
-        Registrar::new(&matches, [&s0, &s1], [None, None], None, &config, &Offload::none(), &mut rng).unwrap()
+        Registrar::new(&matches, [&s0, &s1], [None, None], None, &config, &mut rng).unwrap()
     };
     let mut whole = begin();
     let mut kept = Vec::new();

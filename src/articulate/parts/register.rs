@@ -3,15 +3,13 @@
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::Pose;
 use crate::{
-    articulate::{
-        observations::SurfaceSamples,
-        parts::{error::RegisterError, evidence_curve::EvidencePoint, matched_pair::MatchedPair},
-        propose::ransac::Proposal,
-    },
-    note::Note,
+    observations::SurfaceSamples,
+    parts::{error::RegisterError, evidence_curve::EvidencePoint, matched_pair::MatchedPair},
+    propose::ransac::Proposal,
 };
+use common::note::Note;
+use geometry::Pose;
 
 /// What supports a motion.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

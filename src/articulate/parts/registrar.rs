@@ -5,7 +5,7 @@
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::{
+use crate::{
     observations::{LiftedMatch, SurfaceSamples},
     pair::surface_pair::{FreeSpace, SurfacePair},
     parts::{
@@ -29,7 +29,7 @@ use crate::articulate::{
     },
     samples::spacing::reach_m,
 };
-use crate::{geometry::Pose, gpu::Offload};
+use geometry::Pose;
 
 /// Motions that matches propose where the number of parts is to be found, beside the spare ones.
 const PROPOSED: usize = 8;
@@ -72,14 +72,12 @@ impl<'a> Registrar<'a> {
         free: [Option<FreeSpace<'a>>; 2],
         parts: Option<usize>,
         config: &'a RegisterConfig,
-        offload: &Offload,
         rng: &mut impl Rng,
     ) -> Result<Self, RegisterError> {
         let extent_m = checked_extent_m(&samples, parts)?;
         let wanted = parts.map_or(PROPOSED, |p| p - 1);
         // Motions by matches, on a reach that forgives rough ones (docs/method.md 6.10).
-        let coarse = SurfacePair::new(samples, free, reach_m(samples, config.first_reach * extent_m))
-            .offloading(offload);
+        let coarse = SurfacePair::new(samples, free, reach_m(samples, config.first_reach * extent_m));
         let pair = MatchedPair::new(matches, extent_m, config, coarse);
         let proposals = propose(&pair.informative, wanted, extent_m, &config.ransac, rng);
         let motions =
@@ -201,8 +199,7 @@ impl<'a> Registrar<'a> {
     fn shorten_reach(&mut self) {
         let SurfacePair { samples, free, .. } = self.pair.surfaces;
         let last_m = self.pair.config.last_reach * self.pair.extent_m;
-        let shorter = SurfacePair::new(samples, free, reach_m(samples, last_m));
-        self.pair.surfaces = shorter.offloading(self.pair.surfaces.offload());
+        self.pair.surfaces = SurfacePair::new(samples, free, reach_m(samples, last_m));
     }
 }
 
@@ -216,7 +213,7 @@ pub fn register(
     config: &RegisterConfig,
     rng: &mut impl Rng,
 ) -> Result<Registration, RegisterError> {
-    let mut search = Registrar::new(matches, samples, free, parts, config, &Offload::none(), rng)?;
+    let mut search = Registrar::new(matches, samples, free, parts, config, rng)?;
     while search.done() < search.total() {
         search.step()?;
     }

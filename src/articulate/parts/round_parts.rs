@@ -1,11 +1,11 @@
 //! Parts whose spin about their middle is unobservable by shape, but for marks on them.
 
-use crate::articulate::{
+use crate::{
     parts::matched_pair::MatchedPair,
     parts::score::is_matched,
     propose::{round_part::round_turn, search::Search},
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// The motions, those of round parts that no matches fix after the turn that explains most; `None` where that
 /// changes none.

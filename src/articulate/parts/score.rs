@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::articulate::{
+use crate::{
     pair::reprojection::{ASTRAY, CONTRADICTED, FREE, HIDDEN, log_ratio},
     parts::{
         labeling::label,
@@ -11,7 +11,7 @@ use crate::articulate::{
     },
     propose::ransac::CHANCE,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Weight of a cell of explained surface against one with a match: a match to a wrong place is caught by its
 /// distance in three dimensions and its look, a wrong surface by its distance in one.
@@ -98,7 +98,7 @@ fn ratios(
     others.into_iter().map(|k| (k, (total(k) - lost).max(0.0))).collect()
 }
 
-/// See [`EvidencePoint::unexplained`].
+/// See [`EvidencePoint::unexplained`] and docs/method.md (7.4).
 pub(crate) fn unexplained(pair: &MatchedPair<'_>, motions: &[Pose]) -> f64 {
     let costs = [0, 1].map(|s| pair.surfaces.shape_costs(s, motions, None));
     let best = costs

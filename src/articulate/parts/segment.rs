@@ -8,8 +8,8 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 
-use crate::articulate::{observations::SurfaceSamples, pair::surface_pair::SurfacePair};
-use crate::geometry::Pose;
+use crate::{observations::SurfaceSamples, pair::surface_pair::SurfacePair};
+use geometry::Pose;
 
 /// The samples of one label on one flat patch in each state; one state may have none.
 pub(crate) struct Segment {
@@ -21,7 +21,7 @@ pub(crate) struct Segment {
 impl Segment {
     /// Whether its surface of state 0 under one motion and its surface of state 1 under another would pass
     /// through each other.
-    pub fn crosses(&self, pair: &SurfacePair<'_>, first: &Pose, second: &Pose) -> bool {
+    pub(crate) fn crosses(&self, pair: &SurfacePair<'_>, first: &Pose, second: &Pose) -> bool {
         let [Some(start), Some(end)] = [0, 1].map(|s| Facet::of(pair.samples[s], &self.samples[s])) else {
             return false;
         };
@@ -35,7 +35,7 @@ impl Segment {
 }
 
 /// Surfaces this many standard deviations from a plane are on one side of it.
-/// derived: beyond three lie 0.3 % of what is within the plane
+/// chosen: beyond three lie 0.3 % of what is within the plane
 const CLEAR: f64 = 3.0;
 
 /// Where a segment is in one state.

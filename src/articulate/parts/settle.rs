@@ -1,11 +1,11 @@
 //! Labels and motions in turn.
 
-use crate::articulate::{
+use crate::{
     pair::point_to_plane::refine,
     parts::{labeling::label, matched_pair::MatchedPair},
     samples::spacing::SETTLED,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Rounds, at most, before motions that could all be parts are judged: surface has then gone over to the
 /// motion that it follows.

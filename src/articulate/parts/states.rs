@@ -10,34 +10,31 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Pose, Screw};
 use crate::{
-    articulate::{
-        observations::{LiftedMatch, SurfaceSamples},
-        pair::{
-            point_to_plane::refine,
-            reprojection::log_ratio,
-            surface_pair::{FreeSpace, SurfacePair},
-            unexplained::LEAST_SHARE,
-        },
-        parts::{
-            config::RegisterConfig,
-            error::RegisterError,
-            evidence_curve::{EvidencePoint, point, stands},
-            matched_pair::MatchedPair,
-            part_count::{LITTLE, little_evidence, more_than_asked},
-            register::{Registration, checked_extent_m},
-            score::{SURFACE_WEIGHT, prefer},
-        },
-        propose::ransac::CHANCE,
-        samples::{
-            spacing::{occupied_cells, reach_m},
-            surface_graph::Of,
-        },
+    observations::{LiftedMatch, SurfaceSamples},
+    pair::{
+        point_to_plane::refine,
+        reprojection::log_ratio,
+        surface_pair::{FreeSpace, SurfacePair},
+        unexplained::LEAST_SHARE,
     },
-    gpu::Offload,
-    note::{Note, NoteCode},
+    parts::{
+        config::RegisterConfig,
+        error::RegisterError,
+        evidence_curve::{EvidencePoint, point, stands},
+        matched_pair::MatchedPair,
+        part_count::{LITTLE, little_evidence, more_than_asked},
+        register::{Registration, checked_extent_m},
+        score::{SURFACE_WEIGHT, prefer},
+    },
+    propose::ransac::CHANCE,
+    samples::{
+        spacing::{occupied_cells, reach_m},
+        surface_graph::Of,
+    },
 };
+use common::note::{Note, NoteCode};
+use geometry::{Pose, Screw};
 
 /// Most parts that are looked at.
 const MOST: usize = 32;
@@ -94,7 +91,7 @@ const FOUND: u8 = u8::MAX;
 /// The labels that points have in all labelings together, with the number of points: all zero first, then by
 /// number.
 #[must_use]
-pub fn common_refinement(labelings: &[&[u8]]) -> Vec<(Vec<u8>, usize)> {
+pub(crate) fn common_refinement(labelings: &[&[u8]]) -> Vec<(Vec<u8>, usize)> {
     let points = labelings.iter().map(|l| l.len()).min().unwrap_or(0);
     let mut counts: BTreeMap<Vec<u8>, usize> = BTreeMap::from([(vec![0; labelings.len()], 0)]);
     for i in 0..points {
@@ -115,7 +112,6 @@ pub fn unite<'a>(
     pairs: &[StatePair<'a>],
     parts: Option<usize>,
     config: &'a RegisterConfig,
-    offload: &Offload,
 ) -> Result<United, RegisterError> {
     let all: Vec<&SurfaceSamples> = std::iter::once(surface).chain(pairs.iter().map(|p| p.surface)).collect();
     let extent_m = checked_extent_m(&all, parts)?;
@@ -123,7 +119,7 @@ pub fn unite<'a>(
     let run = |pair: &StatePair<'a>| {
         let both = [surface, pair.surface];
         let reach_m = reach_m(both, config.last_reach * extent_m);
-        let surfaces = SurfacePair::new(both, [free, pair.free], reach_m).offloading(offload);
+        let surfaces = SurfacePair::new(both, [free, pair.free], reach_m);
         MatchedPair::new(pair.matches, extent_m, config, surfaces)
     };
     let states = States { runs: pairs.iter().map(run).collect() };

@@ -4,12 +4,10 @@ use nalgebra::{Point3, Vector3};
 
 use super::*;
 use crate::{
-    articulate::{
-        register,
-        samples::synthetic::{Scene, camera_ring},
-    },
-    random::stage_rng,
+    register,
+    samples::synthetic::{Scene, camera_ring},
 };
+use numeric::random::stage_rng;
 
 #[test]
 fn two_points_are_of_one_part_if_every_pair_says_so() {
@@ -75,7 +73,7 @@ fn check(scenes: &[Scene], parts: usize) -> United {
             found: &found[k],
         })
         .collect();
-    let united = unite((&zero, Some(&free0)), &pairs, None, &config, &Offload::none()).unwrap();
+    let united = unite((&zero, Some(&free0)), &pairs, None, &config).unwrap();
     assert_eq!(united.motions[0].len(), parts, "{:?}", united.curve);
     // Each part of the truth is one of the parts found, and moves as it did.
     for (k, scene) in scenes.iter().enumerate() {

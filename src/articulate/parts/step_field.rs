@@ -33,7 +33,7 @@ pub(crate) struct StepField<'a> {
 impl StepField<'_> {
     /// Logarithm of the evidence for values that explain the distances, over that for none: the likelihood of
     /// a linear Gaussian model with the values integrated out. `None` without readings.
-    pub fn log_evidence(&self, design: &Design<'_>) -> Option<f64> {
+    pub(crate) fn log_evidence(&self, design: &Design<'_>) -> Option<f64> {
         let size = design(self.readings.first()?).len();
         let (mut matrix, mut right) = (DMatrix::identity(size, size) * self.prior, DVector::zeros(size));
         for r in self.readings {

@@ -2,12 +2,12 @@
 
 use nalgebra::Vector3;
 
-use crate::articulate::pair::{
-    reprojection::{CONTRADICTED, FREE},
+use crate::pair::{
+    reprojection::{CONTRADICTED, FREE, HALF_COST},
     surface_pair::{EDGE, SurfacePair},
     unexplained::Unexplained,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Tolerance of the distance from a plane against its scale while motions are polished.
 /// tuned: shared/bags
@@ -70,7 +70,7 @@ pub(crate) fn sharp(
         let z = off_m / (SOFT * pair.scales.plane_m);
         // One less the cost of docs/method.md (6.5), on a wider scale: a motion on its way must feel the
         // surface.
-        (aside < EDGE).then_some(6.0 / (6.0 + z * z) * likeness(pair, left, state, sample, j))
+        (aside < EDGE).then_some(HALF_COST / (HALF_COST + z * z) * likeness(pair, left, state, sample, j))
     });
     match partner {
         Some(v) if v > 0.5 => v,

@@ -2,10 +2,10 @@
 
 use nalgebra::{Matrix3, Point3, Rotation3, SymmetricEigen, Unit, Vector3};
 
-use crate::articulate::{
+use crate::{
     observations::SurfaceSamples, pair::surface_pair::SurfacePair, samples::surface_graph::SAME_NORMAL,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Largest distance of a sample from its plane, as a share of the reach.
 /// tuned: shared/bags
@@ -25,7 +25,7 @@ pub(crate) struct Patch {
 
 impl Patch {
     /// Where a motion takes it.
-    pub fn under(&self, motion: &Pose) -> Self {
+    pub(crate) fn under(&self, motion: &Pose) -> Self {
         Self {
             samples: self.samples.clone(),
             center: motion * self.center,
@@ -51,7 +51,7 @@ pub(crate) struct Band {
 impl Band {
     /// The band from one patch to the other; `None` where they lie in two planes, or not side by side along
     /// an edge.
-    pub fn between(a: &Patch, b: &Patch, tolerance_m: f64) -> Option<Self> {
+    pub(crate) fn between(a: &Patch, b: &Patch, tolerance_m: f64) -> Option<Self> {
         let normal = a.axes[2];
         let apart = b.center - a.center;
         if normal.dot(&b.axes[2]) < SAME_NORMAL || normal.dot(&apart).abs() > tolerance_m {
@@ -79,12 +79,12 @@ impl Band {
     }
 
     /// Area, square meters.
-    pub fn area_m2(&self) -> f64 {
+    pub(crate) fn area_m2(&self) -> f64 {
         4.0 * self.half_m[0] * self.half_m[1]
     }
 
     /// Whether a point with this normal lies in it.
-    pub fn holds(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+    pub(crate) fn holds(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> bool {
         let [along, across, off] = self.axes.map(|axis| axis.dot(&(point - self.center)).abs());
         along < self.half_m[0]
             && across < self.half_m[1]

@@ -7,8 +7,8 @@ use nalgebra::Point3;
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::articulate::observations::LiftedMatch;
-use crate::geometry::{Pose, rigid_fit};
+use crate::observations::LiftedMatch;
+use geometry::{Pose, rigid_fit};
 
 /// How motions are proposed. Lengths are shares of the object's longest side.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -76,6 +76,9 @@ const TWIN_GATES: f64 = 2.5;
 /// A motion with this share of another's support is none found again: badly placed matches seldom agree.
 /// tuned: shared/bags
 const TWIN_SUPPORT: f64 = 0.3;
+/// Radii within which triples of matches are drawn, in turn, as shares of the object's longest side.
+/// chosen: from a small part to half the object
+const TRIPLE_RADII: [f64; 4] = [0.1, 0.2, 0.35, 0.5];
 /// Two matches closer than this share of the object's longest side are in one place.
 /// tuned: shared/bags
 const TWIN_DISTANCE: f64 = 0.06;
@@ -90,7 +93,7 @@ pub(crate) struct Gate {
 
 impl Gate {
     /// The gate for an object whose longest side is `extent_m`.
-    pub fn new(config: &RansacConfig, extent_m: f64) -> Self {
+    pub(crate) fn new(config: &RansacConfig, extent_m: f64) -> Self {
         Self { sigmas: config.gate_sigmas, most_m: config.gate * extent_m, moved_m: config.moved * extent_m }
     }
 
@@ -100,18 +103,18 @@ impl Gate {
     }
 
     /// Whether a match has moved enough to contradict a static surface.
-    pub fn has_moved(&self, m: &LiftedMatch) -> bool {
+    pub(crate) fn has_moved(&self, m: &LiftedMatch) -> bool {
         (m.point1 - m.point0).norm() > self.moved_m.max(self.sigmas * m.sigma_m)
     }
 
     /// How much a match supports a motion: 1 on it, falling with the squared distance to 0 at the gate.
-    pub fn support(&self, m: &LiftedMatch, motion: &Pose) -> f64 {
+    pub(crate) fn support(&self, m: &LiftedMatch, motion: &Pose) -> f64 {
         let distance = self.distance_m(m.sigma_m);
         (1.0 - (motion * m.point0 - m.point1).norm_squared() / (distance * distance)).max(0.0)
     }
 
     /// Whether a match agrees with a motion.
-    pub fn supports(&self, m: &LiftedMatch, motion: &Pose) -> bool {
+    pub(crate) fn supports(&self, m: &LiftedMatch, motion: &Pose) -> bool {
         self.support(m, motion) > 0.0
     }
 }
@@ -119,7 +122,7 @@ impl Gate {
 /// Motions supported by the matches that moved, strongest first: one after the other, each with the matches
 /// that the earlier ones leave. Slack of the static part and motions already found are left out. `extent_m`
 /// is the object's longest side; at most `motions + spare` motions.
-pub fn propose(
+pub(crate) fn propose(
     matches: &[LiftedMatch],
     motions: usize,
     extent_m: f64,
@@ -216,14 +219,14 @@ pub(crate) struct CellCounter {
 }
 
 impl CellCounter {
-    pub fn new(pool: &[LiftedMatch], gate: Gate, cell_m: f64) -> Self {
+    pub(crate) fn new(pool: &[LiftedMatch], gate: Gate, cell_m: f64) -> Self {
         let (c0, n0) = cells(pool.iter().map(|m| m.point0), cell_m);
         let (c1, n1) = cells(pool.iter().map(|m| m.point1), cell_m);
         Self { gate, cells: [c0, c1], best: [vec![0.0; n0], vec![0.0; n1]], touched: Vec::new() }
     }
 
     /// Support of a motion: each cell counts by its best match, and the state with the smaller sum decides.
-    pub fn support(&mut self, pool: &[LiftedMatch], motion: &Pose) -> f64 {
+    pub(crate) fn support(&mut self, pool: &[LiftedMatch], motion: &Pose) -> f64 {
         let rotation = motion.rotation.to_rotation_matrix();
         let mut sums = [0.0f32; 2];
         self.touched.clear();
@@ -268,7 +271,7 @@ fn strongest(
     let mut best: Option<(f64, Pose)> = None;
     for trial in 0..config.trials {
         // Close triples stay on one part, wide ones fix its rotation: all sizes take turns.
-        let radius_m = extent_m * [0.1, 0.2, 0.35, 0.5][trial % 4];
+        let radius_m = extent_m * TRIPLE_RADII[trial % TRIPLE_RADII.len()];
         let Some(motion) = triple(pool, radius_m, &gate, rng) else { continue };
         let support = counter.support(pool, &motion);
         if best.as_ref().is_none_or(|b| support > b.0) {
@@ -325,6 +328,7 @@ fn triple(pool: &[LiftedMatch], radius_m: f64, gate: &Gate, rng: &mut impl Rng) 
 }
 
 /// Refitted to its support, each match weighted by its precision and its distance (Geman-McClure).
+/// See docs/method.md (6.2).
 fn refit(pool: &[LiftedMatch], motion: &Pose, gate: &Gate) -> Option<Pose> {
     let pairs = pool.iter().filter(|m| gate.supports(m, motion)).map(|m| {
         let z = (motion * m.point0 - m.point1).norm() / m.sigma_m;
@@ -336,8 +340,8 @@ fn refit(pool: &[LiftedMatch], motion: &Pose, gate: &Gate) -> Option<Pose> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
     use nalgebra::Vector3;
+    use numeric::random::stage_rng;
 
     fn uniform(rng: &mut impl Rng) -> f64 {
         (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64

@@ -9,12 +9,12 @@
 use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::{
+use crate::{
     pair::{surface_pair::SurfacePair, unexplained::LEAST_SHARE},
     propose::{round_part::round_turn, search::Search, slid_panel::moved_patches, trial::motions_on},
     samples::{hinge::PARALLEL, slip::Slip},
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// A slide that explains this share of what a small turn explains is as good.
 /// tuned: shared/bags
@@ -70,8 +70,8 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::articulate::{SurfaceSamples, samples::synthetic::Scene};
-    use crate::geometry::Screw;
+    use crate::{SurfaceSamples, samples::synthetic::Scene};
+    use geometry::Screw;
 
     #[test]
     fn a_plain_panel_slides_by_what_it_uncovers() {

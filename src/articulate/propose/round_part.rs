@@ -5,15 +5,15 @@ use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
-use crate::articulate::{propose::search::Search, samples::slip::round_axis};
-use crate::geometry::Pose;
+use crate::{propose::search::Search, samples::slip::round_axis};
+use geometry::Pose;
 
 /// Turns that are tried, all round.
 const TURNS: usize = 72;
 /// The best of them, which are polished.
 const PEAKS: usize = 4;
 /// A turn explains more than none by this share.
-/// tuned: random objects (tests/python/random_objects.md)
+/// tuned: random objects (eval/random_objects.md)
 const MORE: f64 = 0.02;
 
 /// The motion of a round part after the turn about its middle that explains most, where that is more.
@@ -44,10 +44,8 @@ mod tests {
     use nalgebra::{Point3, Vector3};
 
     use super::*;
-    use crate::{
-        articulate::{SurfaceSamples, pair::surface_pair::SurfacePair},
-        geometry::Screw,
-    };
+    use crate::{SurfaceSamples, pair::surface_pair::SurfacePair};
+    use geometry::Screw;
 
     const RADIUS_M: f64 = 0.04;
     const HEIGHT_M: f64 = 0.025;

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::{
+use crate::{
     pair::{surface_pair::SurfacePair, unexplained::Unexplained},
     propose::{
         agreement::{gains, rough, sharp},
@@ -16,7 +16,7 @@ use crate::articulate::{
         spacing::SETTLED,
     },
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Worth of a turn about an axis in thin air against that about a hinge: links in a chain may turn so.
 /// tuned: shared/bags
@@ -34,7 +34,7 @@ pub(crate) struct Search<'a, 'b> {
 }
 
 impl<'a, 'b> Search<'a, 'b> {
-    pub fn new(pair: &'a SurfacePair<'b>, motions: &[Pose], extent_m: f64) -> Self {
+    pub(crate) fn new(pair: &'a SurfacePair<'b>, motions: &[Pose], extent_m: f64) -> Self {
         // What a panel that slid covers in both states is opened before faces are grown over it.
         let mut left = Unexplained::of(pair, motions);
         join_slid(&mut left, pair);
@@ -45,7 +45,8 @@ impl<'a, 'b> Search<'a, 'b> {
 
 impl Search<'_, '_> {
     /// What a motion explains, weighed by what speaks for a hinge, and unweighed, in samples.
-    pub fn worth(&self, motion: &Pose) -> (f64, f64) {
+    /// See docs/method.md (6.10).
+    pub(crate) fn worth(&self, motion: &Pose) -> (f64, f64) {
         let gains = gains(self.pair, motion, &self.left, &self.faces);
         let total: f64 = gains.iter().flatten().sum();
         (
@@ -55,17 +56,17 @@ impl Search<'_, '_> {
     }
 
     /// The same by some of the samples and for a motion that is a step off.
-    pub fn rough_worth(&self, motion: &Pose) -> f64 {
+    pub(crate) fn rough_worth(&self, motion: &Pose) -> f64 {
         self.weighed(motion, self.total_by(motion, 7, |s, i, t| rough(self.pair, &self.left, s, i, t)))
     }
 
     /// The same by some of the samples, where beyond an edge there is no surface.
-    pub fn sharp_worth(&self, motion: &Pose) -> f64 {
+    pub(crate) fn sharp_worth(&self, motion: &Pose) -> f64 {
         self.weighed(motion, self.sharp_total(motion))
     }
 
     /// The same unweighed, with the share of every sample of state 0.
-    pub fn sharp_total(&self, motion: &Pose) -> (f64, Vec<f64>) {
+    pub(crate) fn sharp_total(&self, motion: &Pose) -> (f64, Vec<f64>) {
         self.total_by(motion, 5, |s, i, t| sharp(self.pair, &self.left, s, i, t))
     }
 
@@ -103,7 +104,7 @@ impl Search<'_, '_> {
     /// The motion that explains most of those that steps along slips lead to, with its worth. What a
     /// point-to-plane fit leaves free (slips of the surface in itself: Gelfand and Guibas 2004) shows at
     /// edges alone: steps are halved where none helps.
-    pub fn climbed(
+    pub(crate) fn climbed(
         &self,
         motion: &Pose,
         mut slips: [Slip; 3],
@@ -131,7 +132,7 @@ impl Search<'_, '_> {
     }
 
     /// Middle of the surface of state 0 that a motion explains.
-    pub fn center(&self, motion: &Pose) -> Point3<f64> {
+    pub(crate) fn center(&self, motion: &Pose) -> Point3<f64> {
         let explained = self.explained(motion);
         let points = &self.pair.samples[0].points;
         Point3::from(
@@ -146,7 +147,7 @@ impl Search<'_, '_> {
     }
 
     /// What a motion explains, points and normals, where it goes.
-    pub fn moved(&self, motion: &Pose) -> (Vec<Point3<f64>>, Vec<Vector3<f64>>) {
+    pub(crate) fn moved(&self, motion: &Pose) -> (Vec<Point3<f64>>, Vec<Vector3<f64>>) {
         let samples = self.pair.samples[0];
         self.explained(motion)
             .into_iter()
@@ -155,13 +156,13 @@ impl Search<'_, '_> {
     }
 
     /// Slips of what a motion explains, where it goes.
-    pub fn slips(&self, motion: &Pose) -> Option<[Slip; 3]> {
+    pub(crate) fn slips(&self, motion: &Pose) -> Option<[Slip; 3]> {
         let (points, normals) = self.moved(motion);
         slips(&points, &normals)
     }
 
     /// Takes what a motion explains out of what is left.
-    pub fn explain(&mut self, motion: &Pose) {
+    pub(crate) fn explain(&mut self, motion: &Pose) {
         let explained = gains(self.pair, motion, &self.left, &self.faces);
         for s in 0..2 {
             for (i, _) in explained[s].iter().enumerate().filter(|(_, g)| **g > 0.0) {

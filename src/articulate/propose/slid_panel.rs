@@ -1,6 +1,6 @@
 //! Plain panels that slid within their plane: surface between what they left and what they reached.
 
-use crate::articulate::{
+use crate::{
     pair::{point_to_plane::SAMPLES_PER_READING, surface_pair::SurfacePair, unexplained::Unexplained},
     propose::patch::{Band, Patch, faces, patches},
 };
@@ -12,7 +12,7 @@ const PATCHES: usize = 12;
 /// tuned: shared/bags
 const LEAST_PATCH: f64 = 0.001;
 /// What lies between two strips of one plane is surface if it has this share of the samples of its area.
-/// derived: the majority
+/// chosen: the majority
 const FILLED: f64 = 0.5;
 
 /// Patches of those `faces` of a state that hold samples which moved.

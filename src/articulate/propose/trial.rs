@@ -6,14 +6,14 @@
 use nalgebra::{Point3, Rotation3, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-use crate::articulate::{
+use crate::{
     pair::{
         point_to_plane::refine, reprojection::EXPLAINED, surface_pair::SurfacePair, unexplained::Unexplained,
     },
     propose::{agreement::mean_rough, patch::Patch, search::Search},
     samples::hinge::{HINGE, PARALLEL, axis_of_turn},
 };
-use crate::geometry::{Pose, Screw};
+use geometry::{Pose, Screw};
 
 /// Points of a patch that a trial looks at.
 const TRIAL_POINTS: usize = 60;
@@ -33,6 +33,12 @@ const AGREEMENT: f64 = 0.35;
 /// The same of what hangs on a part that moves: it is tried in more places.
 /// tuned: shared/bags
 const FIRM_AGREEMENT: f64 = 0.6;
+/// Distance between two trials, as a share of the reach.
+/// chosen: below the reach, so that some trial comes near enough for partners to be found
+const STEP: f64 = 0.7;
+/// Samples that may be the part of a patch lie within so many times half its diagonal, and the reach.
+/// chosen: patches miss their rims
+const ABOUT: f64 = 1.2;
 
 /// What a patch may hang on, in one state.
 struct Body {
@@ -111,8 +117,7 @@ fn motions_of(
     onto: &[Patch],
 ) -> Vec<Pose> {
     let (pair, left) = (search.pair, &search.left);
-    // Below the reach, so that some trial comes near enough for partners to be found.
-    let step_m = 0.7 * pair.reach_m;
+    let step_m = STEP * pair.reach_m;
     let (some, carried) = (some_of(patch), patch.under(&body.carried));
     let [slides, turns] = own_trials(&carried, step_m, search.extent_m);
     let planes = onto.iter().flat_map(|p| plane_trials(&carried, p, step_m)).collect();
@@ -243,7 +248,7 @@ fn distinct_trials(
 /// Label 1 for the unexplained samples that may be the part of a patch: those about it, and all of the other
 /// state.
 fn near_labels(pair: &SurfacePair<'_>, state: usize, patch: &Patch, left: &Unexplained) -> [Vec<u8>; 2] {
-    let radius_m = 1.2 * patch.half_m[0].hypot(patch.half_m[1]) + pair.reach_m;
+    let radius_m = ABOUT * patch.half_m[0].hypot(patch.half_m[1]) + pair.reach_m;
     [0, 1].map(|s| {
         let near = |p: &Point3<f64>| s != state || (p - patch.center).norm() < radius_m;
         pair.samples[s].points.iter().zip(&left.open[s]).map(|(p, open)| u8::from(*open && near(p))).collect()

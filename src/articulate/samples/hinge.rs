@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use crate::geometry::{Pose, Screw};
+use geometry::{Pose, Screw};
 
 /// Distance of an axis from both surfaces that it joins at which half of what speaks for a hinge is lost, as
 /// a share of the object's longest side.

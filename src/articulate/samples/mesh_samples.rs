@@ -2,8 +2,8 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::articulate::observations::SurfaceSamples;
-use crate::surface::TriangleMesh;
+use crate::observations::SurfaceSamples;
+use surface::TriangleMesh;
 
 /// Rounds in which vertex normals are averaged with those of the vertices around them.
 const NORMAL_ROUNDS: usize = 2;

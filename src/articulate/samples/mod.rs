@@ -2,12 +2,11 @@
 
 pub(crate) mod flat_patch;
 pub(crate) mod hinge;
-pub(crate) mod index_kernel;
-pub(crate) mod index_sets;
 pub(crate) mod mesh_samples;
+pub(crate) mod place_costs;
 pub(crate) mod sample_index;
 pub(crate) mod slip;
 pub(crate) mod spacing;
 pub(crate) mod surface_graph;
 #[cfg(test)]
-pub(crate) mod synthetic;
+pub mod synthetic;

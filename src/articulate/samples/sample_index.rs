@@ -2,41 +2,42 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::{articulate::observations::SurfaceSamples, geometry::bounding_box, lists::Lists};
+use crate::observations::SurfaceSamples;
+use geometry::bounding_box;
+use numeric::lists::Lists;
 
 /// Most cells of an index; larger scenes get larger cells.
 ///
-/// derived: 8 MB of cells
+/// chosen: 8 MB of cells
 const MOST_CELLS: f64 = 2e6;
+/// Cells grow by this until they are few enough.
+///
+/// chosen: a few trials, and little is given away
+const LARGER: f64 = 1.5;
 
 /// Samples sorted into cells of the search radius.
 pub(crate) struct SampleIndex<'a> {
-    /// Those that are searched.
-    pub samples: &'a SurfaceSamples,
-    /// Lower corner of the first cell, meters.
-    pub origin: Point3<f64>,
-    /// Side of a cell, meters.
-    pub cell_m: f64,
-    /// How far is searched, meters.
-    pub reach_m: f64,
-    /// Cells along x, y, z.
-    pub dims: [usize; 3],
+    samples: &'a SurfaceSamples,
+    origin: Point3<f64>,
+    cell_m: f64,
+    reach_m: f64,
+    dims: [usize; 3],
     /// Samples of every cell.
-    pub cells: Lists<u32>,
+    cells: Lists<u32>,
     /// Places of the samples in that order: those of a row of cells lie side by side in memory.
     points: Vec<Point3<f64>>,
 }
 
 impl<'a> SampleIndex<'a> {
     /// An index for searches up to `reach_m`.
-    pub fn new(samples: &'a SurfaceSamples, reach_m: f64) -> Self {
+    pub(crate) fn new(samples: &'a SurfaceSamples, reach_m: f64) -> Self {
         let (origin, upper) = bounding_box(samples.points.iter().copied()).unwrap_or_default();
         let extent = upper - origin;
         let mut cell_m = reach_m;
         let dims_of = |cell: f64| [0, 1, 2].map(|k| (extent[k] / cell).floor() + 1.0);
         // A short reach in a large scene would take more memory than the samples.
         while dims_of(cell_m).iter().product::<f64>() > MOST_CELLS {
-            cell_m *= 1.5;
+            cell_m *= LARGER;
         }
         let dims = dims_of(cell_m).map(|d| d as usize);
         let no_cells = Lists::of(0, std::iter::empty());
@@ -59,7 +60,7 @@ impl<'a> SampleIndex<'a> {
 
     /// Visits all samples in the cells around a point with their places: every sample within the reach, and
     /// some beyond.
-    pub fn around(&self, point: &Point3<f64>, mut visit: impl FnMut(usize, &Point3<f64>)) {
+    pub(crate) fn around(&self, point: &Point3<f64>, mut visit: impl FnMut(usize, &Point3<f64>)) {
         let c = self.cell(point);
         let range = |k: usize| {
             let (low, high) = ((c[k] - 1).max(0), (c[k] + 1).min(self.dims[k] as i64 - 1));
@@ -82,15 +83,16 @@ impl<'a> SampleIndex<'a> {
     }
 
     /// Distance to the nearest sample, meters; the reach where none is nearer.
-    pub fn distance_m(&self, point: &Point3<f64>) -> f64 {
+    pub(crate) fn distance_m(&self, point: &Point3<f64>) -> f64 {
         let mut squared = self.reach_m * self.reach_m;
         self.around(point, |_, p| squared = squared.min((p - point).norm_squared()));
         squared.sqrt()
     }
 
     /// The sample with the smallest `|dp|^2 + (reach |dn| / 2)^2`, if below the reach squared: opposite sides
-    /// of a thin sheet never meet.
-    pub fn nearest(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<usize> {
+    /// of a thin sheet never meet. See docs/method.md (6.3).
+    pub(crate) fn nearest(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<usize> {
+        // derived: the square of the half in that distance
         let bend = 0.25 * self.reach_m * self.reach_m;
         let (mut best, mut best_squared) = (None, self.reach_m * self.reach_m);
         self.around(point, |i, p| {

@@ -3,10 +3,8 @@
 
 use nalgebra::{Matrix6, Point3, SymmetricEigen, Unit, UnitQuaternion, Vector3, Vector6};
 
-use crate::{
-    geometry::{Pose, Screw},
-    statistics::median,
-};
+use geometry::{Pose, Screw};
+use numeric::statistics::median;
 
 /// Fewer points have no slips that mean anything.
 const LEAST_POINTS: usize = 12;
@@ -37,12 +35,12 @@ pub(crate) struct Slip {
 
 impl Slip {
     /// A shift along a unit direction.
-    pub fn along(direction: Vector3<f64>) -> Self {
+    pub(crate) fn along(direction: Vector3<f64>) -> Self {
         Self { turn: Vector3::zeros(), shift: direction, center: Point3::origin() }
     }
 
     /// The motion by a step: points at the root mean square distance from the center move by about `step_m`.
-    pub fn by(&self, step_m: f64) -> Pose {
+    pub(crate) fn by(&self, step_m: f64) -> Pose {
         let center = self.center.coords;
         let turn = UnitQuaternion::from_scaled_axis(self.turn * step_m);
         Pose::from_parts((center + self.shift * step_m - turn * center).into(), turn)

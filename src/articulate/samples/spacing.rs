@@ -2,16 +2,19 @@
 
 use nalgebra::Point3;
 
-use crate::articulate::observations::SurfaceSamples;
+use crate::observations::SurfaceSamples;
 
 /// Motions that differ by less than this share of the reach are one.
 /// tuned: shared/bags
 pub(crate) const SETTLED: f64 = 0.02;
+/// Least reach in spacings of the samples.
+/// chosen: the eight neighbors on a square of samples lie within
+const LEAST_SPACINGS: f64 = 1.5;
 
 /// The wished reach, or more where the samples lie too far apart for it.
 pub(crate) fn reach_m(surfaces: [&SurfaceSamples; 2], wished_m: f64) -> f64 {
     let spacing_m = surfaces.map(|s| spacing_m(&s.points, wished_m));
-    wished_m.max(1.5 * spacing_m[0].max(spacing_m[1]))
+    wished_m.max(LEAST_SPACINGS * spacing_m[0].max(spacing_m[1]))
 }
 
 /// Mean distance of neighboring points of a surface, meters: those on an area `a` lie about `sqrt(a / n)`

@@ -3,12 +3,14 @@
 use rayon::prelude::*;
 
 use crate::{
-    articulate::{
-        observations::SurfaceSamples,
-        samples::{flat_patch::flat_patches, index_sets::IndexSets, sample_index::SampleIndex},
+    observations::SurfaceSamples,
+    samples::{
+        flat_patch::flat_patches,
+        place_costs::{ALL_FREE, HIDDEN},
+        sample_index::SampleIndex,
     },
-    lists::Lists,
 };
+use numeric::{index_sets::IndexSets, lists::Lists};
 
 /// Neighbors of a sample.
 const NEIGHBORS: usize = 8;
@@ -35,12 +37,12 @@ const EVIDENCE: f32 = TEMPERATURE * std::f32::consts::LN_2;
 /// A label of this cost is out of the question where another one leaves the sample hidden at worst, whatever
 /// is around: its motion takes the sample to a place that was seen empty all around.
 ///
-/// derived: the cost of such places (docs/method.md 6.5)
-const EMPTY: f32 = 1.61 - 1e-4;
+/// derived: the cost of such places (docs/method.md 6.2)
+const EMPTY: f32 = ALL_FREE - 1e-4;
 /// Cost of the best label up to which that holds.
 ///
-/// derived: the cost of hidden places (docs/method.md 6.5)
-const HIDDEN_AT_WORST: f32 = 0.9 + 1e-4;
+/// derived: the cost of hidden places (docs/method.md 6.2)
+const HIDDEN_AT_WORST: f32 = HIDDEN + 1e-4;
 /// An island is not of a label that more than this share of its samples rules out.
 ///
 /// derived: where one in fifty of the label's own samples and one in two of others' makes even odds
@@ -49,7 +51,7 @@ const RULED_OUT_SHARE: f32 = 0.17;
 const FILL_ROUNDS: usize = 60;
 /// The largest change of a share at which they end.
 ///
-/// derived: a thousandth of a share decides no label
+/// chosen: a thousandth of a share decides no label
 const FILL_CHANGE: f32 = 1e-3;
 /// A smaller change of a sample's shares is not handed on to its neighbors.
 ///
@@ -74,6 +76,10 @@ pub(crate) const NORMAL_SIGMA: f64 = 0.35;
 ///
 /// derived: unit vectors that differ by [`NORMAL_SIGMA`]
 pub(crate) const SAME_NORMAL: f64 = 1.0 - 0.5 * NORMAL_SIGMA * NORMAL_SIGMA;
+/// Weight of the squared change of a normal between neighbors, in reaches squared.
+///
+/// chosen: neighbors across a right angle are nearly half a reach farther
+const CREASE: f64 = 0.1;
 /// Weight of the offset from the tangent planes against that along them, squared.
 ///
 /// derived: in standard deviations of a normal, the mean over both planes
@@ -84,7 +90,7 @@ const LIFT: f64 = 0.5 / (NORMAL_SIGMA * NORMAL_SIGMA);
 const FACE_DISSENT: f32 = 0.2;
 /// Pull of a sheet while parts are missing, whose surface would otherwise go to others in pieces.
 ///
-/// derived: as much as all neighbors of the sample together
+/// chosen: as much as all neighbors of the sample together
 const SHEET_PULL: f32 = 1.0;
 /// Pull of a face on those of its samples that hold no evidence: within some three samples of evidence the
 /// walk decides, as two parts may lie in one plane.
@@ -117,7 +123,7 @@ pub(crate) struct SurfaceGraph {
 impl SurfaceGraph {
     /// The nearest samples within `reach_m`. Those on the same tangent plane weigh more than those beyond a
     /// crease or on a parallel surface.
-    pub fn new(samples: &SurfaceSamples, index: &SampleIndex<'_>, reach_m: f64) -> Self {
+    pub(crate) fn new(samples: &SurfaceSamples, index: &SampleIndex<'_>, reach_m: f64) -> Self {
         let neighbors: Vec<_> = (0..samples.points.len())
             .into_par_iter()
             .map(|i| neighbors_of(i, samples, index, reach_m))
@@ -129,18 +135,18 @@ impl SurfaceGraph {
     }
 
     /// Neighbors of a sample.
-    pub fn beside(&self, sample: usize) -> impl Iterator<Item = usize> {
+    pub(crate) fn beside(&self, sample: usize) -> impl Iterator<Item = usize> {
         beside(&self.neighbors, sample)
     }
 
     /// Number of the smooth sheet that a sample is on.
-    pub fn sheet(&self, sample: usize) -> u32 {
+    pub(crate) fn sheet(&self, sample: usize) -> u32 {
         self.sheets[sample]
     }
 
     /// Probability of every label at every sample, sample-major, by mean-field smoothing of the costs.
     /// See docs/method.md (6.7).
-    pub fn mean_field(&self, costs: &[f32], labels: usize) -> Vec<f32> {
+    pub(crate) fn mean_field(&self, costs: &[f32], labels: usize) -> Vec<f32> {
         let (n, quads) = (self.neighbors.len(), labels.div_ceil(LANES));
         // Labels lie in lanes of four, as registers hold them; lanes without a label stay zero.
         let mut lanes = vec![[0.0f32; LANES]; n * quads];
@@ -187,7 +193,7 @@ impl SurfaceGraph {
 
     /// Labels by a random walk to the samples that hold evidence (Grady 2006): where there is none, what is
     /// reached first along the surface wins. See docs/method.md (6.8).
-    pub fn fill(&self, mut beliefs: Vec<f32>, costs: &[f32], labels: usize, of: Of) -> Vec<u8> {
+    pub(crate) fn fill(&self, mut beliefs: Vec<f32>, costs: &[f32], labels: usize, of: Of) -> Vec<u8> {
         let n = self.neighbors.len();
         let own: Vec<f32> =
             (0..n).map(|i| OWN_PULL * evidence(&costs[i * labels..(i + 1) * labels])).collect();
@@ -258,7 +264,7 @@ impl SurfaceGraph {
 
     /// Joins components of a label that are apart from its largest component and hold little evidence to the
     /// label around them (static if nothing is) that they hold little evidence against.
-    pub fn join_islands(&self, labels: &mut [u8], costs: &[f32], motions: usize) {
+    pub(crate) fn join_islands(&self, labels: &mut [u8], costs: &[f32], motions: usize) {
         let components = components(&self.neighbors, |i, j| labels[i] == labels[j]);
         let count = components.iter().max().map_or(0, |m| *m as usize + 1);
         let mut strength = vec![0.0f32; count];
@@ -380,7 +386,7 @@ fn neighbors_of(
             let bend = (samples.normals[j] - samples.normals[i]).norm_squared();
             let lift = samples.normals[i].dot(&offset).powi(2) + samples.normals[j].dot(&offset).powi(2);
             // The distance of docs/method.md (6.6): beyond a crease or across a gap neighbors are farther.
-            near.push((squared + LIFT * lift + 0.1 * reach_m * reach_m * bend, j as u32));
+            near.push((squared + LIFT * lift + CREASE * reach_m * reach_m * bend, j as u32));
         }
     });
     // Equal distances by index, so that the neighbors do not depend on the sort.

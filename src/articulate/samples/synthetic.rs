@@ -2,14 +2,12 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::articulate::{observations::SurfaceSamples, pair::surface_pair::SurfacePair};
-use crate::{
-    capture::{PixelMatch, RgbdFrame},
-    geometry::{Intrinsics, Pose, Screw},
-};
+use crate::{observations::SurfaceSamples, pair::surface_pair::SurfacePair};
+use capture::{PixelMatch, RgbdFrame};
+use geometry::{Intrinsics, Pose, Screw};
 
 /// A rigid part of axis-aligned boxes, as it stands in state 0.
-pub(crate) struct Part {
+pub struct Part {
     /// Center and half sides of every box, meters.
     pub boxes: Vec<(Point3<f64>, Vector3<f64>)>,
     /// Motion from state 0 to state 1 before the world is moved.
@@ -17,7 +15,7 @@ pub(crate) struct Part {
 }
 
 /// Parts in a world that was moved as a whole by `world`.
-pub(crate) struct Scene {
+pub struct Scene {
     pub parts: Vec<Part>,
     pub world: Pose,
     /// Amplitude of the texture; 0 is plain.
@@ -29,7 +27,7 @@ fn cuboid(center: [f64; 3], half: [f64; 3]) -> (Point3<f64>, Vector3<f64>) {
 }
 
 /// A turn about a line.
-pub(crate) fn turn(axis: Vector3<f64>, point: [f64; 3], angle_rad: f64) -> Pose {
+pub fn turn(axis: Vector3<f64>, point: [f64; 3], angle_rad: f64) -> Pose {
     let screw = Screw {
         direction: nalgebra::Unit::new_normalize(axis),
         point: Point3::from(point),
@@ -312,7 +310,7 @@ fn value_noise(p: &Vector3<f64>, seed: i64) -> f64 {
 }
 
 /// Camera poses on a ring that looks down on the object from two heights.
-pub(crate) fn camera_ring(count: usize) -> Vec<Pose> {
+pub fn camera_ring(count: usize) -> Vec<Pose> {
     (0..count)
         .map(|i| {
             let angle = std::f64::consts::TAU * i as f64 / count as f64;

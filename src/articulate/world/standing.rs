@@ -3,16 +3,14 @@
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use crate::{
-    capture::{NoiseConfig, RgbdFrame},
-    geometry::Pose,
-};
+use capture::{NoiseConfig, RgbdFrame};
+use geometry::Pose;
 
 /// Of this many pixels of the object one is compared.
 const EVERY: usize = 97;
 /// Readings that differ by more than this many standard deviations are of different surfaces.
 ///
-/// derived: three, 0.3 % of a normal distribution
+/// chosen: three, 0.3 % of a normal distribution
 const SAME: f64 = 3.0;
 
 /// Share of the surface seen in state 1 that a motion takes from where state 0 sees it; what no frame of
@@ -58,10 +56,8 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::{
-        geometry::Intrinsics,
-        surface::shapes::{cuboid, looking_at_origin, view_of},
-    };
+    use capture::analytic::{cuboid, looking_at_origin, view_of};
+    use geometry::Intrinsics;
 
     #[test]
     fn what_stands_still_is_not_what_moved() {

@@ -7,11 +7,11 @@
 
 use rand_core::Rng;
 
-use crate::articulate::{
+use crate::{
     observations::LiftedMatch,
     propose::ransac::{CHANCE, CellCounter, Gate, RansacConfig, common_motions},
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Cells of matches that a motion needs to count.
 ///
@@ -159,7 +159,7 @@ mod tests {
     use nalgebra::{Point3, Vector3};
 
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     fn uniform(rng: &mut impl Rng) -> f64 {
         (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64

@@ -3,14 +3,16 @@
 use nalgebra::{Point3, Vector3};
 
 use super::layout::BoardLayout;
-use crate::{capture::RgbdFrame, geometry::Pose, statistics::median};
+use crate::RgbdFrame;
+use geometry::Pose;
+use numeric::statistics::median;
 
 /// Every so many columns and rows a reading is taken: neighbors err alike.
 const STRIDE: usize = 2;
 /// Readings of a view, at least.
 const LEAST_READINGS: usize = 60;
 /// Cosine between ray and normal below which a stereo camera errs.
-/// derived: 75 deg
+/// chosen: 75 deg, beyond which few stereo cameras read well
 const GRAZING: f64 = 0.26;
 
 /// Depth readings over the distance of the board in a view, their median; none where few fall on it.

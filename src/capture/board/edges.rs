@@ -3,32 +3,34 @@
 use nalgebra::{Point2, Vector2};
 
 use super::{detection::SeenTag, gray::Gray, tag::CELLS};
-use crate::statistics::median;
+use numeric::statistics::median;
 
 /// Share of an edge next to each corner that is not measured: there the other edge blurs it.
 /// derived: a cell
 const CORNER_SHARE: f64 = 1.0 / CELLS as f64;
-/// Step across an edge, pixels.
+/// Step across an edge, pixels. chosen: a fifth of the blur, so that no edge falls between two readings
 const STEP_PX: f64 = 0.25;
 /// Half the width over which an edge is blurred, pixels.
-/// derived: half a pixel that gathers light, and linear interpolation over one to either side, less its tail
+/// chosen: half a pixel that gathers light, and linear interpolation over one to either side, less its tail
 const BLUR_PX: f64 = 1.25;
 /// Reach to either side of an edge, pixels: less than its blur leaves some of it out, more only adds noise.
 /// What is black and what is white there is a cell wide, and its far side is blurred, too: where a cell is
 /// narrower than twice the blur, the edge is known no better than by what the reach goes too far.
+/// chosen: 3 pixels are twice the blur and more
 const REACH_PX: [f64; 2] = [BLUR_PX, 3.0];
 /// Least difference of brightness between the sides of an edge.
-/// derived: five times the noise of a camera, of 255
+/// chosen: five times the noise of a camera, of 255
 const LEAST_STEP: f64 = 10.0 / 255.0;
 /// Places that an edge is measured at, at least.
 const LEAST_PLACES: usize = 5;
 /// Places a pixel apart share half of what they read.
-/// derived: linear interpolation over two pixels along and across
+/// chosen: linear interpolation over two pixels along and across
 const INDEPENDENT: f64 = 0.5;
 /// An edge is known no better than this, pixels: lens models leave as much.
-/// derived: a fifth of the reprojection error of good calibrations
+/// chosen: a fifth of the reprojection error of good calibrations
 const FLOOR_PX: f64 = 0.03;
 /// Places further off the line than so many robust standard deviations are not of it.
+/// chosen: 0.3 % of a normal distribution lie beyond
 const GATE: f64 = 3.0;
 /// Rounds, each about the line of the one before.
 const ROUNDS: usize = 3;

@@ -1,6 +1,6 @@
 //! Brightness of an image, between its pixels too.
 
-use crate::capture::{RgbdFrame, luma};
+use crate::{RgbdFrame, luma};
 
 /// Brightness of an image, in `[0, 1]`.
 pub(super) struct Gray {

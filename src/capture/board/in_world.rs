@@ -8,10 +8,8 @@ use super::{
     place::{BoardInView, BoardPlace, ColorTurn, UNREAD_BOARD, board_scale, stretched},
     sighting::BoardSighting,
 };
-use crate::{
-    capture::{RgbdFrame, SensorCalibration},
-    geometry::Pose,
-};
+use crate::{RgbdFrame, SensorCalibration};
+use geometry::Pose;
 
 /// A board in the world, and the views that show it.
 #[derive(Clone, Debug, PartialEq)]

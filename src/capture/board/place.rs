@@ -2,12 +2,10 @@
 
 use nalgebra::{Matrix6, Matrix6x3, SMatrix, UnitQuaternion, Vector3, Vector6};
 
-use super::sighting::BoardSighting;
-use crate::{
-    capture::poses::{drift::adjoint, pose_noise::PoseNoise},
-    geometry::{Intrinsics, Pose, shift_and_turn},
-    statistics::median,
-};
+use super::{pose::STEP_M, sighting::BoardSighting};
+use crate::poses::{drift::adjoint, pose_noise::PoseNoise};
+use geometry::{Intrinsics, Pose, shift_and_turn};
+use numeric::statistics::{CHI_SQUARE_MEDIAN_6, SIGMAS_PER_MAD, median};
 
 /// Views that must show the board.
 /// derived: three poses leave nothing open and one to be doubted
@@ -23,14 +21,12 @@ const DEPTH_SHARE: f64 = 0.0013;
 pub const UNREAD_BOARD: [f64; 2] = [1.0, 0.005];
 /// Rounds of Gauss-Newton at most.
 const ROUNDS: usize = 20;
-/// Rounds end when nothing moves further than this, meters (radians times one meter).
-/// derived: a thousandth of what the frame is to be known to
-const STEP_M: f64 = 1e-6;
 /// Squared length of six residuals in standard deviations at which a view counts a quarter (Geman and McClure
 /// 1985).
 /// derived: 0.3 % of a chi-square distribution of six degrees
 const DOUBTED: f64 = 20.0;
 /// A view whose squared length is more than so many times that does not agree.
+/// chosen: well beyond the length at which a view counts a quarter
 const DISAGREES: f64 = 2.0;
 /// Starts that are tried: some views may be wrong.
 const STARTS: usize = 12;
@@ -96,12 +92,13 @@ pub fn stretched(pose: &Pose, scale: f64) -> Pose {
 pub fn board_scale(ratios: &[f64]) -> Option<[f64; 2]> {
     let middle = median(ratios.to_vec())?;
     let off = median(ratios.iter().map(|r| (r - middle).abs()).collect())?;
-    let of_mean = 1.4826 * off / (ratios.len() as f64).sqrt();
+    let of_mean = SIGMAS_PER_MAD * off / (ratios.len() as f64).sqrt();
     (ratios.len() >= LEAST_VIEWS).then(|| [1.0 / middle, of_mean.hypot(DEPTH_SHARE)])
 }
 
 impl BoardPlace {
     /// How far from the board its frame's deviation is named, meters.
+    /// chosen: about the distance of an object from its board
     pub const AWAY_M: f64 = 0.5;
 
     /// The place by all views that show a board, in the order of time; `scale` is the length of the board
@@ -196,8 +193,7 @@ impl Problem<'_> {
         let all: Vec<Residual> =
             self.views.iter().map(|v| self.residual(board_from_map, v)).collect::<Option<_>>()?;
         let squares: Vec<f64> = all.iter().map(|r| r.off.dot(&(r.information * r.off))).collect();
-        // The median of a chi-square distribution of six degrees is 5.35.
-        let variance = (median(squares.clone())? / 5.35).max(1.0);
+        let variance = (median(squares.clone())? / CHI_SQUARE_MEDIAN_6).max(1.0);
         let mut gradient = Vector6::zeros();
         let mut fit = Fit {
             board_from_map: *board_from_map,
@@ -219,6 +215,7 @@ impl Problem<'_> {
         Some((fit, gradient))
     }
 
+    /// What a view adds to the sum of docs/method.md (2.29).
     fn residual(&self, board_from_map: &Pose, view: &BoardInView<'_>) -> Option<Residual> {
         let map_from_color = self.color_in_map(view);
         let off =

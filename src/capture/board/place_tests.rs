@@ -1,10 +1,8 @@
 use nalgebra::Point3;
 
 use super::*;
-use crate::{
-    capture::board::Paper,
-    random::{self, stage_rng},
-};
+use crate::board::Paper;
+use numeric::random::{self, stage_rng};
 
 /// Deviation of the poses by the board, as of one view.
 const SIGMA: [f64; 2] = [0.002, 0.0015];

@@ -8,26 +8,26 @@ use super::{
     layout::BoardLayout,
     start::{pose_by_homography, turned_over},
 };
-use crate::{
-    geometry::{Intrinsics, Pose},
-    statistics::median,
-};
+use geometry::{Intrinsics, Pose};
+use numeric::statistics::{SIGMAS_PER_MAD, median};
 
 /// By how much ink spreads and bright areas bloom: edges of all tags lie off by as many pixels, one standard
 /// deviation.
-/// derived: half a pixel of blur, read in brightness that is not linear
+/// chosen: half a pixel of blur, read in brightness that is not linear
 const INK_PX: f64 = 0.3;
 /// Rounds of Gauss-Newton at most.
 const ROUNDS: usize = 20;
 /// Rounds end when nothing moves further than this, meters (radians times one meter).
-/// derived: a thousandth of what the frame is to be known to
-const STEP_M: f64 = 1e-6;
+/// chosen: a thousandth of what the frame is to be known to
+pub(super) const STEP_M: f64 = 1e-6;
 /// Length of a residual in standard deviations at which it counts a quarter (Geman and McClure 1985).
-/// derived: 0.3 % of a normal distribution
+/// chosen: 0.3 % of a normal distribution
 const DOUBTED: f64 = 3.0;
 /// A tag whose edges lie further off is another one of the same number, or bent, pixels.
+/// chosen: beyond any blur and any error of a usual lens model
 const OTHER_PX: f64 = 1.5;
 /// Edges are off by no more than this in a start, pixels: the first rounds doubt residuals beyond it.
+/// chosen: corners of a tag are found much nearer
 const START_PX: f64 = 5.0;
 
 /// Where a camera stands before a board.
@@ -138,7 +138,7 @@ impl BoardView<'_> {
             self.points.iter().map(|p| self.residual(&camera_from_board, fit.ink_px, p)).collect();
         let lengths = self.points.iter().zip(&residuals);
         let lengths: Vec<f64> = lengths.filter_map(|(p, r)| Some(r.as_ref()?.0.abs() / p.sigma_px)).collect();
-        fit.scale = (1.4826 * median(lengths)?).max(1.0);
+        fit.scale = (SIGMAS_PER_MAD * median(lengths)?).max(1.0);
         let (mut information, mut gradient) = (SMatrix::<f64, 7, 7>::zeros(), Step::zeros());
         information[(6, 6)] = INK_PX.powi(-2) * fit.scale.powi(2);
         gradient[6] = information[(6, 6)] * fit.ink_px;
@@ -163,7 +163,7 @@ impl BoardView<'_> {
     }
 
     /// How far a measured place lies outside the edge that the board should show there, pixels, and the
-    /// derivatives by the unknowns.
+    /// derivatives by the unknowns. See docs/method.md (2.28).
     fn residual(&self, camera_from_board: &Pose, ink_px: f64, point: &EdgePoint) -> Option<(f64, Step)> {
         let corners = self.layout.corners(point.tag)?;
         let ends = [corners[point.edge], corners[(point.edge + 1) % 4]];

@@ -1,14 +1,12 @@
 use nalgebra::Vector6;
 
 use super::*;
-use crate::{
-    capture::board::{
-        Paper,
-        test_view::{INTRINSICS, looking_at},
-    },
-    geometry::shift_and_turn,
-    random::{self, stage_rng},
+use crate::board::{
+    Paper,
+    test_view::{INTRINSICS, looking_at},
 };
+use geometry::shift_and_turn;
+use numeric::random::{self, stage_rng};
 
 const SIGMA_PX: f64 = 0.08;
 

@@ -12,7 +12,8 @@ use super::{
     layout::{BoardLayout, Paper},
     pose::BoardView,
 };
-use crate::{capture::RgbdFrame, geometry::Pose};
+use crate::RgbdFrame;
+use geometry::Pose;
 
 /// Tags that must agree: one alone may be any tag of its number, and its tilt is hardly known.
 const LEAST_TAGS: usize = 2;
@@ -73,10 +74,8 @@ mod tests {
     use nalgebra::Point2;
 
     use super::*;
-    use crate::{
-        capture::board::test_view::{drawn, looking_at},
-        geometry::shift_and_turn,
-    };
+    use crate::board::test_view::{drawn, looking_at};
+    use geometry::shift_and_turn;
 
     #[test]
     fn boards_are_found_where_they_are() {

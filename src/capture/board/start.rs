@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Point2, SMatrix, UnitQuaternion, Vector3};
 
-use crate::geometry::{Intrinsics, Pose};
+use geometry::{Intrinsics, Pose};
 
 /// The pose of a camera that sees points of the plane z = 0, by the homography between them (direct linear
 /// transformation: Hartley and Zisserman 2004, section 4.1); none where they do not determine it.

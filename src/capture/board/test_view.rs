@@ -3,10 +3,8 @@
 use nalgebra::{Matrix3, Point2, Rotation3, UnitQuaternion, Vector3};
 
 use super::layout::BoardLayout;
-use crate::{
-    capture::RgbdFrame,
-    geometry::{Intrinsics, Pose},
-};
+use crate::RgbdFrame;
+use geometry::{Intrinsics, Pose};
 
 /// A camera as many have it.
 pub const INTRINSICS: Intrinsics =

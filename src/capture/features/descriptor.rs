@@ -7,7 +7,8 @@ use std::{
     ops::Range,
 };
 
-use crate::{capture::features::scale_space::Plane, vectors::vectorized};
+use crate::features::scale_space::Plane;
+use numeric::vectorized;
 
 /// Numbers in a descriptor: 4 x 4 cells of 8 gradient directions.
 pub const DESCRIPTOR_LENGTH: usize = 128;
@@ -19,9 +20,9 @@ pub const DESCRIPTOR_NORM: f32 = 4096.0;
 pub type Descriptor = [i16; DESCRIPTOR_LENGTH];
 
 /// Bins of the orientation histogram.
-pub(super) const ORIENTATIONS: usize = 36;
+const ORIENTATIONS: usize = 36;
 /// Cells along one side of the descriptor.
-pub(super) const CELLS: usize = 4;
+const CELLS: usize = 4;
 /// Cells along one side of the descriptor with those of its border.
 const SIDE: usize = CELLS + 2;
 /// Directions in a cell.
@@ -29,7 +30,7 @@ const DIRECTIONS: usize = 8;
 
 /// Gradient magnitude and direction (radians in `[0, 2 pi)`, counter-clockwise with y down) of pixels: of
 /// the stretches of rows that were asked for, as most lie near no feature.
-pub(crate) struct Gradients<'a, K> {
+pub struct Gradients<'a, K> {
     image: &'a Plane,
     keep: K,
     magnitudes: Vec<f32>,
@@ -176,28 +177,15 @@ fn in_circle(angle_rad: f32) -> f32 {
     if angle_rad >= TAU { angle_rad - TAU } else { angle_rad }
 }
 
-/// Standard deviation and half side of the window about a point in which its directions are looked for, by
-/// its scale, pixels.
-pub(super) fn orientation_window(scale_px: f32) -> [f32; 2] {
-    // Lowe's section 5: a window of 1.5 scales.
-    [1.5 * scale_px, 4.5 * scale_px]
-}
-
-/// Standard deviation of the window about a point that is described, and length of a cell, by its scale,
-/// pixels.
-pub(super) fn descriptor_window(scale_px: f32) -> [f32; 2] {
-    let cell_px = 3.0 * scale_px;
-    [0.5 * CELLS as f32 * cell_px, cell_px]
-}
-
 /// Dominant gradient directions around a point, radians, strongest first; at most 3.
-pub(crate) fn orientations(
+pub fn orientations(
     gradients: &mut Gradients<'_, impl Fn(usize, usize) -> bool>,
     x: f32,
     y: f32,
     scale_px: f32,
 ) -> Vec<f32> {
-    let [sigma, radius] = orientation_window(scale_px);
+    // Lowe's section 5: a window of 1.5 scales, peaks from 80 % of the highest.
+    let (sigma, radius) = (1.5 * scale_px, 4.5 * scale_px);
     // The last bin is the first one again.
     let mut turns = [0.0f32; ORIENTATIONS + 2];
     gradients.around(
@@ -217,11 +205,7 @@ pub(crate) fn orientations(
     );
     turns[0] += turns[ORIENTATIONS];
     turns[1] += turns[ORIENTATIONS + 1];
-    peaks(std::array::from_fn(|i| turns[i]))
-}
-
-/// Directions at which a histogram is highest, radians, highest first; at most 3.
-pub(super) fn peaks(mut histogram: [f32; ORIENTATIONS]) -> Vec<f32> {
+    let mut histogram: [f32; ORIENTATIONS] = std::array::from_fn(|i| turns[i]);
     // Smoothed, so that noise makes no second peak beside the first.
     for _ in 0..2 {
         let h = histogram;
@@ -239,7 +223,6 @@ pub(super) fn peaks(mut histogram: [f32; ORIENTATIONS]) -> Vec<f32> {
             histogram[i],
             histogram[(i + 1) % ORIENTATIONS],
         );
-        // Lowe's section 5: peaks from 80 % of the highest.
         if c > 0.0 && c >= 0.8 * highest && c > l && c >= r {
             // The peak of the parabola through three bins.
             let shift = 0.5 * (l - r) / (l - 2.0 * c + r).min(-1e-12);
@@ -252,14 +235,14 @@ pub(super) fn peaks(mut histogram: [f32; ORIENTATIONS]) -> Vec<f32> {
 
 /// The descriptor of the square of side 12 `scale_px` about a point, turned by `angle_rad`; `None` without
 /// gradients.
-pub(crate) fn describe(
+pub fn describe(
     gradients: &mut Gradients<'_, impl Fn(usize, usize) -> bool>,
     x: f32,
     y: f32,
     scale_px: f32,
     angle_rad: f32,
 ) -> Option<Descriptor> {
-    let [sigma, cell_px] = descriptor_window(scale_px);
+    let cell_px = 3.0 * scale_px;
     let (sin, cos) = angle_rad.sin_cos();
     let half = 0.5 * CELLS as f32;
     let reach = cell_px * (half + 0.5);
@@ -274,7 +257,7 @@ pub(crate) fn describe(
         [a[0].max(b[0]), a[1].min(b[1])]
     };
     let mut cells: Cells = [[[0.0; DIRECTIONS + 2]; SIDE * SIDE]; 2];
-    gradients.around([x, y], SQRT_2 * reach, sigma, columns, |stretch| {
+    gradients.around([x, y], SQRT_2 * reach, half * cell_px, columns, |stretch| {
         add(&mut cells, stretch, [sin, cos], [cell_px, angle_rad]);
     });
     let mut values = [0.0f32; DESCRIPTOR_LENGTH];
@@ -289,7 +272,7 @@ pub(crate) fn describe(
             values[at + 1] += cell[DIRECTIONS + 1];
         }
     }
-    hellinger(values)
+    hellinger(&mut values)
 }
 
 /// Histograms of the cells, row by row, with a border of cells that is not used; twice, as pixels beside
@@ -304,6 +287,7 @@ vectorized! {
 
 #[inline(always)]
 fn add_stretch(cells: &mut Cells, stretch: &Stretch, [sin, cos]: [f32; 2], [cell_px, angle_rad]: [f32; 2]) {
+    /// derived: the last sample of a side
     const TOP: f32 = (SIDE - 1) as f32;
     // Cell coordinates with a border cell on each side: the center of inner cell 0 is at 1.
     let middle = 0.5 * TOP;
@@ -337,7 +321,7 @@ fn add_stretch(cells: &mut Cells, stretch: &Stretch, [sin, cos]: [f32; 2], [cell
 }
 
 /// Clips strong gradients at 0.2 of the vector's length, divides by the sum and takes square roots.
-pub(super) fn hellinger(mut values: [f32; DESCRIPTOR_LENGTH]) -> Option<Descriptor> {
+fn hellinger(values: &mut [f32; DESCRIPTOR_LENGTH]) -> Option<Descriptor> {
     let norm = values.iter().map(|v| v * v).sum::<f32>().sqrt();
     if norm < 1e-6 {
         return None;
@@ -351,7 +335,7 @@ pub(super) fn hellinger(mut values: [f32; DESCRIPTOR_LENGTH]) -> Option<Descript
 
 /// Inner product; at most `DESCRIPTOR_NORM^2` up to rounding, so it fits.
 #[inline(always)]
-pub(crate) fn dot(a: &Descriptor, b: &Descriptor) -> i32 {
+pub fn dot(a: &Descriptor, b: &Descriptor) -> i32 {
     a.iter().zip(b).map(|(&p, &q)| i32::from(p) * i32::from(q)).sum()
 }
 

@@ -5,12 +5,13 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::capture::features::{
+use crate::features::{
     descriptor::{Descriptor, Gradients, describe, orientations},
     luma::luma,
-    scale_space::{Octave, Plan, Plane, octaves},
+    scale_space::{Octave, Plane, octaves},
 };
-use crate::{capture::frame::RgbdFrame, vectors::vectorized};
+use crate::frame::RgbdFrame;
+use numeric::vectorized;
 
 /// How features are found.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -69,7 +70,9 @@ const MARGIN_PX: usize = 20;
 pub fn features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<Feature> {
     let Some(crop) = Crop::of(frame, config) else { return Vec::new() };
     let mut found = detect(&crop, config);
-    crop.place(&mut found);
+    for f in &mut found {
+        f.pixel = [0, 1].map(|k| f.pixel[k] + crop.corner[k] as f32);
+    }
     found
 }
 
@@ -83,19 +86,19 @@ pub(super) fn image_features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<F
 }
 
 /// The part of a frame that is searched.
-pub(super) struct Crop {
+struct Crop {
     /// Its brightness.
-    pub image: Plane,
+    image: Plane,
     /// Its pixels on the object.
-    pub object: Vec<bool>,
+    object: Vec<bool>,
     /// Those at which features may be.
-    pub inner: Vec<bool>,
+    inner: Vec<bool>,
     corner: [usize; 2],
 }
 
 impl Crop {
     /// Only the object is searched: most frames show it in a small part. `None` without an object.
-    pub fn of(frame: &RgbdFrame, config: &FeatureConfig) -> Option<Self> {
+    fn of(frame: &RgbdFrame, config: &FeatureConfig) -> Option<Self> {
         let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
         let object: Vec<bool> = (0..w * h).map(|i| frame.is_object(i)).collect();
         let [left, top, right, bottom] = bounds(&object, w)?;
@@ -112,19 +115,6 @@ impl Crop {
     fn whole(image: Plane, object: Vec<bool>, config: &FeatureConfig) -> Self {
         let inner = eroded(&object, image.width, config.mask_erosion_px);
         Self { image, object, inner, corner: [0; 2] }
-    }
-
-    /// Its scale space.
-    pub fn plan(&self, config: &FeatureConfig) -> Plan {
-        let Plane { width, height, .. } = self.image;
-        Plan::of(width, height, config.scales, config.sigma_px, config.upsample)
-    }
-
-    /// Brings features to pixels of the frame.
-    pub fn place(&self, features: &mut [Feature]) {
-        for f in features {
-            f.pixel = [0, 1].map(|k| f.pixel[k] + self.corner[k] as f32);
-        }
     }
 }
 
@@ -162,47 +152,16 @@ fn eroded(mask: &[bool], width: usize, radius: usize) -> Vec<bool> {
 }
 
 /// An extremum of the differences.
-#[derive(Clone, Copy)]
-pub(super) struct Extremum {
+struct Extremum {
     /// Octave, and level of the pixel at which it was found: the image that describes it.
-    pub found: (usize, usize),
+    found: (usize, usize),
     /// Pixels of the octave.
-    pub x: f32,
+    x: f32,
     /// Pixels of the octave.
-    pub y: f32,
+    y: f32,
     /// Level with fraction.
     level: f32,
     response: f32,
-}
-
-impl Extremum {
-    /// Its blur, pixels of the octave.
-    pub fn scale_px(&self, config: &FeatureConfig) -> f32 {
-        config.sigma_px * 2f32.powf(self.level / config.scales as f32)
-    }
-
-    /// The feature there by the step of its octave.
-    pub fn feature(
-        &self,
-        step: f32,
-        config: &FeatureConfig,
-        angle_rad: f32,
-        descriptor: Descriptor,
-    ) -> Feature {
-        Feature {
-            pixel: [self.x * step, self.y * step],
-            scale_px: self.scale_px(config) * step,
-            angle_rad,
-            response: self.response,
-            descriptor,
-        }
-    }
-}
-
-/// Strongest first, so that no more are described than are asked for; of equal ones that which was found
-/// first.
-pub(super) fn sort_by_response(extrema: &mut [Extremum]) {
-    extrema.sort_by(|a, b| b.response.abs().total_cmp(&a.response.abs()));
 }
 
 /// Features of a crop, strongest first, in its pixels.
@@ -213,7 +172,7 @@ fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
         let (x, y) = ((u + 0.5) as usize, (v + 0.5) as usize);
         x < w && y < h && set[y * w + x]
     };
-    let octaves = octaves(&crop.image, &crop.plan(config));
+    let octaves = octaves(&crop.image, config.scales, config.sigma_px, config.upsample);
     let mut extrema = Vec::new();
     for (o, octave) in octaves.iter().enumerate() {
         let step = octave.step;
@@ -222,7 +181,9 @@ fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
             extrema.extend(self::extrema(octave, (o, level), config, inside));
         }
     }
-    sort_by_response(&mut extrema);
+    // Strongest first, so that no more are described than are asked for; of equal ones that which was found
+    // first.
+    extrema.sort_by(|a, b| b.response.abs().total_cmp(&a.response.abs()));
     let mut gradients = BTreeMap::new();
     let mut found = Vec::new();
     for e in extrema {
@@ -237,10 +198,15 @@ fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
             let keep = move |x: usize, y: usize| inside(&crop.object, x as f32 * step, y as f32 * step);
             Gradients::of(&octave.gaussians[e.found.1], keep)
         });
-        let scale = e.scale_px(config);
+        let scale = config.sigma_px * 2f32.powf(e.level / config.scales as f32);
         for angle_rad in orientations(gradients, e.x, e.y, scale) {
-            let descriptor = describe(gradients, e.x, e.y, scale, angle_rad);
-            found.extend(descriptor.map(|d| e.feature(step, config, angle_rad, d)));
+            found.extend(describe(gradients, e.x, e.y, scale, angle_rad).map(|descriptor| Feature {
+                pixel: [e.x * step, e.y * step],
+                scale_px: scale * step,
+                angle_rad,
+                response: e.response,
+                descriptor,
+            }));
         }
     }
     found.truncate(config.limit);
@@ -261,7 +227,8 @@ fn extrema(
     for y in 1..h - 1 {
         let rows = [y - 1, y, y + 1].map(|y| &d[level].values[y * w..(y + 1) * w]);
         candidates.clear();
-        stands_out(rows, weakest(config), &mut candidates);
+        // Half, because the refined value may be larger than that at the pixel.
+        stands_out(rows, 0.5 * config.contrast, &mut candidates);
         for &x in &candidates {
             if is_extremum(d, level, x, y, rows[1][x]) && inside(x, y) {
                 found.extend(refined(d, of, [x, y], config));
@@ -269,12 +236,6 @@ fn extrema(
         }
     }
     found
-}
-
-/// The weakest difference at a pixel that may be near an extremum that counts: half, because the refined
-/// value may be larger than that at the pixel.
-pub(super) fn weakest(config: &FeatureConfig) -> f32 {
-    0.5 * config.contrast
 }
 
 vectorized! {
@@ -327,7 +288,15 @@ fn is_extremum(d: &[Plane], level: usize, x: usize, y: usize, value: f32) -> boo
     })
 }
 
-/// The extremum near a pixel; `None` for weak ones, edges and drift.
+/// Samples that are looked at on the way to an extremum.
+const MOST_STEPS: usize = 5;
+/// An offset of more than half a sample means that the extremum belongs to a neighbor; a little more is
+/// tolerated, so that no extremum jumps between two forever.
+/// chosen: half a sample, and a tenth of one more
+const FARTHEST: f32 = 0.6;
+
+/// The extremum near a pixel, by the quadratic through the values around it; `None` for weak ones, edges and
+/// drift.
 fn refined(
     d: &[Plane],
     found: (usize, usize),
@@ -337,11 +306,24 @@ fn refined(
     let mut level = found.1;
     let (w, h) = (d[level].width, d[level].height);
     for _ in 0..MOST_STEPS {
-        let offset = match Around::of(d, level, x, y).fit(found, [x, y, level], config) {
-            Fit::Here(extremum) => return Some(extremum),
-            Fit::Beside(offset) => offset,
-            Fit::Nothing => return None,
-        };
+        let (gradient, hessian, value) = Around::of(d, level, x, y).quadratic();
+        let offset = -hessian.lu().solve(&gradient)?;
+        if offset.amax() <= FARTHEST {
+            let response = value + 0.5 * gradient.dot(&offset);
+            // Along an edge one principal curvature is much larger than the other, and the place is
+            // uncertain.
+            let (xx, yy, xy) = (hessian[(0, 0)], hessian[(1, 1)], hessian[(0, 1)]);
+            let (trace, determinant) = (xx + yy, xx * yy - xy * xy);
+            let r = config.edge_ratio;
+            let corner = determinant > 0.0 && trace * trace * r < (r + 1.0) * (r + 1.0) * determinant;
+            return (response.abs() >= config.contrast && corner).then_some(Extremum {
+                found,
+                x: x as f32 + offset[0],
+                y: y as f32 + offset[1],
+                level: level as f32 + offset[2],
+                response,
+            });
+        }
         // One sample at a time, since the quadratic holds no farther.
         let moved = |c: usize, o: f32, low: usize, high: usize| {
             let m = c as i64 + o.round().clamp(-1.0, 1.0) as i64;
@@ -354,25 +336,8 @@ fn refined(
     None
 }
 
-/// Samples that are looked at on the way to an extremum.
-pub(super) const MOST_STEPS: usize = 5;
-/// An offset of more than half a sample means that the extremum belongs to a neighbor; a little more is
-/// tolerated, so that no extremum jumps between two forever.
-/// derived: half a sample, and a tenth of one more
-pub(super) const FARTHEST: f32 = 0.6;
-
-/// What the values around a sample say of an extremum.
-pub(super) enum Fit {
-    /// It is there.
-    Here(Extremum),
-    /// It is nearer to another sample, by this offset in samples.
-    Beside(Vector3<f32>),
-    /// It is weak, or an edge, or none.
-    Nothing,
-}
-
 /// The values around a sample of the differences: by level, then row, then column.
-pub(super) struct Around(pub [f32; 27]);
+struct Around([f32; 27]);
 
 impl Around {
     fn of(differences: &[Plane], level: usize, x: usize, y: usize) -> Self {
@@ -383,27 +348,6 @@ impl Around {
             three.copy_from_slice(&plane.values[first..first + 3]);
         }
         Self(values)
-    }
-
-    /// Position, scale and response of the extremum of the quadratic through them, where they lie around a
-    /// sample (x, y, level).
-    pub fn fit(&self, found: (usize, usize), sample: [usize; 3], config: &FeatureConfig) -> Fit {
-        let (gradient, hessian, value) = self.quadratic();
-        let Some(offset) = hessian.lu().solve(&gradient).map(|o| -o) else { return Fit::Nothing };
-        if !(offset.amax() <= FARTHEST) {
-            return Fit::Beside(offset);
-        }
-        let response = value + 0.5 * gradient.dot(&offset);
-        // Along an edge one principal curvature is much larger than the other, and the place is uncertain.
-        let (xx, yy, xy) = (hessian[(0, 0)], hessian[(1, 1)], hessian[(0, 1)]);
-        let (trace, determinant) = (xx + yy, xx * yy - xy * xy);
-        let r = config.edge_ratio;
-        let corner = determinant > 0.0 && trace * trace * r < (r + 1.0) * (r + 1.0) * determinant;
-        if !(response.abs() >= config.contrast && corner) {
-            return Fit::Nothing;
-        }
-        let [x, y, level] = [0, 1, 2].map(|k| sample[k] as f32 + offset[k]);
-        Fit::Here(Extremum { found, x, y, level, response })
     }
 
     /// By a step of (x, y, level) from the sample.

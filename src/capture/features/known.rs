@@ -10,7 +10,7 @@ use std::{
 use sha2::{Digest, Sha256};
 
 use super::feature::{Feature, FeatureConfig, image_features};
-use crate::capture::RgbdFrame;
+use crate::RgbdFrame;
 
 /// Most features of an image.
 const MOST: usize = 600;
@@ -41,7 +41,7 @@ impl KnownFeatures {
 
     /// Features of the whole image of a frame, under its mask or not, strongest first.
     #[must_use]
-    pub(in crate::capture) fn of(&self, frame: &RgbdFrame) -> Arc<Vec<Feature>> {
+    pub(crate) fn of(&self, frame: &RgbdFrame) -> Arc<Vec<Feature>> {
         if self.most == 0 {
             return Arc::new(found(frame));
         }
@@ -102,7 +102,7 @@ fn digest(frame: &RgbdFrame) -> ImageDigest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Intrinsics, Pose};
+    use geometry::{Intrinsics, Pose};
 
     fn frame(seed: usize) -> RgbdFrame {
         let intrinsics = Intrinsics { width: 64, height: 48, fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0 };

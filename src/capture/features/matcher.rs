@@ -5,17 +5,12 @@ use std::path::PathBuf;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::capture::features::{
+use crate::features::{
     feature::{Feature, FeatureConfig, features},
-    feature_kernel::features_of_frames,
-    partner::{mutual_matches, mutual_partners},
-    partner_kernel::partners_of_pairs,
+    partner::mutual_matches,
     pixel_match::PixelMatch,
 };
-use crate::{
-    capture::frame::RgbdFrame,
-    gpu::{Offload, Work},
-};
+use crate::frame::RgbdFrame;
 
 /// How matches are found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -94,43 +89,22 @@ pub fn on_object(
 /// that look from nearest by, best in both directions and clearly better than the second best in both.
 /// Swapping the states swaps the ends of the matches and changes nothing else but their order.
 #[must_use]
-pub fn match_states(states: [&[RgbdFrame]; 2], config: &MatchConfig, offload: &Offload) -> Vec<PixelMatch> {
-    let found = features_of_states(states, &config.features, offload);
-    let pairs = frame_pairs(states, config.neighbors);
-    let partners =
-        offload.attempt(Work::Features, |gpu| partners_of_pairs(gpu, [&found[0], &found[1]], &pairs));
-    let matched: Vec<Vec<PixelMatch>> = pairs
-        .par_iter()
-        .enumerate()
-        .map(|(pair, &(frame0, frame1))| {
-            let (a, b) = (&found[0][frame0], &found[1][frame1]);
-            let matches = match &partners {
-                Some(partners) => mutual_partners(a, b, config.ratio, &partners[pair]),
-                None => mutual_matches(a, b, config.ratio),
-            };
-            matches
+pub fn match_states(states: [&[RgbdFrame]; 2], config: &MatchConfig) -> Vec<PixelMatch> {
+    let of_state = |frames: &[RgbdFrame]| -> Vec<Vec<Feature>> {
+        frames.par_iter().map(|f| features(f, &config.features)).collect()
+    };
+    let (found0, found1) = rayon::join(|| of_state(states[0]), || of_state(states[1]));
+    let matched: Vec<Vec<PixelMatch>> = frame_pairs(states, config.neighbors)
+        .into_par_iter()
+        .map(|(frame0, frame1)| {
+            let (a, b) = (&found0[frame0], &found1[frame1]);
+            mutual_matches(a, b, config.ratio)
                 .into_iter()
                 .map(|(i, j)| PixelMatch { frame0, pixel0: a[i].pixel, frame1, pixel1: b[j].pixel })
                 .collect()
         })
         .collect();
     matched.into_iter().flatten().collect()
-}
-
-/// The features of the frames of each state.
-fn features_of_states(
-    states: [&[RgbdFrame]; 2],
-    config: &FeatureConfig,
-    offload: &Offload,
-) -> [Vec<Vec<Feature>>; 2] {
-    let on_gpu = offload.attempt(Work::Features, |gpu| {
-        let [a, b] = states.map(|frames| features_of_frames(gpu, frames, config));
-        Ok([a?, b?])
-    });
-    on_gpu.unwrap_or_else(|| {
-        let of_state = |frames: &[RgbdFrame]| frames.par_iter().map(|f| features(f, config)).collect();
-        rayon::join(|| of_state(states[0]), || of_state(states[1])).into()
-    })
 }
 
 /// Pairs of frames of the two states of which one is among the `neighbors` nearest of the other, in order.

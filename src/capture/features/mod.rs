@@ -2,18 +2,16 @@
 
 mod descriptor;
 mod feature;
-mod feature_kernel;
 mod known;
 mod luma;
 mod matcher;
 mod partner;
-mod partner_kernel;
 mod pixel_match;
 mod scale_space;
 
 pub(super) use feature::Feature;
 pub use known::KnownFeatures;
-pub(crate) use luma::luma;
+pub use luma::luma;
 pub use matcher::{Correspondence, MatchConfig, frame_pairs, match_states, on_object};
 pub(super) use partner::mutual_matches;
 pub use pixel_match::PixelMatch;

@@ -1,32 +1,22 @@
 //! Which features of two images are each other's best partners, by the inner products of their descriptors.
 
-use crate::capture::features::{
+use crate::features::{
     descriptor::{DESCRIPTOR_NORM, dot},
     feature::Feature,
 };
-use crate::vectors::vectorized;
+use numeric::vectorized;
 
 /// Features closer than this to the best match are the same place, pixels; tuned: shared/bags.
 const SAME_PLACE_PX: f32 = 2.0;
 
 /// The partners of a feature.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct BestTwo {
+struct BestTwo {
     /// Index of the best one, the first where several are as good.
-    pub best: usize,
+    best: usize,
     /// Its inner product.
-    pub top: i32,
+    top: i32,
     /// Inner product of the best one at another place; 0 where there is none.
-    pub second: i32,
-}
-
-/// The partners of all features of two images.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Partners {
-    /// Of each of the first, among the second.
-    pub forward: Vec<Option<BestTwo>>,
-    /// Of each of the second, among the first.
-    pub backward: Vec<Option<BestTwo>>,
+    second: i32,
 }
 
 /// The best partner of a feature by its inner products with all of them; `None` without any.
@@ -55,7 +45,7 @@ fn products_of(a: &[Feature], b: &[Feature], products: &mut [i32]) {
 }
 
 /// Indices of features that are each other's best match and pass the ratio test in both directions.
-pub(in crate::capture) fn mutual_matches(a: &[Feature], b: &[Feature], ratio: f32) -> Vec<(usize, usize)> {
+pub(crate) fn mutual_matches(a: &[Feature], b: &[Feature], ratio: f32) -> Vec<(usize, usize)> {
     if a.is_empty() || b.is_empty() {
         return Vec::new();
     }
@@ -63,30 +53,10 @@ pub(in crate::capture) fn mutual_matches(a: &[Feature], b: &[Feature], ratio: f3
     inner_products(a, b, &mut products);
     let mut column = vec![0; a.len()];
     let forward = |i: usize| best_two(&products[i * b.len()..(i + 1) * b.len()], b);
-    let backward = |j: usize| {
+    let mut backward = |j: usize| {
         column.iter_mut().enumerate().for_each(|(r, c)| *c = products[r * b.len() + j]);
         best_two(&column, a)
     };
-    mutual(a, b, ratio, forward, backward)
-}
-
-/// The same where the partners are known.
-pub(super) fn mutual_partners(
-    a: &[Feature],
-    b: &[Feature],
-    ratio: f32,
-    partners: &Partners,
-) -> Vec<(usize, usize)> {
-    mutual(a, b, ratio, |i| partners.forward[i], |j| partners.backward[j])
-}
-
-fn mutual(
-    a: &[Feature],
-    b: &[Feature],
-    ratio: f32,
-    forward: impl Fn(usize) -> Option<BestTwo>,
-    mut backward: impl FnMut(usize) -> Option<BestTwo>,
-) -> Vec<(usize, usize)> {
     // Squared distance of unit vectors: 2 - 2 cosine.
     let squared = |product: i32| (2.0 - 2.0 * product as f32 / (DESCRIPTOR_NORM * DESCRIPTOR_NORM)).max(0.0);
     let clear =
@@ -105,18 +75,4 @@ fn mutual(
     matches.sort_by_key(key);
     matches.dedup_by_key(|m| key(m));
     matches
-}
-
-/// The partners of all features of two images.
-#[cfg(all(test, feature = "wgpu"))]
-pub(super) fn partners(a: &[Feature], b: &[Feature]) -> Partners {
-    let of = |a: &[Feature], b: &[Feature]| -> Vec<Option<BestTwo>> {
-        if b.is_empty() {
-            return vec![None; a.len()];
-        }
-        let mut products = vec![0; a.len() * b.len()];
-        inner_products(a, b, &mut products);
-        (0..a.len()).map(|i| best_two(&products[i * b.len()..(i + 1) * b.len()], b)).collect()
-    };
-    Partners { forward: of(a, b), backward: of(b, a) }
 }

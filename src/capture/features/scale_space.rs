@@ -1,11 +1,11 @@
 //! Gaussian scale space of a grayscale image (Lowe, "Distinctive image features from scale-invariant
 //! keypoints", IJCV 2004, section 3): octaves of equally spaced blurs and their differences.
 
-use crate::vectors::vectorized;
+use numeric::vectorized;
 
 /// A grayscale image, row-major.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Plane {
+pub struct Plane {
     /// Width in pixels.
     pub width: usize,
     /// Height in pixels.
@@ -119,7 +119,7 @@ fn add_scaled_pair(out: &mut [f32], a: &[f32], b: &[f32], factor: f32) {
 }
 
 /// Center and right half of a normalized Gaussian kernel.
-pub(super) fn half_kernel(sigma_px: f32) -> Vec<f32> {
+fn half_kernel(sigma_px: f32) -> Vec<f32> {
     let radius = (4.0 * sigma_px).ceil().max(1.0) as usize;
     let mut half: Vec<f32> = (0..=radius).map(|i| (-0.5 * (i as f32 / sigma_px).powi(2)).exp()).collect();
     let sum = half[0] + 2.0 * half[1..].iter().sum::<f32>();
@@ -128,7 +128,7 @@ pub(super) fn half_kernel(sigma_px: f32) -> Vec<f32> {
 }
 
 /// One octave: `scales + 3` Gaussian images and the `scales + 2` differences of neighbors.
-pub(crate) struct Octave {
+pub struct Octave {
     /// Gaussian images; image `i` has blur `sigma * 2^(i / scales)` in pixels of this octave.
     pub gaussians: Vec<Plane>,
     /// `differences[i] = gaussians[i + 1] - gaussians[i]`.
@@ -143,60 +143,27 @@ const SMALLEST: usize = 12;
 /// section 3.3).
 const CAMERA_BLUR_PX: f32 = 0.5;
 
-/// Blurs and sizes of a scale space.
-pub(super) struct Plan {
-    /// Whether the image is doubled before the first octave.
-    pub upsample: bool,
-    /// Blur of the image, or of the doubled one, that gives the first image of the first octave, pixels.
-    pub first_px: f32,
-    /// Blurs of each image of an octave that give the next, pixels.
-    pub added_px: Vec<f32>,
-    /// Widths and heights of the octaves and their steps (see [`Octave::step`]), finest first.
-    pub octaves: Vec<(usize, usize, f32)>,
-}
-
-impl Plan {
-    /// That of an image; `upsample` doubles it before the first octave.
-    pub fn of(width: usize, height: usize, scales: usize, sigma_px: f32, upsample: bool) -> Self {
-        let mut step = if upsample { 0.5 } else { 1.0 };
-        let blur = CAMERA_BLUR_PX / step;
-        let ratio = 2f32.powf(1.0 / scales as f32);
-        let added = |i: usize| sigma_px * ratio.powi(i as i32) * (ratio * ratio - 1.0).sqrt();
-        let (mut w, mut h) = if upsample { (2 * width, 2 * height) } else { (width, height) };
-        let mut octaves = Vec::new();
-        while w.min(h) >= SMALLEST {
-            octaves.push((w, h, step));
-            (w, h, step) = (w / 2, h / 2, 2.0 * step);
-        }
-        Self {
-            upsample,
-            // The camera has blurred the image already; variances add.
-            first_px: (sigma_px * sigma_px - blur * blur).max(0.01).sqrt(),
-            added_px: (0..scales + 2).map(added).collect(),
-            octaves,
-        }
-    }
-
-    /// The image of an octave from which the next octave starts: it has twice the blur of the first, so
-    /// halved it has that of the first.
-    pub fn halved_image(&self) -> usize {
-        self.added_px.len() - 2
-    }
-}
-
-/// All octaves of an image, finest first.
-pub(super) fn octaves(image: &Plane, plan: &Plan) -> Vec<Octave> {
-    let start = if plan.upsample { image.doubled() } else { image.clone() };
-    let mut base = start.blurred(plan.first_px);
+/// All octaves of an image, finest first; `upsample` doubles the image before the first.
+pub fn octaves(image: &Plane, scales: usize, sigma_px: f32, upsample: bool) -> Vec<Octave> {
+    let mut step = if upsample { 0.5 } else { 1.0 };
+    let start = if upsample { image.doubled() } else { image.clone() };
+    let blur = CAMERA_BLUR_PX / step;
+    // The camera has blurred the image already; variances add.
+    let mut base = start.blurred((sigma_px * sigma_px - blur * blur).max(0.01).sqrt());
+    let ratio = 2f32.powf(1.0 / scales as f32);
     let mut all = Vec::new();
-    for &(.., step) in &plan.octaves {
+    while base.width.min(base.height) >= SMALLEST {
         let mut gaussians = vec![base];
-        for (i, &added_px) in plan.added_px.iter().enumerate() {
-            gaussians.push(gaussians[i].blurred(added_px));
+        for i in 1..scales + 3 {
+            let before = sigma_px * ratio.powi(i as i32 - 1);
+            let added = before * (ratio * ratio - 1.0).sqrt();
+            gaussians.push(gaussians[i - 1].blurred(added));
         }
         let differences = gaussians.windows(2).map(|g| g[1].minus(&g[0])).collect();
-        base = gaussians[plan.halved_image()].halved();
+        // This one has twice the blur of the first, so halved it has that of the first.
+        base = gaussians[scales].halved();
         all.push(Octave { gaussians, differences, step });
+        step *= 2.0;
     }
     all
 }

@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 
 use super::plane::Plane;
-use crate::capture::{CaptureConfig, NoiseConfig, RgbdFrame};
+use crate::{CaptureConfig, NoiseConfig, RgbdFrame};
 
 /// Whether a point lies in the workspace, if there is one.
 pub fn in_box(workspace: Option<[[f64; 3]; 2]>, p: &Point3<f64>) -> bool {

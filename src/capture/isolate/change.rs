@@ -9,18 +9,18 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::voxels::{Cell, CellSet, center, clusters, frames_needed};
-use crate::capture::{NoiseConfig, RgbdFrame, poses::pose_noise::PoseNoise};
+use crate::{NoiseConfig, RgbdFrame, poses::pose_noise::PoseNoise};
 
 /// Standard deviations of a reading beyond which two frames tell it from a cell.
-/// derived: two frames by chance, 0.05 % one-sided
+/// chosen: two frames by chance, 0.05 % one-sided
 const GATE_SIGMAS: f64 = 2.0;
 /// A cell has changed if it was looked through this many times as often as it was seen there.
 /// derived: readings at depth edges take either side about as often
-pub(crate) const CLEARLY: usize = 4;
+pub const CLEARLY: usize = 4;
 /// Fewest changed cells that hang together and count.
 /// derived: a patch of three by three, less one; a line of cells along an edge is one too, so counts are
 /// compared
-pub(crate) const LEAST_PATCH: usize = 8;
+pub const LEAST_PATCH: usize = 8;
 
 /// How often frames saw a cell, and through it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -111,7 +111,7 @@ fn behind(point: &Point3<f64>, frame: &RgbdFrame, size_m: f64, noise: &NoiseConf
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Intrinsics, Pose};
+    use geometry::{Intrinsics, Pose};
 
     const SIZE_M: f64 = 0.01;
 

@@ -28,19 +28,18 @@ use self::{
     support::find_support,
     voxels::{Cell, center, dilated, frames_needed, supported},
 };
-pub(crate) use self::{
+pub use self::{
     change::{CLEARLY, LEAST_PATCH},
     voxels::{cell, clusters},
 };
 use super::{At, Capture, CaptureConfig, CaptureError, RgbdFrame, common_focus, pixel_weights};
-use crate::{
-    note::{Note, NoteCode},
-    statistics::median,
-};
+use common::note::{Note, NoteCode};
+use numeric::statistics::median;
 
 /// Fewest pixels with depth on the object in a state.
 const MIN_PIXELS: usize = 200;
 /// Least share of the smaller state's cells that the states must have in common.
+/// chosen: less is no common object
 const MIN_OVERLAP: f64 = 0.02;
 
 /// Gives every frame its mask.

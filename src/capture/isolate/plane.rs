@@ -7,7 +7,7 @@
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rand_core::Rng;
 
-use crate::capture::{NoiseConfig, RgbdFrame};
+use crate::{NoiseConfig, RgbdFrame};
 
 /// Points looked at.
 const SAMPLES: usize = 60_000;
@@ -18,12 +18,15 @@ const TRIALS: usize = 600;
 /// Most planes (a floor, a table, walls).
 const MAX_PLANES: usize = 5;
 /// Weight of the points behind a background plane against those in it, at most.
+/// tuned: made and recorded objects (docs/method.md 16)
 const BEHIND_SHARE: f64 = 0.05;
 /// Share of the points at the image borders that a background plane holds, at least.
+/// tuned: made and recorded objects (docs/method.md 16)
 const BORDER_SHARE: f64 = 0.15;
 /// Share of all points that a background plane holds, at least.
+/// tuned: made and recorded objects (docs/method.md 16)
 const SUPPORT_SHARE: f64 = 0.05;
-/// Width of the image border against the image.
+/// Width of the image border against the image. tuned: made and recorded objects (docs/method.md 16)
 const BORDER: f64 = 0.06;
 
 /// Points with `normal . p = offset_m`; the cameras are on the side the normal points to.
@@ -199,10 +202,8 @@ fn refit(plane: &Plane, samples: &[Sample], cameras: &[Point3<f64>]) -> Option<P
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        geometry::{Intrinsics, Pose},
-        random::stage_rng,
-    };
+    use geometry::{Intrinsics, Pose};
+    use numeric::random::stage_rng;
 
     type Block = [[f64; 3]; 2];
 

@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 
 use super::voxels::{Cell, CellSet, center, clusters};
-use crate::capture::CaptureError;
+use crate::CaptureError;
 
 /// One of two things that changed did so clearly if it did this many times as much as the other.
 /// tuned: eval/tracking/objects.py, seeds 9101 to 9110: things that stood still have 0.1 of what the object
@@ -11,7 +11,7 @@ use crate::capture::CaptureError;
 const CLEARLY: f64 = 4.0;
 
 /// A group with this share of the changes of the best one is a piece of it, if it lies in its bounds.
-/// derived: less may be chance at the rim of a thing that stood still
+/// chosen: less may be chance at the rim of a thing that stood still
 const ALSO: f64 = 0.05;
 /// Cells of a group that touch what things stand on, at least, if it stands.
 /// derived: as a patch of changed cells
@@ -193,6 +193,7 @@ fn middle(group: &[Cell], size_m: f64) -> [f64; 3] {
 }
 
 /// Cells of a group, counted less the further they are from the focus, against the group nearest to it.
+/// See docs/method.md (2.19).
 fn score(group: &[Cell], size_m: f64, focus: Option<Point3<f64>>) -> f64 {
     let Some(focus) = focus else { return group.len() as f64 };
     let nearest = distance_m(group, size_m, &focus);

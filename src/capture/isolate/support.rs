@@ -14,13 +14,13 @@ use super::{
     background::{Background, in_box},
     voxels::{Cell, cell, center, frames_needed},
 };
-use crate::capture::RgbdFrame;
+use crate::RgbdFrame;
 
 /// Readings of a cell against those of the background in its column, at least. Chance gives 0.1 % beyond
-/// three standard deviations, real sensors some more.
+/// three standard deviations, real sensors some more. tuned: made and recorded objects (docs/method.md 16)
 const COLUMN_SHARE: f64 = 0.03;
 /// Share of the readings of a column below the plane, at most, if it shows no background (which has one
-/// half).
+/// half). tuned: made and recorded objects (docs/method.md 16)
 const BELOW_SHARE: f64 = 0.05;
 /// Fewest readings of a column that decides.
 const MIN_READINGS: u32 = 20;

@@ -11,14 +11,15 @@ use super::{pairs::Matches, pose_noise::PoseNoise, surfels::Surfels, trajectory:
 /// Fewest matches of a state that say anything.
 const LEAST_MATCHES: usize = 200;
 /// Poses contradict the images where fewer matches than this share agree with them: most say so. (0.9 and
-/// more agree with poses as a hand-held camera reports them.)
+/// more agree with poses as a hand-held camera reports them.) chosen: a majority
 const LEAST_SHARE: f64 = 0.5;
 /// Delays that are tried, seconds: up to the first, in steps of the second, in which a hand at 0.3 m/s moves
-/// a camera by less than matches may be apart.
+/// a camera by less than matches may be apart. chosen: beyond the delay of any driver
 const MOST_DELAY_S: f64 = 1.0;
 const DELAY_STEP_S: f64 = 0.025;
 /// Poses are of another time where that lets this many times as many matches agree. Poses between those of
 /// kept frames are inexact, so that few may agree with them, too.
+/// chosen: far beyond chance among hundreds of matches
 const EXPLAINED: f64 = 2.0;
 
 /// How far poses and images agree.

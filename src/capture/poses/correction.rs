@@ -12,11 +12,13 @@ use super::{
     sensor_errors::SensorErrors,
     solve::{Problem, correction, solve},
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// The held-out distances must fall by this share ...
+/// chosen: docs/method.md 2.7 calls it tuned, and names no recordings
 const LEAST_GAIN: f64 = 0.05;
 /// ... and the frames gain by so many standard errors in the mean.
+/// chosen: docs/method.md 2.7 calls it tuned, and names no recordings
 const GAIN_SIGMAS: f64 = 4.0;
 /// What was found of the poses of a state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -9,16 +9,19 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::{capture::RgbdFrame, geometry::Intrinsics};
+use crate::RgbdFrame;
+use geometry::Intrinsics;
 
 /// Intervals of the spline along the width of an image.
+/// chosen: about the distance over which errors are alike
 const INTERVALS: f64 = 8.0;
 /// Values that the spline has support from, along one side.
-pub(in crate::capture) const ORDER: usize = 4;
+pub(crate) const ORDER: usize = 4;
 /// Distance over which the errors are alike, as a share of the width: 90 pixels of 640 (residual errors of
-/// lens and rectification: Teichman, Miller and Thrun 2013).
+/// lens and rectification: Teichman, Miller and Thrun 2013). chosen: between what these papers show
 const CORRELATED: f64 = 0.14;
 /// Share of the variance that neighbors do not have in common; it keeps the prior invertible.
+/// chosen: small against what they have in common
 const OWN: f64 = 1e-4;
 
 /// The smooth error of a depth sensor.
@@ -34,7 +37,7 @@ pub struct DepthWarp {
 
 /// What a pixel has of each value about it.
 #[derive(Clone, Copy)]
-pub(in crate::capture) struct Support {
+pub(crate) struct Support {
     /// The first of them; the others follow in four rows of four.
     first: usize,
     columns: usize,
@@ -67,7 +70,7 @@ impl DepthWarp {
     }
 
     /// What the pixel has of the values.
-    pub(in crate::capture) fn support(&self, [u, v]: [f64; 2]) -> Support {
+    pub(crate) fn support(&self, [u, v]: [f64; 2]) -> Support {
         let along = |pixel: f64, count: usize| {
             let at = (pixel / self.step_px).max(0.0);
             // The last pixel may lie on the end of the last interval.
@@ -85,7 +88,8 @@ impl DepthWarp {
     }
 
     /// Its slopes along the image, 1/pixel.
-    pub(in crate::capture) fn slopes(&self, [u, v]: [f64; 2]) -> [f64; 2] {
+    pub(crate) fn slopes(&self, [u, v]: [f64; 2]) -> [f64; 2] {
+        /// derived: half a pixel to either side
         const STEP: f64 = 0.5;
         // The spline bends over tens of pixels, so that the difference over one is its slope.
         let along = |du: f64, dv: f64| self.at([u + du, v + dv]);
@@ -93,7 +97,7 @@ impl DepthWarp {
     }
 
     /// Share of each value in the mean over the image.
-    pub(in crate::capture) fn mean(&self, intrinsics: &Intrinsics) -> DVector<f64> {
+    pub(crate) fn mean(&self, intrinsics: &Intrinsics) -> DVector<f64> {
         let mut mean = DVector::zeros(self.values.len());
         let mut count = 0.0;
         for pixel in some_pixels(intrinsics) {
@@ -104,14 +108,14 @@ impl DepthWarp {
     }
 
     /// Root mean square over the image of what differs from the mean.
-    pub(in crate::capture) fn spread(&self, intrinsics: &Intrinsics) -> f64 {
+    pub(crate) fn spread(&self, intrinsics: &Intrinsics) -> f64 {
         let all: Vec<f64> = some_pixels(intrinsics).map(|pixel| self.at(pixel)).collect();
         let mean = all.iter().sum::<f64>() / all.len() as f64;
         (all.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / all.len() as f64).sqrt()
     }
 
     /// Covariance of the values for errors of unit size that are alike over the distance of correlation.
-    pub(in crate::capture) fn smooth(&self) -> DMatrix<f64> {
+    pub(crate) fn smooth(&self) -> DMatrix<f64> {
         let width = self.step_px * INTERVALS;
         let place =
             |k: usize| [k % self.shape[0], k / self.shape[0]].map(|i| i as f64 * self.step_px / width);
@@ -123,7 +127,7 @@ impl DepthWarp {
     }
 
     /// Puts every reading of the frames right.
-    pub(in crate::capture) fn correct<'a>(&self, frames: impl Iterator<Item = &'a mut RgbdFrame>) {
+    pub(crate) fn correct<'a>(&self, frames: impl Iterator<Item = &'a mut RgbdFrame>) {
         let mut factors: Vec<f32> = Vec::new();
         for frame in frames {
             let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
@@ -146,7 +150,7 @@ fn some_pixels(intrinsics: &Intrinsics) -> impl Iterator<Item = [f64; 2]> {
 
 /// The warp at a pixel.
 #[derive(Clone, Copy)]
-pub(in crate::capture) struct Bend {
+pub(crate) struct Bend {
     /// By which share of the range a reading is too short.
     share: f64,
     /// Its slopes along the image, 1/pixel.

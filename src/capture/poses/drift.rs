@@ -8,7 +8,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6};
 use serde::{Deserialize, Serialize};
 
 use super::{inverse::inverse, pose_noise::PoseNoise};
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Sizes of the errors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -135,7 +135,7 @@ pub(super) fn half_log_determinant(factor: &Cholesky<f64, Dyn>) -> f64 {
 }
 
 /// Takes a small motion in one frame to that in another (the adjoint of a rigid motion).
-pub(in crate::capture) fn adjoint(target_from_source: &Pose) -> Matrix6<f64> {
+pub(crate) fn adjoint(target_from_source: &Pose) -> Matrix6<f64> {
     let rotation = target_from_source.rotation.to_rotation_matrix();
     let mut carried = Matrix6::zeros();
     carried.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation.matrix());

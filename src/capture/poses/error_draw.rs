@@ -7,10 +7,8 @@ use nalgebra::{DMatrix, DVector, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
 use super::depth_warp::DepthWarp;
-use crate::{
-    geometry::Pose,
-    random::{normal, stage_rng},
-};
+use geometry::Pose;
+use numeric::random::{normal, stage_rng};
 
 /// Draws of all errors: a covariance of them has a standard error of an eighth.
 ///
@@ -64,7 +62,7 @@ pub(super) struct Drawn {
 }
 
 /// Draws of poses, of each state their covariance where the sensor is known and what they follow the sensor
-/// by, and of the sensor; `None` where a covariance is not positive.
+/// by, and of the sensor; `None` where a covariance is not positive. See docs/method.md (2.24).
 pub(super) fn drawn(states: &[[DMatrix<f64>; 2]], sensor: &DMatrix<f64>) -> Option<Vec<Drawn>> {
     let rng = &mut stage_rng(0, "errors of poses and depth", 0);
     let root = |covariance: &DMatrix<f64>| match covariance.nrows() {
@@ -96,7 +94,7 @@ mod tests {
     #[test]
     fn a_point_goes_with_its_camera_and_its_depth() {
         let error = Vector6::new(0.001, -0.002, 0.0, 0.0, 0.003, 0.001);
-        let k = crate::geometry::Intrinsics { width: 64, height: 48, fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0 };
+        let k = geometry::Intrinsics { width: 64, height: 48, fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0 };
         let mut warp = DepthWarp::none(&k);
         warp.values.iter_mut().for_each(|v| *v = 0.002);
         let draw = ErrorDraw { poses: vec![vec![error]], warp: Some(warp) };

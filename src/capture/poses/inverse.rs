@@ -46,7 +46,7 @@ mod tests {
     use rand_core::Rng;
 
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn it_is_the_inverse_at_every_size() {

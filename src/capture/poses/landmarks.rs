@@ -9,18 +9,18 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::{pairs::Matches, surfels::Surfels};
-use crate::capture::{
+use crate::{
     NoiseConfig, RgbdFrame,
     features::{Feature, KnownFeatures, frame_pairs, mutual_matches},
 };
 
 /// Frames that every frame is matched with: those seen from nearest by.
 const NEIGHBORS: usize = 8;
-/// Lowe's ratio.
+/// Lowe's ratio. derived: the published one (Lowe 2004)
 const RATIO: f32 = 0.8;
 
 /// The features of a frame.
-pub(in crate::capture) struct FrameLandmarks {
+pub(crate) struct FrameLandmarks {
     features: Arc<Vec<Feature>>,
     /// Number of each among the landmarks of the frame's surfels, where its depth is known.
     numbers: Vec<Option<u32>>,

@@ -16,7 +16,7 @@ impl PoseNoise {
     pub const EXPECTED: Self = Self { translation_m: 0.003, rotation_rad: 0.005 };
 
     /// The smallest of interest: a micrometer, and a microradian.
-    pub(in crate::capture) const LEAST: Self = Self { translation_m: 1e-6, rotation_rad: 1e-6 };
+    pub(crate) const LEAST: Self = Self { translation_m: 1e-6, rotation_rad: 1e-6 };
 
     /// By how much a point at some depth is off, one standard deviation, meters.
     #[must_use]
@@ -25,17 +25,17 @@ impl PoseNoise {
     }
 
     /// Of the mean of so many poses.
-    pub(in crate::capture) fn of_mean(&self, count: usize) -> Self {
+    pub(crate) fn of_mean(&self, count: usize) -> Self {
         self.times(1.0 / (count.max(1) as f64).sqrt())
     }
 
     /// So many times as large.
-    pub(in crate::capture) fn times(&self, factor: f64) -> Self {
+    pub(crate) fn times(&self, factor: f64) -> Self {
         Self { translation_m: factor * self.translation_m, rotation_rad: factor * self.rotation_rad }
     }
 
     /// No larger than another.
-    pub(in crate::capture) fn at_most(&self, most: &Self) -> Self {
+    pub(crate) fn at_most(&self, most: &Self) -> Self {
         Self {
             translation_m: self.translation_m.min(most.translation_m),
             rotation_rad: self.rotation_rad.min(most.rotation_rad),
@@ -43,7 +43,7 @@ impl PoseNoise {
     }
 
     /// No smaller than what can be of interest.
-    pub(in crate::capture) fn at_least(&self) -> Self {
+    pub(crate) fn at_least(&self) -> Self {
         Self {
             translation_m: self.translation_m.max(Self::LEAST.translation_m),
             rotation_rad: self.rotation_rad.max(Self::LEAST.rotation_rad),
@@ -51,7 +51,7 @@ impl PoseNoise {
     }
 
     /// Of the difference of two.
-    pub(in crate::capture) fn beside(&self, other: &Self) -> Self {
+    pub(crate) fn beside(&self, other: &Self) -> Self {
         Self {
             translation_m: self.translation_m.hypot(other.translation_m),
             rotation_rad: self.rotation_rad.hypot(other.rotation_rad),

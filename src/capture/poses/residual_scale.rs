@@ -1,7 +1,7 @@
 //! The scale of residuals: their robust standard deviation in expected ones.
 
 use super::surfels::Residual;
-use crate::statistics::{SIGMAS_PER_MAD, median};
+use numeric::statistics::{SIGMAS_PER_MAD, median};
 
 /// Of this many residuals one goes into the median.
 pub(super) const MEDIAN_EVERY: usize = 4;

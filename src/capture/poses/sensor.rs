@@ -13,10 +13,8 @@ use super::{
     sensor_errors::SensorErrors,
     solve::{Problem, Sensor, Solution, solve},
 };
-use crate::{
-    capture::{RgbdFrame, frame::cameras},
-    geometry::Intrinsics,
-};
+use crate::{RgbdFrame, frame::cameras};
+use geometry::Intrinsics;
 
 /// What was found of the depth sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -44,9 +42,10 @@ pub struct SensorCalibration {
 }
 
 /// Clocks that were set by each other leave milliseconds; more than this is said, seconds: an image at 30 a
-/// second.
+/// second. chosen: a shift that a pose must show
 const LATE_S: f64 = 1.0 / 30.0;
 /// Data sheets of depth cameras allow this share of the range.
+/// derived: the accuracy that data sheets of Intel's D400 family state at 2 m
 const DATA_SHEET: f64 = 0.02;
 
 impl SensorCalibration {

@@ -4,21 +4,23 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::depth_warp::DepthWarp;
-use crate::geometry::Intrinsics;
+use geometry::Intrinsics;
 
 /// Error of a depth sensor's scale, one standard deviation: data sheets of stereo cameras allow 2 % at 2 m,
-/// and factory calibration leaves about a fifth of it.
+/// and factory calibration leaves about a fifth of it. chosen: a quarter of what the data sheet allows
 const SCALE: f64 = 0.005;
 /// Turn of color against depth about either axis, one standard deviation, radians: about two pixels of an
 /// image of 640, what the calibration of two imagers leaves (Basso, Menegatti and Pretto 2018).
+/// chosen: of the order that this paper shows
 const COLOR_SHIFT: f64 = 0.003;
 /// By how much poses are older than images, one standard deviation, seconds: clocks of two devices differ by
 /// milliseconds to tens of them (Furgale, Rehder and Siegwart 2013; Qin and Shen 2018).
+/// chosen: of the order that these papers show
 const LAG_S: f64 = 0.02;
 
 /// Errors of a sensor: the values of the warp, the shift of color, and the lag of the poses.
 #[derive(Clone, Debug)]
-pub(in crate::capture) struct SensorErrors {
+pub(crate) struct SensorErrors {
     pub warp: DepthWarp,
     /// By how much what a pixel of color shows lies off the same pixel of depth, along the image, in focal
     /// lengths.

@@ -3,14 +3,14 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::{depth_warp::ORDER, sensor_errors::SensorErrors, surfels::Residual};
-use crate::vectors::vectorized;
+use numeric::vectorized;
 
 /// Pieces of the sensor's values that a residual depends on: rows of the warp's support at both ends.
 const PIECES: usize = 2 * ORDER;
 
 /// Normal equations of the sensor's errors.
 #[derive(Clone)]
-pub(in crate::capture) struct SensorSums {
+pub(crate) struct SensorSums {
     pub information: DMatrix<f64>,
     /// Between the poses (six rows each) and the sensor.
     pub between: DMatrix<f64>,

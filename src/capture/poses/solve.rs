@@ -18,20 +18,22 @@ use super::{
     surfels::Surfels,
     trajectory::Trajectory,
 };
-use crate::geometry::{Pose, log_so3};
+use geometry::{Pose, log_so3};
 
 /// Rounds of association and Gauss-Newton with each size of the errors, at most.
 const ROUNDS: [usize; 3] = [10, 3, 3];
 /// Rounds in which the sizes of the errors settle between them.
 const SIZES: usize = 12;
 /// Share of the displacement expected of the poses that counts as noise in the first rounds.
+/// chosen: it falls slowly enough for matches to follow
 pub(super) const LOOSE: [f64; 5] = [1.0, 0.5, 0.3, 0.2, 0.1];
 /// Rounds end when no camera moves further than this, meters (radians times one meter).
+/// chosen: far below what poses are known to
 const STEP_M: f64 = 5e-5;
 /// Smooth errors of a depth sensor, one standard deviation, before the recording shows more: see
-/// `sensor_errors`; ...
+/// `sensor_errors`; ... chosen: of the order that calibrations leave (docs/method.md 2.11)
 const WARP: f64 = 0.004;
-/// ... and at least, as no variance may be zero.
+/// ... and at least, as no variance may be zero. chosen: far below any sensor's
 const LEAST_WARP: f64 = 1e-6;
 
 /// A state whose poses are looked for.
@@ -329,7 +331,7 @@ fn sensor_information(errors: &SensorErrors, size: f64) -> Option<(DMatrix<f64>,
 }
 
 /// The most likely sizes of the errors by the last equations, about the place that they were made at: with
-/// drift of the poses where that is likelier than jitter alone (Bayesian information criterion). See
+/// drift of the poses where that is likelier than jitter alone by docs/method.md (1.6). See
 /// docs/method.md (2.15).
 fn most_likely(
     problems: &[&Problem<'_>],

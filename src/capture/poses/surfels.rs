@@ -5,37 +5,38 @@ use rayon::prelude::*;
 
 use super::{depth_warp::Bend, pose_noise::PoseNoise, sensor_errors::SensorErrors};
 use crate::{
-    capture::{
-        GRAZING_COSINE, NoiseConfig, RgbdFrame,
-        window::{R, READINGS, WindowPlane},
-    },
-    geometry::{Intrinsics, Pose},
+    GRAZING_COSINE, NoiseConfig, RgbdFrame,
+    window::{R, READINGS, WindowPlane},
 };
+use geometry::{Intrinsics, Pose};
 
 /// Fewest pixels from one surfel to the next, along both sides, and most surfels in a row.
 const LEAST_STEP: usize = 4;
 const COLUMNS: usize = 160;
 /// A surfel whose readings scatter by more than this many times the noise is no plane.
+/// chosen: four times the variance is beyond chance
 const MISFIT: f64 = 2.0;
 /// Independent readings of a window: stereo noise is correlated over about two pixels.
+/// chosen: a patch of two by two pixels is one
 const INDEPENDENT: f64 = READINGS as f64 / 4.0;
 /// Expected error of a feature's place, pixels.
 /// tuned: shared/bags, as in the lift of matches (docs/method.md 4.4)
 const PLACE_PX: f64 = 0.6;
 /// Surfels whose normals differ by a smaller cosine are of different surfaces.
+/// chosen: 37 deg, beyond the error of any normal that is used
 const SAME_COSINE: f64 = 0.8;
 
 /// Cells on each side of one that its normal is found with, and how many at least.
 const AROUND: i64 = 2;
 const LEAST_AROUND: usize = 8;
 /// Ways that a surfel can face: the camera, left, right, up, down.
-pub(in crate::capture) const FACINGS: usize = 5;
-/// A surfel faces aside where its normal has a larger component along the image.
+pub(crate) const FACINGS: usize = 5;
+/// A surfel faces aside where its normal has a larger component along the image. chosen: 24 deg
 const ASIDE: f32 = 0.4;
 
 /// A flat patch of surface in the camera's optical frame.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::capture) struct Surfel {
+pub(crate) struct Surfel {
     /// Inverse depth in its middle, 1/meter, and slopes along the image, 1/(meter pixel), as read.
     plane: Vector3<f32>,
     /// Its middle, meters.
@@ -48,7 +49,7 @@ pub(in crate::capture) struct Surfel {
 
 /// The surfels of a frame on a grid of pixels.
 #[derive(Clone)]
-pub(in crate::capture) struct Surfels {
+pub(crate) struct Surfels {
     intrinsics: Intrinsics,
     step: usize,
     columns: usize,
@@ -77,7 +78,7 @@ struct Landmark {
 
 /// What a frame sees of another's surfels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(in crate::capture) struct Overlap {
+pub(crate) struct Overlap {
     /// Surfels that were looked for.
     pub tried: usize,
     /// Those that the other frame sees where they are.
@@ -108,7 +109,7 @@ impl Overlap {
 }
 
 /// How far a surfel lies off that of another frame.
-pub(in crate::capture) struct Residual {
+pub(crate) struct Residual {
     /// Distance from the other's plane, meters.
     pub distance_m: f64,
     /// By how much errors of poses displace it, one standard deviation, meters.
@@ -180,6 +181,7 @@ impl Surfels {
 
     /// A landmark against the one of `other` that shows the same: how far it lies from that one's ray, along
     /// two directions across it. Distances beyond three standard deviations do not count.
+    /// See docs/method.md (2.14).
     pub fn across(
         &self,
         [this, that]: [u32; 2],
@@ -207,6 +209,7 @@ impl Surfels {
                 other_normal: across,
                 other_point,
                 pixels: [this.pixel, that.pixel],
+                // docs/method.md (2.22); `by_shift` has the sign.
                 by_color_shift: [0, 1]
                     .map(|k| across.dot(&(other_from_this.rotation * this.by_shift[k] - that.by_shift[k]))),
             })
@@ -478,6 +481,7 @@ fn surfel(
 }
 
 /// Unit normal of a plane of inverse depth with slopes `plane.y` and `plane.z` at the pixel of `ray`.
+/// See docs/method.md (2.12).
 fn normal(k: &Intrinsics, ray: &Vector3<f64>, plane: &Vector3<f64>) -> Option<Vector3<f64>> {
     let [b, c] = [plane.y * k.fx, plane.z * k.fy];
     Vector3::new(b, c, plane.x - b * ray.x - c * ray.y).try_normalize(0.0)
@@ -486,7 +490,7 @@ fn normal(k: &Intrinsics, ray: &Vector3<f64>, plane: &Vector3<f64>) -> Option<Ve
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::shapes::{cuboid, looking_at_origin, view_of};
+    use crate::analytic::{cuboid, looking_at_origin, view_of};
 
     /// Windows across an edge are no planes.
     const FINE: NoiseConfig =

@@ -2,11 +2,9 @@ use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
 use super::{depth_warp::DepthWarp, *};
-use crate::{
-    geometry::{Intrinsics, Pose, exp_so3, shift_and_turn},
-    random::stage_rng,
-    surface::shapes::{cuboid, looking_at_origin, view_of},
-};
+use crate::analytic::{cuboid, looking_at_origin, view_of};
+use geometry::{Intrinsics, Pose, exp_so3, shift_and_turn};
+use numeric::{random::stage_rng, statistics::CHI_SQUARE_999};
 
 const NOISE: NoiseConfig =
     NoiseConfig { constant_m: 0.0005, quadratic_per_m: 0.0005, edge_sigmas: 6.0, grazing_cosine: 0.15 };
@@ -187,7 +185,10 @@ fn the_mean_error_of_a_state_is_found_beside_a_part_that_moved() {
     let error = shift_and_turn(&left);
     let covariance = found.covariance.unwrap();
     let squared = error.dot(&(covariance.try_inverse().unwrap() * error));
-    assert!(squared < 22.46, "{squared} squared deviations in six directions: {error} {covariance}");
+    assert!(
+        squared < CHI_SQUARE_999[5],
+        "{squared} squared deviations in six directions: {error} {covariance}"
+    );
     let few = align_worlds([&state0[..6], &reported], &NOISE, &PoseNoise::EXPECTED, false).unwrap();
     assert_eq!(few.covariance, None, "six frames do not determine the spread of six parameters");
     assert!(found.residual_m[1] < found.residual_m[0]);

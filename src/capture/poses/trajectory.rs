@@ -2,10 +2,8 @@
 
 use nalgebra::DVector;
 
-use crate::{
-    capture::RgbdFrame,
-    geometry::{Pose, shift_and_turn},
-};
+use crate::RgbdFrame;
+use geometry::{Pose, shift_and_turn};
 
 /// Reported poses and their stamps, in the order of time.
 pub(super) struct Trajectory {

@@ -18,14 +18,13 @@ use super::{
     solve::LOOSE,
     surfels::Surfels,
 };
-use crate::{
-    capture::{NoiseConfig, RgbdFrame},
-    geometry::{Pose, log_so3, shift_and_turn},
-};
+use crate::{NoiseConfig, RgbdFrame};
+use geometry::{Pose, log_so3, shift_and_turn};
 
 /// Rounds of association and Gauss-Newton at most.
 const ROUNDS: usize = 12;
 /// Rounds end when the world moves less than this, meters (radians times one meter).
+/// chosen: far below what the world's pose is known to
 const STEP_M: f64 = 1e-5;
 
 /// A correction of state 1's world frame by surfaces that stand still.
@@ -80,7 +79,7 @@ pub(super) fn poses_of(frames: &[RgbdFrame]) -> Vec<Pose> {
 }
 
 /// See [`align_worlds`]; of the reported poses of both states.
-pub(in crate::capture) fn correct(
+pub(crate) fn correct(
     states: [&[Pose]; 2],
     surfels: [&[Surfels]; 2],
     matches: Matches,
@@ -149,7 +148,7 @@ pub(in crate::capture) fn correct(
 
 /// What state 1's world follows errors of poses and depth by, as it is brought to rest on what these frames
 /// see. See docs/method.md 2.12.
-pub(in crate::capture) struct Follow {
+pub(crate) struct Follow {
     /// Motion about the middle by a motion of each frame.
     by_frame: Vec<Matrix6<f64>>,
     /// ... and by the sensor's errors.
@@ -182,7 +181,7 @@ impl Follow {
         Some(Self { by_frame, by_sensor, carried })
     }
 
-    /// Lets the second of two states follow the errors of a draw.
+    /// Lets the second of two states follow the errors of a draw. See docs/method.md (2.25).
     pub fn apply(&self, [first, second]: [usize; 2], draw: &mut ErrorDraw) {
         let of_frames = draw.poses[first].iter().chain(&draw.poses[second]);
         let mut world: Vector6<f64> = of_frames.zip(&self.by_frame).map(|(error, by)| by * error).sum();

@@ -3,13 +3,13 @@
 use nalgebra::Point3;
 
 use super::{cells::Cells, likeness::Side, planes::Planes};
-use crate::statistics::{SIGMAS_PER_MAD, median};
+use numeric::statistics::{SIGMAS_PER_MAD, median};
 
 /// Largest cost of a plane that views bear out: a correlation of 0.6.
-/// assumed; two more views must find the same place.
+/// chosen: two more views must find the same place.
 const LARGEST_COST: f32 = 0.4;
 /// Share of the depth within which two views agree.
-/// derived: a cell of disparity between views 15 degrees apart at the focal length of a usual camera.
+/// chosen: a cell of disparity between views 15 degrees apart at the focal length of a usual camera.
 const SAME: f32 = 0.01;
 /// Views beside the own that must find the same.
 const WITNESSES: usize = 2;

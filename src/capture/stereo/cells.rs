@@ -2,14 +2,12 @@
 
 use nalgebra::Vector3;
 
-use crate::{
-    capture::{NoiseConfig, RgbdFrame, dilated, luma},
-    geometry::{Intrinsics, Pose},
-    statistics::{SIGMAS_PER_MAD, median},
-};
+use crate::{NoiseConfig, RgbdFrame, dilated, luma};
+use geometry::{Intrinsics, Pose};
+use numeric::statistics::{SIGMAS_PER_MAD, median};
 
 /// Readings of a cell further apart than this share of their depth are of two surfaces.
-/// derived: a surface at 75 degrees to the ray falls by as much over two pixels of a usual camera.
+/// chosen: a surface at 75 degrees to the ray falls by as much over two pixels of a usual camera.
 const STEP: f32 = 0.02;
 /// Cells from the mask's border in which a pixel may be of either side.
 const GUARD: usize = 1;

@@ -3,7 +3,7 @@
 //! In every view each cell (2 x 2 pixels) of a hole gets a plane, at first that of the nearest reading.
 //! Planes pass from neighbor to neighbor and are perturbed, and the one under which other views look most
 //! alike stays (PatchMatch: Bleyer, Rhemann and Rother 2011; many views: Galliani, Lasinger and Schindler
-//! 2015). A depth counts where other views find the same. See docs/method.md (2.16).
+//! 2015). A depth counts where other views find the same. See docs/method.md 2.16.
 
 mod agreement;
 mod cells;
@@ -22,7 +22,7 @@ use self::{
 use super::{NoiseConfig, RgbdFrame};
 
 /// Most readings of the sensor that a depth by color is worth, and fewest.
-/// derived: neighbors share their patch of color, so one pixel is never worth more than a reading; the lower
+/// chosen: neighbors share their patch of color, so one pixel is never worth more than a reading; the lower
 /// bound is that of [`RgbdFrame::sigma_m`].
 const READINGS: [f64; 2] = [1e-3, 1.0];
 

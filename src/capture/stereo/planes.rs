@@ -10,7 +10,7 @@ use super::{
     cells::Cells,
     likeness::{Eye, Patch, UNKNOWN},
 };
-use crate::random::{self, stage_rng};
+use numeric::random::{self, stage_rng};
 
 /// Rounds in which planes are passed on, each to one half of the cells and then to the other.
 /// assumed; steps that narrow faster changed no figure of one made object.
@@ -20,6 +20,7 @@ const NEIGHBORS: [(i32, i32); 8] = [(-1, 0), (1, 0), (0, -1), (0, 1), (-5, 0), (
 /// Perturbations that a cell tries in a round.
 const TRIES: usize = 3;
 /// Largest perturbation of the first round: share of the inverse depth, and of it across a ray's unit.
+/// chosen: a wide first search
 const SPREAD: (f64, f64) = (0.02, 0.5);
 /// Cells on each side over which the slope of depth that was read is taken.
 const SLOPE: usize = 2;

@@ -1,11 +1,9 @@
 use nalgebra::{Point3, Vector3};
 
 use super::*;
-use crate::{
-    geometry::{Intrinsics, Pose},
-    random::{range, stage_rng},
-    statistics::SIGMAS_PER_MAD,
-};
+use geometry::{Intrinsics, Pose};
+use numeric::random::{range, stage_rng};
+use numeric::statistics::SIGMAS_PER_MAD;
 
 const NOISE: NoiseConfig =
     NoiseConfig { constant_m: 0.0, quadratic_per_m: 0.001, edge_sigmas: 6.0, grazing_cosine: 0.15 };

@@ -6,21 +6,20 @@
 
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
-use crate::{
-    capture::poses::{
-        pairs::{Comparison, Fit, Matches, PairSums, Views},
-        pose_noise::PoseNoise,
-        surfels::Surfels,
-    },
-    geometry::Pose,
+use crate::poses::{
+    pairs::{Comparison, Fit, Matches, PairSums, Views},
+    pose_noise::PoseNoise,
+    surfels::Surfels,
 };
+use geometry::Pose;
 
 /// Share of the displacement expected of the start that counts as noise, by round.
+/// chosen: it falls slowly enough for matches to follow
 const LOOSE: [f64; 5] = [1.0, 0.5, 0.25, 0.1, 0.05];
 /// Rounds at most.
 const ROUNDS: usize = 10;
 /// Rounds end when nothing moves further than this, meters (radians times one meter).
-/// derived: a fifth of what one pose errs by with the surfels of a frame, 0.2 mm
+/// chosen: a fifth of what one pose errs by with the surfels of a frame, 0.2 mm
 const STEP_M: f64 = 4e-5;
 /// Surfels compared in a round about one frame.
 /// tuned: shared/bags; more of them changed no pose by a tenth of its deviation
@@ -127,6 +126,7 @@ impl Adjustment<'_> {
 }
 
 /// The start counts as if it erred by so many times what is expected: it holds only what nothing else does.
+/// chosen: its weight is a hundredth of that of a reading
 const START_SPREAD: f64 = 10.0;
 
 impl Adjusted {
@@ -153,6 +153,7 @@ fn information_of(sums: &PairSums, frame: usize) -> Matrix6<f64> {
 }
 
 /// Standard deviation of what a camera sees at a depth, in the direction that is known least, meters.
+/// See docs/method.md (2.27).
 pub(super) fn least_known_m(information: &Matrix6<f64>, depth_m: f64) -> f64 {
     // Turns as what they move at that depth.
     let scale = Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { 1.0 / depth_m });

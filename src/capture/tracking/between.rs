@@ -16,18 +16,16 @@ use super::{
     track::Track,
 };
 use crate::{
-    capture::{
-        poses::{
-            pairs::Matches,
-            pose_noise::PoseNoise,
-            surfels::{Overlap, Surfels},
-            world::correct,
-        },
-        select::spread_views,
+    poses::{
+        pairs::Matches,
+        pose_noise::PoseNoise,
+        surfels::{Overlap, Surfels},
+        world::correct,
     },
-    geometry::Pose,
-    random::stage_rng,
+    select::spread_views,
 };
+use geometry::Pose;
+use numeric::random::stage_rng;
 
 /// Keyframes of each state that are compared.
 /// derived: 144 pairs take a second
@@ -36,7 +34,7 @@ const KEYFRAMES: usize = 12;
 /// derived: recordings have few parts that move, and the largest come first
 const MOTIONS: usize = 4;
 /// Views that differ by more are not compared, radians.
-/// derived: twice the reach of features, as surfaces are compared here
+/// derived: twice the reach of features (`closure`), as surfaces are compared here
 const REACH_RAD: f64 = 1.0;
 /// Of the surface that both states can judge, what stands still must agree in no less than this share of
 /// what the best motion does.
@@ -44,11 +42,10 @@ const REACH_RAD: f64 = 1.0;
 /// scissors on a floor, which lie in it, 1.0
 const POSSIBLE: f64 = 0.9;
 /// What stands still must be followed by landmarks in this many times as many cells as the next possible
-/// motion.
-/// tuned: as between states with poses (docs/method.md 5)
+/// motion. derived: as between states with poses (docs/method.md 5)
 const CLEAR: f64 = 2.0;
 /// Side of the cells in which landmarks are counted, as a share of the depth.
-/// tuned: as between states with poses, where the object is as large as its depth
+/// derived: as between states with poses, where the object is as large as its depth
 const CELL_SHARE: f64 = 0.05;
 /// Motions between maps that take what is seen no further apart than this share of its depth, and turn it
 /// by no more than as many radians, are one.

@@ -6,13 +6,15 @@ use super::{
     keyframes::{Edge, Keyframes, view_distance_rad},
     locate::{Guess, Known, Located, locate},
 };
-use crate::{capture::poses::pose_noise::PoseNoise, geometry::Pose, random::stage_rng};
+use crate::poses::pose_noise::PoseNoise;
+use geometry::Pose;
+use numeric::random::stage_rng;
 
 /// Keyframes that each is compared with at most, of those that see it from near by.
 /// tuned: shared/bags; more change no trajectory by a tenth of its error
 const NEIGHBORS: usize = 6;
 /// Views that differ by more share few features, radians.
-/// derived: as for keyframes (Mikolajczyk and Schmid 2005)
+/// chosen: as for keyframes (Mikolajczyk and Schmid 2005)
 const REACH_RAD: f64 = 0.5;
 /// Adds what pairs of keyframes of one piece say that see the same; returns their number.
 pub(super) fn close_loops(keyframes: &mut Keyframes, seed: u64) -> usize {
@@ -45,6 +47,7 @@ pub(super) fn close_loops(keyframes: &mut Keyframes, seed: u64) -> usize {
 
 /// What following a camera is expected to be off by between keyframes that see the same, in errors of poses
 /// that are refined afterwards; landmarks may say more.
+/// chosen: landmarks are less exact than surfaces by a few times
 const CLOSE: f64 = 4.0;
 
 /// Joins pieces that show the same, the largest first.

@@ -4,36 +4,34 @@
 use nalgebra::{Matrix3, Point3, Unit, UnitQuaternion, Vector3};
 
 use super::{imu::MeasuredUp, locate::mean_depth_m, observation::Observation, track::Track};
-use crate::{capture::select::common_focus, geometry::Pose, statistics::median};
+use crate::select::common_focus;
+use geometry::Pose;
+use numeric::statistics::median;
 
 /// Surfels looked at.
 const LOOKED_AT: usize = 8_000;
 /// Of those, one in so many proposes the plane on which it lies.
 const PROPOSING: usize = 20;
 /// A surfel within so many standard deviations lies on a plane.
-/// derived: 0.3 % of a normal distribution
+/// chosen: 0.3 % of a normal distribution
 const GATE: f64 = 3.0;
-/// Depth of surfels errs by this share, warp included.
-/// measured: as in the motion by landmarks
+/// Depth of surfels errs by this share, warp included. chosen: the warp of a depth sensor, and a little more
 const DEPTH_SHARE: f64 = 0.005;
-/// Cosine between the normals of a surfel and of the plane that it lies on, at least.
-/// derived: 20 deg
+/// Cosine between the normals of a surfel and of the plane that it lies on, at least. chosen: 20 deg
 const SAME_COSINE: f64 = 0.94;
 /// A support looks up in the images by at least this sine. A wall looks down in those of a camera that looks
-/// down.
-/// derived: 10 deg
+/// down. chosen: 10 deg
 const LEAST_UP: f64 = 0.17;
 /// Share of all surface that a support holds, at least.
-/// derived: what is smaller may be a shelf or a step of the object
+/// chosen: what is smaller may be a shelf or a step of the object
 const LEAST_SHARE: f64 = 0.05;
-/// Share of the surface that may lie below a support.
-/// tuned: as for background planes
+/// Share of the surface that may lie below a support. derived: as for background planes (`isolate::plane`)
 const BELOW_SHARE: f64 = 0.05;
 /// What things stand on is level within this, one standard deviation, radians.
-/// derived: the feet of a table of 1 m differ by 1 cm; floors are better (DIN 18202: 4 mm on 1 m)
+/// chosen: the feet of a table of 1 m differ by 1 cm; floors are better (DIN 18202: 4 mm on 1 m)
 const LEVEL_RAD: f64 = 0.01;
 /// Directions further apart than so many of their deviations contradict each other.
-/// derived: 0.3 % of a normal distribution
+/// chosen: 0.3 % of a normal distribution
 const APART: f64 = 3.0;
 
 /// What says which way is up.

@@ -8,10 +8,8 @@ use std::fmt;
 
 use nalgebra::{Matrix3, Matrix6, SMatrix, Unit, Vector3, Vector6};
 
-use crate::{
-    geometry::Pose,
-    statistics::{SIGMAS_PER_MAD, median},
-};
+use geometry::Pose;
+use numeric::statistics::{SIGMAS_PER_MAD, median};
 
 /// Acceleration of free fall, m/s².
 /// derived: the standard value; on Earth it lies from 9.78 to 9.83
@@ -37,7 +35,7 @@ const LEAST_READINGS: usize = 20;
 /// Windows that an estimate needs.
 /// derived: two more than have as many numbers as gravity and bias
 const LEAST_WINDOWS: usize = 4;
-/// Residuals beyond so many deviations count less (Huber 1964).
+/// Residuals beyond so many deviations count less (Huber 1964). chosen: 95 % of normal residuals are within
 const HUBER: f64 = 2.0;
 /// Least deviation of a window, m/s².
 /// derived: the noise of such a sensor over a window, 150 µg/√Hz
@@ -234,7 +232,7 @@ mod tests {
     use nalgebra::UnitQuaternion;
 
     use super::*;
-    use crate::random::{self, stage_rng};
+    use numeric::random::{self, stage_rng};
 
     const RATE_HZ: f64 = 250.0;
     const SECONDS: f64 = 12.0;

@@ -7,7 +7,7 @@ use super::{
     locate::{Known, Located, mean_depth_m},
     observation::Observation,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// A frame that others are placed by.
 pub(super) struct Keyframe {

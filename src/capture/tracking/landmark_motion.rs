@@ -4,30 +4,28 @@
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
-use crate::{
-    capture::poses::surfels::Surfels,
-    geometry::{Pose, rigid_fit},
-    random::below,
-};
+use crate::poses::surfels::Surfels;
+use geometry::{Pose, rigid_fit};
+use numeric::random::below;
 
 /// Triples tried at most.
 /// derived: with 30 % of right matches one triple in 37 is right; 300 miss it once in 3000 times
 const TRIALS: usize = 300;
 /// Trials end where one more triple of followers alone is this unlikely to have been missed.
-/// derived: as above
+/// derived: once in 3000 times, as [`TRIALS`]
 const MISSED: f64 = 3e-4;
 /// A match within so many standard deviations follows a motion.
-/// derived: 0.3 % of a normal distribution
+/// chosen: 0.3 % of a normal distribution
 const GATE: f64 = 3.0;
 /// A match within so many gates says nothing of another motion.
-/// derived: a motion by noisy matches errs by as much as one of them
+/// chosen: a motion by noisy matches errs by as much as one of them
 const NEAR: f64 = 2.0;
 /// Fewest followers of a motion.
 /// derived: three fix a motion; nine more at random, each in a gate of a hundredth of the image, do not
 /// happen
 const LEAST_FOLLOWERS: usize = 12;
 /// Smooth error of a depth sensor as a share of the depth, one standard deviation.
-/// measured: data sheets and calibrations in docs/method.md 2.11; as in the refinement of poses
+/// derived: as in the refinement of poses (docs/method.md 2.11)
 const SMOOTH: f64 = 0.004;
 /// Rounds in which a motion settles on its followers.
 const ROUNDS: usize = 4;
@@ -63,6 +61,7 @@ impl LandmarkPair {
     }
 
     /// Squared distance in standard deviations across the second ray, and along it, after a motion.
+    /// See docs/method.md (2.26).
     fn off(&self, motion: &Pose) -> [f64; 2] {
         let off = motion * self.from - self.to;
         let along = off.dot(&self.to_ray);
@@ -139,7 +138,7 @@ fn motion_of(triple: &[LandmarkPair; 3]) -> Option<Pose> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::{stage_rng, unit};
+    use numeric::random::{stage_rng, unit};
 
     /// Pairs of which every `wrong`-th shows nothing in common.
     fn pairs(motion: &Pose, count: usize, wrong: usize) -> Vec<LandmarkPair> {

@@ -4,10 +4,10 @@
 use super::{
     gravity::Placed, keyframes::view_distance_rad, lost::Lost, observation::Observation, tracker::Tracker,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// A camera that sees so differently from one view to the next is near what cannot be followed, radians.
-/// derived: half of the 0.5 rad over which features of images match (Mikolajczyk and Schmid 2005)
+/// chosen: half of the 0.5 rad over which features of images match (`closure`)
 const FAST_RAD: f64 = 0.25;
 
 /// Follows a camera.

@@ -10,15 +10,13 @@ use super::{
     lost::Lost,
     observation::Observation,
 };
-use crate::{
-    capture::poses::{
-        observed::Observed,
-        pairs::Matches,
-        pose_noise::PoseNoise,
-        surfels::{Overlap, Surfels},
-    },
-    geometry::Pose,
+use crate::poses::{
+    observed::Observed,
+    pairs::Matches,
+    pose_noise::PoseNoise,
+    surfels::{Overlap, Surfels},
 };
+use geometry::Pose;
 
 /// Of so many surfels one is looked for in the other frame.
 const CHECKED_EVERY: usize = 4;
@@ -66,6 +64,7 @@ pub(super) struct Guess {
 }
 
 /// A guess by landmarks errs by little more than the poses that are refined afterwards.
+/// chosen: landmarks are less exact than surfaces by a few times
 const BY_LANDMARKS: f64 = 3.0;
 
 /// Places a frame among known ones: by the landmarks that it shares with them, else by a guess.

@@ -1,7 +1,7 @@
 //! A frame as the tracker keeps it: small flat patches and image features, without the pixels.
 
 use super::lost::Lost;
-use crate::capture::{
+use crate::{
     KnownFeatures, NoiseConfig, RgbdFrame,
     poses::{landmarks::FrameLandmarks, surfels::Surfels},
 };
@@ -23,10 +23,10 @@ pub struct Observation {
 /// derived: twice the followers that a motion needs
 const FEW_FEATURES: usize = 24;
 /// An image whose mean is darker shows little but the noise of its camera, of 255.
-/// derived: sRGB of a third of a percent of the light of a white sheet
+/// chosen: sRGB of a third of a percent of the light of a white sheet
 const DARK: f64 = 12.0;
 /// Of the pixels of a frame so many must have depth.
-/// measured: shared/bags and bags/handheld: the least of a view is 0.3
+/// measured: shared/bags and shared/bags/handheld: the least of a view is 0.3
 const LEAST_READ: f64 = 0.05;
 
 impl Observation {
@@ -69,7 +69,7 @@ impl Observation {
 /// derived: every second column and row leaves two
 const LEAST_NEIGHBORS: usize = 2;
 /// Neighbors that differ by more than this share of their depth show an edge.
-/// derived: a surface at 80 deg, seen over two pixels of 600 to the focal length
+/// chosen: a surface at 80 deg, seen over two pixels of 600 to the focal length
 const EDGE_SHARE: f32 = 0.02;
 
 /// Gives pixels without depth the mean of their neighbors', where these show one surface.

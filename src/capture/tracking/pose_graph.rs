@@ -3,10 +3,8 @@
 use nalgebra::{DMatrix, DVector, Matrix6, Vector6};
 
 use super::keyframes::Edge;
-use crate::{
-    capture::poses::{drift::adjoint, pose_noise::PoseNoise},
-    geometry::{Pose, shift_and_turn},
-};
+use crate::poses::{drift::adjoint, pose_noise::PoseNoise};
+use geometry::{Pose, shift_and_turn};
 
 /// Rounds of Gauss-Newton at most.
 const ROUNDS: usize = 24;
@@ -16,7 +14,7 @@ const ROUNDS: usize = 24;
 /// derived: meters against a millimeter, squared
 const TRUSTED: f64 = 1e6;
 /// Rounds end when nothing moves further than this, meters (radians times one meter).
-/// derived: a tenth of what poses may be off afterwards
+/// chosen: a tenth of what poses may be off afterwards
 const STEP_M: f64 = 1e-5;
 /// What two frames say of each other errs by at least this share of what is expected of poses: errors of
 /// depth run together over an image, which the information does not know.
@@ -94,14 +92,12 @@ fn edge_information(edge: &Edge) -> Matrix6<f64> {
     let floor = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| {
         (if k < 3 { floor.translation_m } else { floor.rotation_rad }).powi(2)
     }));
-    // A pair that leaves a motion open has no covariance, but its information is that of little.
-    let least = Matrix6::identity() * LEAST;
+    // A pair that leaves a motion open has no covariance. Every pair has the information of a meter and a
+    // radian, which is little against its own.
+    let least = Matrix6::identity();
     let covariance = (edge.information + least).cholesky().map(|c| c.inverse());
     covariance.and_then(|c| (c + floor).cholesky()).map_or(least, |c| c.inverse())
 }
-
-/// Information that every pair has: that of a meter, and a radian.
-const LEAST: f64 = 1.0;
 
 #[cfg(test)]
 mod tests {

@@ -2,12 +2,10 @@ use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 use rand_core::Rng;
 
 use super::{lost::Lost, *};
-use crate::{
-    capture::{KnownFeatures, NoiseConfig, RgbdFrame},
-    geometry::{Intrinsics, Pose},
-    random::stage_rng,
-    surface::shapes::{cuboid, looking_at_origin, view_of},
-};
+use crate::analytic::{cuboid, looking_at_origin, view_of};
+use crate::{KnownFeatures, NoiseConfig, RgbdFrame};
+use geometry::{Intrinsics, Pose};
+use numeric::random::stage_rng;
 
 const NOISE: NoiseConfig =
     NoiseConfig { constant_m: 0.0005, quadratic_per_m: 0.0005, edge_sigmas: 6.0, grazing_cosine: 0.15 };

@@ -13,11 +13,9 @@ use super::{
     pose_graph::pose_graph,
     tracker::Tracker,
 };
-use crate::{
-    capture::poses::{pairs::Matches, pose_noise::PoseNoise, surfels::Surfels},
-    geometry::Pose,
-    statistics::median,
-};
+use crate::poses::{pairs::Matches, pose_noise::PoseNoise, surfels::Surfels};
+use geometry::Pose;
+use numeric::statistics::median;
 
 /// What was found of a camera's way.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -8,28 +8,28 @@ use super::{
     lost::Lost,
     observation::Observation,
 };
-use crate::{
-    capture::poses::pose_noise::PoseNoise,
-    geometry::{Pose, shift_and_turn},
-    random::stage_rng,
-};
+use crate::poses::pose_noise::PoseNoise;
+use geometry::{Pose, shift_and_turn};
+use numeric::random::stage_rng;
 
 /// Keyframes that a frame is placed by: the last one, and those seen from nearest by.
 /// tuned: shared/bags; more cost time and change no pose by its deviation
 const NEIGHBORS: usize = 4;
 /// A frame that differs by more from all keyframes is one, radians.
-/// derived: a quarter of the 0.5 rad over which features of images match (Mikolajczyk and Schmid 2005)
+/// chosen: about a quarter of the 0.5 rad over which features match (Mikolajczyk and Schmid 2005)
 const KEY_DISTANCE_RAD: f64 = 0.12;
 /// ... and one of whose surface the keyframes show less than this share.
-/// derived: most of it, with a margin: half is the least that can be said to be known
+/// chosen: most of it, with a margin: half is the least that can be said to be known
 const KEY_SHARE: f64 = 0.65;
 /// Keyframes that a lost frame is compared with, at most.
 /// derived: a comparison of looks takes 10 ms; a lost frame takes no more than the time of two
 const LOOKED_AT: usize = 16;
 /// A hand's motion goes on as it was, but for this share and the jitter of a hand.
+/// chosen: a hand may stop or turn back
 const UNSTEADY: f64 = 0.5;
 const JITTER: PoseNoise = PoseNoise { translation_m: 0.01, rotation_rad: 0.02 };
 /// Motions from frames further apart than this say nothing of the next one, seconds.
+/// chosen: hands change their motion within this time
 const STEADY_S: f64 = 0.5;
 
 /// Where a view was placed.

@@ -4,10 +4,8 @@ use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use roxmltree::Node;
 
 use super::numbers::{BadNumber, bad_numbers};
-use crate::{
-    geometry::Pose,
-    limits::{LINKS, URDF, XmlError, parse_xml},
-};
+use common::limits::{LINKS, URDF, XmlError, parse_xml};
+use geometry::Pose;
 
 /// Why a text is no URDF that is looked at.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -123,7 +121,7 @@ pub(super) struct Description {
 
 impl Description {
     /// Reads URDF text.
-    pub fn parse(text: &str) -> Result<Self, DescriptionError> {
+    pub(super) fn parse(text: &str) -> Result<Self, DescriptionError> {
         // Before the parser, whose tree takes a multiple of the text's memory.
         if text.len() as u64 > URDF.bytes {
             return Err(DescriptionError::Bytes { bytes: text.len() });

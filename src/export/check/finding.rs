@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::limits::FINDINGS;
+use common::limits::FINDINGS;
 
 use super::rule::Rule;
 
@@ -51,11 +51,11 @@ pub(super) struct Findings<'a> {
 
 impl<'a> Findings<'a> {
     /// None yet, of a file.
-    pub fn of(file: &'a str) -> Self {
+    pub(super) fn of(file: &'a str) -> Self {
         Self { file, all: Vec::new() }
     }
 
-    pub fn add(&mut self, level: Level, rule: Rule, subject: &str, message: impl Into<String>) {
+    pub(super) fn add(&mut self, level: Level, rule: Rule, subject: &str, message: impl Into<String>) {
         if self.all.len() > FINDINGS {
             // What is not listed may still be an error.
             return self.all.iter_mut().skip(FINDINGS).for_each(|rest| rest.level = rest.level.min(level));
@@ -74,11 +74,11 @@ impl<'a> Findings<'a> {
         self.all.push(CheckFinding { level, file, rule, subject, message: message.into() });
     }
 
-    pub fn error(&mut self, rule: Rule, subject: &str, message: impl Into<String>) {
+    pub(super) fn error(&mut self, rule: Rule, subject: &str, message: impl Into<String>) {
         self.add(Level::Error, rule, subject, message);
     }
 
-    pub fn warn(&mut self, rule: Rule, subject: &str, message: impl Into<String>) {
+    pub(super) fn warn(&mut self, rule: Rule, subject: &str, message: impl Into<String>) {
         self.add(Level::Warning, rule, subject, message);
     }
 }

@@ -11,9 +11,9 @@ use super::{
     rule::Rule,
     welds::Welds,
 };
-use crate::model::{impossible_inertia, is_plain_name, principal_moments};
+use model::{impossible_inertia, is_plain_name, principal_moments};
 
-/// MuJoCo refuses less, kg.
+/// MuJoCo refuses less, kg. chosen: above what it refuses
 const MIN_MASS_KG: f64 = 1e-6;
 
 pub(super) fn check(description: &Description, welds: &Welds, found: &mut Findings) {

@@ -22,7 +22,7 @@ pub(super) struct MeshText {
 
 impl MeshText {
     /// Reads OBJ text; what is no number becomes NaN.
-    pub fn obj(text: &str) -> Self {
+    pub(super) fn obj(text: &str) -> Self {
         let mut mesh = Self::default();
         let number = |w: &str| w.parse::<f64>().unwrap_or(f64::NAN);
         let mut highest = 0i64;
@@ -74,7 +74,7 @@ impl MeshText {
     }
 
     /// Reads STL, binary or text; `None` where it is cut short.
-    pub fn stl(bytes: &[u8]) -> Option<Self> {
+    pub(super) fn stl(bytes: &[u8]) -> Option<Self> {
         let mut mesh = Self::default();
         let count = bytes.get(80..84).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
         // Distinguished by the length: a binary file's header may also begin with "solid".
@@ -116,7 +116,7 @@ pub(super) struct MaterialText {
 }
 
 impl MaterialText {
-    pub fn parse(text: &str) -> Self {
+    pub(super) fn parse(text: &str) -> Self {
         let mut material = Self { materials: 0, textures: Vec::new(), black: false };
         for line in text.lines() {
             let (word, rest) = line.trim().split_once(char::is_whitespace).unwrap_or((line.trim(), ""));

@@ -13,16 +13,14 @@ use super::{
     paths::inside,
     rule::Rule,
 };
-use crate::{
-    limits::{NAMED_MESHES, SHAPES},
-    surface::{ConvexSolid, SolidFit, TriangleMesh, convex_hull, merge},
-};
+use common::limits::{NAMED_MESHES, SHAPES};
+use surface::{ConvexSolid, SolidFit, TriangleMesh, convex_hull, merge};
 
 /// Most faces of an STL that MuJoCo reads.
 const MAX_STL_FACES: usize = 200_000;
-/// Thinner hulls are refused or explode, meters.
+/// Thinner hulls are refused or explode, meters. chosen: no part is as thin
 const MIN_THICKNESS_M: f64 = 5e-4;
-/// Smaller hulls are refused, cubic meters.
+/// Smaller hulls are refused, cubic meters. chosen: a cube of a millimeter
 const MIN_VOLUME_M3: f64 = 1e-9;
 /// Corners from which a hull is thinned out to its extremes along so many directions.
 const DIRECTIONS: usize = 200;

@@ -26,10 +26,10 @@ use description::{Description, DescriptionError};
 use finding::Findings;
 pub use finding::{CheckFinding, Folder, Level};
 pub use named::named_files;
-pub use rule::Rule;
+pub(crate) use rule::Rule;
 use welds::Welds;
 
-use crate::limits::with_declaration;
+use common::limits::with_declaration;
 
 /// Everything wrong with the URDFs of a folder, errors first; an error of its own where it has none. Files
 /// named `*.ros.urdf` may hold `package://` paths of the package that is the folder.

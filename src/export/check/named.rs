@@ -1,7 +1,7 @@
 //! What a file of a model folder names.
 
 use super::{mesh_text::MaterialText, paths::inside};
-use crate::limits::{URDF, parse_xml, with_declaration};
+use common::limits::{URDF, parse_xml, with_declaration};
 
 /// Paths in the folder of what a file names: meshes and textures of a URDF, the material file of an OBJ,
 /// textures of a material file. What lies elsewhere, or cannot be read, names nothing.

@@ -7,11 +7,12 @@ use super::rule::Rule;
 
 /// Larger numbers stand for no length, mass or inertia of a model, and what follows from them overflows: with
 /// this bound the tenth power of a number is finite, and nothing that is derived takes a higher one.
+/// derived: its tenth power is 1e300
 pub(super) const LARGEST: f64 = 1e30;
 /// Places and scales beyond this, meters, are of no model: meshes have single precision, and up to here the
-/// sixth power of a coordinate is finite in it.
+/// sixth power of a coordinate is finite in it. derived: the sixth power is 1e36
 const FARTHEST: f64 = 1e6;
-/// Shorter axes are no direction.
+/// Shorter axes are no direction. chosen: above the rounding of a double
 const SHORTEST_AXIS: f64 = 1e-9;
 
 /// Whether a number can be one of a model.

@@ -9,11 +9,12 @@ use super::{
     rule::Rule,
     welds::Welds,
 };
-use crate::{geometry::Pose, surface::ConvexSolid};
+use geometry::Pose;
+use surface::ConvexSolid;
 
-/// Deeper overlap at rest is an error, meters.
+/// Deeper overlap at rest is an error, meters. chosen: above rounding, below any contact
 const REST_M: f64 = 1e-5;
-/// Deeper overlap along a path is an error, meters.
+/// Deeper overlap along a path is an error, meters. chosen: contacts of simulators take as much
 const SWEEP_M: f64 = 1e-3;
 /// Positions along a path.
 const STEPS: usize = 60;
@@ -240,7 +241,7 @@ fn sweep(swept: &Swept, j: usize, joint: &JointText, work: &mut Work, found: &mu
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::export::check::description::Description;
+    use crate::check::description::Description;
 
     /// Links in a chain, `apart` meters from each other, with a box each.
     fn chain(links: usize, apart: f64) -> (Description, Vec<Vec<ConvexSolid>>) {
@@ -272,7 +273,7 @@ mod tests {
             let partly = found.all.iter().any(|f| words.iter().any(|w| f.message.contains(w)));
             assert_eq!(partly, links > 40, "{links}");
             assert!(
-                found.all.len() >= errors && found.all.len() <= crate::limits::FINDINGS + 1,
+                found.all.len() >= errors && found.all.len() <= common::limits::FINDINGS + 1,
                 "{}",
                 found.all.len()
             );

@@ -7,7 +7,7 @@ use super::{
     description::{Description, JointText},
     places::places,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// The tree of a description, by places of links and joints.
 pub(super) struct Placement<'a> {
@@ -24,7 +24,7 @@ pub(super) struct Placement<'a> {
 }
 
 impl<'a> Placement<'a> {
-    pub fn new(description: &'a Description) -> Self {
+    pub(super) fn new(description: &'a Description) -> Self {
         let links = places(description.links.iter().map(|l| l.name.as_str()));
         let joints = places(description.joints.iter().map(|j| j.name.as_str()));
         let carriers = places(description.joints.iter().map(|j| j.child.as_str()));
@@ -58,12 +58,12 @@ impl<'a> Placement<'a> {
     }
 
     /// The child link of a joint.
-    pub fn child(&self, joint: usize) -> Option<usize> {
+    pub(super) fn child(&self, joint: usize) -> Option<usize> {
         self.children[joint]
     }
 
     /// Poses of all links in the root's frame; joints that follow another one have its position.
-    pub fn poses(&self, positions: &[f64]) -> Vec<Pose> {
+    pub(super) fn poses(&self, positions: &[f64]) -> Vec<Pose> {
         let mut poses = vec![Pose::identity(); self.parent.len()];
         for &link in &self.order {
             let Some(j) = self.carrier[link] else { continue };
@@ -79,7 +79,7 @@ impl<'a> Placement<'a> {
     }
 
     /// Which links are these or hang on them.
-    pub fn hanging_on(&self, links: &[usize]) -> Vec<bool> {
+    pub(super) fn hanging_on(&self, links: &[usize]) -> Vec<bool> {
         let mut hangs = vec![false; self.parent.len()];
         links.iter().for_each(|l| hangs[*l] = true);
         for &link in &self.order {
@@ -89,7 +89,7 @@ impl<'a> Placement<'a> {
     }
 
     /// Of every link, the nearest one above it that satisfies a test.
-    pub fn nearest_above(&self, test: impl Fn(usize) -> bool) -> Vec<Option<usize>> {
+    pub(super) fn nearest_above(&self, test: impl Fn(usize) -> bool) -> Vec<Option<usize>> {
         let mut nearest = vec![None; self.parent.len()];
         for &link in &self.order {
             nearest[link] = self.parent[link].and_then(|p| if test(p) { Some(p) } else { nearest[p] });

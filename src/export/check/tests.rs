@@ -1,11 +1,9 @@
 //! Planted faults: each is found under its rule, and the folder without it passes.
 
 use super::*;
-use crate::{
-    export::obj::solid_obj,
-    surface::{ConvexSolid, Plane},
-};
+use crate::obj::solid_obj;
 use nalgebra::{Point3, Vector3};
+use surface::{ConvexSolid, Plane};
 
 /// A box that slides out of a frame, as another tool might have written it.
 const URDF: &str = r#"<?xml version="1.0"?>

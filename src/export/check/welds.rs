@@ -11,7 +11,7 @@ pub(super) struct Welds {
 }
 
 impl Welds {
-    pub fn of(description: &Description) -> Self {
+    pub(super) fn of(description: &Description) -> Self {
         let links = places(description.links.iter().map(|l| l.name.as_str()));
         let mut toward: Vec<usize> = (0..description.links.len()).collect();
         let place = |name: &String| links.get(name.as_str()).copied();
@@ -30,17 +30,17 @@ impl Welds {
     }
 
     /// Whether a joint moves a link, or one that it is fixed to. What no joint moves stands in the world.
-    pub fn moves(&self, link: usize) -> bool {
+    pub(super) fn moves(&self, link: usize) -> bool {
         self.moves[link]
     }
 
     /// Whether two links are one body.
-    pub fn is_one(&self, a: usize, b: usize) -> bool {
+    pub(super) fn is_one(&self, a: usize, b: usize) -> bool {
         self.body[a] == self.body[b]
     }
 
     /// For every link whether its body has one that satisfies a test.
-    pub fn any(&self, test: impl Fn(usize) -> bool) -> Vec<bool> {
+    pub(super) fn any(&self, test: impl Fn(usize) -> bool) -> Vec<bool> {
         let mut some = vec![false; self.body.len()];
         (0..self.body.len()).filter(|l| test(*l)).for_each(|link| some[self.body[link]] = true);
         self.body.iter().map(|b| some[*b]).collect()

@@ -3,11 +3,11 @@
 use std::ops::Range;
 
 /// What takes the place of a range of bytes; an empty range is a place between two.
-pub(crate) type Edit = (Range<usize>, String);
+pub(super) type Edit = (Range<usize>, String);
 
 /// The text with the edits made; their ranges do not overlap. Of two at one place the later in the list comes
 /// later.
-pub(crate) fn edited(text: &str, mut edits: Vec<Edit>) -> String {
+pub(super) fn edited(text: &str, mut edits: Vec<Edit>) -> String {
     edits.sort_by_key(|(range, _)| range.start);
     let mut changed = text.to_owned();
     // From the end backwards: what is exchanged does not move the ranges that are still to come.
@@ -18,7 +18,7 @@ pub(crate) fn edited(text: &str, mut edits: Vec<Edit>) -> String {
 }
 
 /// The empty range before the closing tag of an element that has one.
-pub(crate) fn before_end(text: &str, node: roxmltree::Node) -> Range<usize> {
+pub(super) fn before_end(text: &str, node: roxmltree::Node) -> Range<usize> {
     let range = node.range();
     let at = text[range.clone()].rfind("</").map_or(range.end, |i| range.start + i);
     at..at

@@ -2,24 +2,22 @@
 
 use std::fmt::Write as _;
 
-use crate::{
-    export::diagnosed::{
-        numbers::{UNTURNED, held, joint_numbers, missing, notes},
-        tilt::tilted,
-    },
-    gap::{
-        judge::report::{ExportNote, JointReport},
-        model::{
-            actuator::Actuator,
-            effects::end_stop::MAX_IMPEDANCE,
-            format::{Format, JointNumbers, Spring},
-            joint_model::{CREEP, Catalogue},
-        },
-        twin_tree::{Motion, TwinJoint, TwinTree},
-    },
-    geometry::Pose,
-    model::escape_xml,
+use crate::diagnosed::{
+    numbers::{UNTURNED, held, joint_numbers, missing, notes},
+    tilt::tilted,
 };
+use gap::{
+    judge::report::{ExportNote, JointReport},
+    model::{
+        actuator::Actuator,
+        effects::end_stop::MAX_IMPEDANCE,
+        format::{Format, JointNumbers, Spring},
+        joint_model::{CREEP, Catalogue},
+    },
+    twin_tree::{Motion, TwinJoint, TwinTree},
+};
+use geometry::Pose;
+use model::escape_xml;
 
 /// Step of the file, seconds.
 /// measured: eval/gap/timestep.md: the largest that moves no twin without a stop by a hundredth of the noise.
@@ -27,8 +25,7 @@ const TIMESTEP_S: f64 = 5e-4;
 /// The finer one, for a stop, which is met between steps, and for a delay.
 /// measured: eval/gap/timestep.md: the largest under which no residual grows by 3 %, which the replay allows.
 const FINE_TIMESTEP_S: f64 = 1e-4;
-/// Solver impedance of friction without a settle time.
-/// derived: next to the largest that MuJoCo takes, 0.9999.
+/// Solver impedance of friction without a settle time. chosen: next to the largest that MuJoCo takes, 0.9999.
 const HARD_IMPEDANCE: f64 = 0.9995;
 
 /// Solver impedance of friction that settles; its damping then is `2 / (impedance * time constant)`.

@@ -1,6 +1,6 @@
 //! What a format holds of a joint's effects, as numbers of the joint, and the notes on what became of each.
 
-use crate::gap::{
+use gap::{
     judge::{
         format_model::{FormatModel, HeldEffect},
         report::{ExportNote, Held, HeldParameter, JointReport},
@@ -60,7 +60,7 @@ fn note(
 ) -> ExportNote {
     let by = |term: &Term| {
         let effect = &catalogue[term.effect];
-        let parameter = |r: crate::gap::model::effect::Reported| HeldParameter {
+        let parameter = |r: gap::model::effect::Reported| HeldParameter {
             name: r.name.into(),
             value: r.value,
             unit: r.dimension.unit(joint.turns).into(),

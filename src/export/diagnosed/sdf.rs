@@ -3,25 +3,21 @@
 
 use std::fmt::Write as _;
 
-use crate::{
-    export::diagnosed::{
-        edits::{Edit, before_end, edited},
-        numbers::{UNTURNED, joint_numbers, missing, notes},
-        tilt::{Tilt, tilt},
-    },
-    gap::{
-        judge::report::{ExportNote, JointReport},
-        model::{
-            format::{Format, JointNumbers},
-            joint_model::Catalogue,
-        },
-        twin_tree::TwinTree,
-    },
+use crate::diagnosed::{
+    edits::{Edit, before_end, edited},
+    numbers::{UNTURNED, joint_numbers, missing, notes},
+    tilt::{Tilt, tilt},
 };
-use crate::{
-    geometry::Pose,
-    limits::{XmlError, parse_xml},
+use common::limits::{XmlError, parse_xml};
+use gap::{
+    judge::report::{ExportNote, JointReport},
+    model::{
+        format::{Format, JointNumbers},
+        joint_model::Catalogue,
+    },
+    twin_tree::TwinTree,
 };
+use geometry::Pose;
 
 /// The SDF with the effects, and what became of each. A joint that the SDF does not have is listed in the
 /// notes.
@@ -164,7 +160,7 @@ fn limit(text: &str, axis: roxmltree::Node, held: &JointNumbers) -> Option<Edit>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::model::format::{Spring, Stop};
+    use gap::model::format::{Spring, Stop};
 
     const TEXT: &str = "<sdf version=\"1.9\"><model name=\"m\"><joint name=\"other\" \
      type=\"revolute\"><axis><xyz>0 0 1</xyz></axis></joint>\

@@ -4,27 +4,25 @@
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use roxmltree::Node;
 
-use crate::gap::camera::{
+use crate::diagnosed::{
+    edits::{Edit, before_end, edited},
+    urdf::{element, namespace_edit},
+};
+use common::limits::{XmlError, parse_xml};
+use gap::camera::{
     judge::diagnosis::FrameDiagnosis,
     model::{
         hypothesis::Law,
         twin::{SeenJoint, SeenMotion},
     },
 };
-use crate::{
-    export::diagnosed::{
-        edits::{Edit, before_end, edited},
-        urdf::{element, namespace_edit},
-    },
-    gap::judge::report::ExportNote,
-    geometry::Pose,
-    limits::{XmlError, parse_xml},
-    model::escape_xml,
-};
+use gap::judge::report::ExportNote;
+use geometry::Pose;
+use model::escape_xml;
 
 /// Pitches below this are none, meters a radian.
 ///
-/// derived: below the digits that a URDF is written with
+/// chosen: below the digits that a URDF is written with
 const LEAST_PITCH: f64 = 1e-9;
 
 /// The URDF with the effects, and what became of each.

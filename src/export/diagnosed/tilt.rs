@@ -1,17 +1,15 @@
 //! A turned joint in files that place every link in the frame of the model (SDF, USD): all links that it
 //! carries turn with it.
 
-use crate::{
-    gap::{
-        model::{format::JointNumbers, plant::Plant},
-        twin_tree::TwinTree,
-    },
-    geometry::Pose,
+use gap::{
+    model::{format::JointNumbers, plant::Plant},
+    twin_tree::TwinTree,
 };
+use geometry::Pose;
 
 /// A joint that is turned about its origin.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tilt {
+pub(super) struct Tilt {
     /// Link that stays.
     pub parent: String,
     /// Links that turn.
@@ -22,7 +20,7 @@ pub struct Tilt {
 
 /// The turn of a joint that takes a load off it; `None` where there is none to take or no turn does it.
 #[must_use]
-pub fn tilt(tree: &TwinTree, joint: &str, numbers: &JointNumbers) -> Option<Tilt> {
+pub(super) fn tilt(tree: &TwinTree, joint: &str, numbers: &JointNumbers) -> Option<Tilt> {
     let [sine, cosine] = numbers.tilt?;
     let index = tree.joints.iter().position(|j| j.name == joint)?;
     let spec = &tree.joints[index];
@@ -41,7 +39,7 @@ pub fn tilt(tree: &TwinTree, joint: &str, numbers: &JointNumbers) -> Option<Tilt
 impl Tilt {
     /// The pose of a carried link in the frame of the model, from its pose and its joint's parent's there.
     #[must_use]
-    pub fn moved(&self, model_from_parent: &Pose, model_from_link: &Pose) -> Pose {
+    pub(super) fn moved(&self, model_from_parent: &Pose, model_from_link: &Pose) -> Pose {
         model_from_parent * self.turned_from_given * model_from_parent.inverse() * model_from_link
     }
 }
@@ -49,7 +47,7 @@ impl Tilt {
 /// Pose of a joint, turned as little as possible, at which gravity loads it by `sine sin(q) + cosine cos(q)`
 /// less than the twin; `None` where no turn does that.
 #[must_use]
-pub fn tilted(tree: &TwinTree, joint: usize, sine: f64, cosine: f64) -> Option<Pose> {
+pub(super) fn tilted(tree: &TwinTree, joint: usize, sine: f64, cosine: f64) -> Option<Pose> {
     let plant = Plant::of(tree, joint).ok()?;
     let wanted = (plant.load.sine - sine, plant.load.cosine - cosine);
     // The miss is judged against the load, so that light and heavy parts are asked the same.

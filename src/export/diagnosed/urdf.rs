@@ -2,21 +2,19 @@
 
 use roxmltree::{Document, Node};
 
-use crate::{
-    export::diagnosed::{
-        edits::{Edit, before_end, edited},
-        numbers::{held, joint_numbers, notes},
+use crate::diagnosed::{
+    edits::{Edit, before_end, edited},
+    numbers::{held, joint_numbers, notes},
+};
+use common::limits::{XmlError, parse_xml};
+use gap::{
+    judge::{
+        finding::{Finding, ParameterEstimate},
+        format_model::Fate,
+        report::{ExportNote, JointReport},
     },
-    gap::{
-        judge::{
-            finding::{Finding, ParameterEstimate},
-            format_model::Fate,
-            report::{ExportNote, JointReport},
-        },
-        model::{format::Format, joint_model::Catalogue},
-        twin_tree::TwinTree,
-    },
-    limits::{XmlError, parse_xml},
+    model::{format::Format, joint_model::Catalogue},
+    twin_tree::TwinTree,
 };
 
 /// Namespace of the elements that other readers skip.
@@ -66,7 +64,7 @@ pub fn urdf(
 }
 
 /// An effect as an element that other readers skip, with further `attributes`.
-pub(crate) fn element(finding: &Finding, attributes: &str) -> String {
+pub fn element(finding: &Finding, attributes: &str) -> String {
     let parameter = |p: &ParameterEstimate| {
         format!("<gap:parameter name=\"{}\" value=\"{}\" unit=\"{}\"/>", p.name, p.value, p.unit)
     };
@@ -75,7 +73,7 @@ pub(crate) fn element(finding: &Finding, attributes: &str) -> String {
 }
 
 /// Declares the namespace of such elements at the root, where it is not.
-pub(crate) fn namespace_edit(text: &str, document: &Document) -> Option<Edit> {
+pub fn namespace_edit(text: &str, document: &Document) -> Option<Edit> {
     let root = document.root_element();
     let at = root.range().start
         + 1
@@ -110,7 +108,7 @@ fn joint_edits(text: &str, joint: Node, dynamics: Option<(f64, f64)>, elements: 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::escape_xml;
+    use model::escape_xml;
 
     #[test]
     fn the_joint_of_a_name_is_changed_and_no_text_that_looks_like_it() {

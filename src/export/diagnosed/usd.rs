@@ -3,22 +3,21 @@
 //! UsdPhysics itself has limits and a drive, whose stiffness and target are a spring. Friction and damping of
 //! a joint are attributes of PhysX (`physxJointAxis`, effort) and of Newton (`newton`); angles are degrees.
 
-use crate::{
-    export::diagnosed::{
-        edits::edited,
-        numbers::{UNTURNED, joint_numbers, missing, notes},
-        tilt::{Tilt, tilt},
-    },
-    gap::{
-        judge::report::{ExportNote, JointReport},
-        model::{
-            format::{Format, JointNumbers, Spring},
-            joint_model::Catalogue,
-        },
-        twin_tree::{Motion, TwinTree},
-    },
+use crate::diagnosed::{
+    edits::edited,
+    numbers::{UNTURNED, joint_numbers, missing, notes},
+    tilt::{Tilt, tilt},
 };
-use crate::{geometry::Pose, model::is_plain_name};
+use gap::{
+    judge::report::{ExportNote, JointReport},
+    model::{
+        format::{Format, JointNumbers, Spring},
+        joint_model::Catalogue,
+    },
+    twin_tree::{Motion, TwinTree},
+};
+use geometry::Pose;
+use model::is_plain_name;
 
 /// The USD text with the effects, and what became of each. Notes name a joint that the text does not have.
 #[must_use]
@@ -177,11 +176,9 @@ fn with_attribute(body: &str, attribute: &str, value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        export::{Base, usda},
-        gap::model::format::Stop,
-        model::example::cabinet,
-    };
+    use crate::{Base, usda};
+    use gap::model::format::Stop;
+    use model::example::cabinet;
 
     #[test]
     fn attributes_of_one_joint_are_set_in_degrees() {

@@ -6,18 +6,18 @@ use super::ticks::{labels, ticks};
 
 /// Most points of a curve: more than a printed page resolves.
 const MAX_POINTS: usize = 1000;
-/// Space for the numbers of the vertical axis.
+/// Space for the numbers of the vertical axis. chosen: for the eye
 const LEFT: f64 = 62.0;
-/// Space beside the last tick.
+/// Space beside the last tick. chosen: for the eye
 const RIGHT: f64 = 10.0;
-/// Space above, for labels of bands.
+/// Space above, for labels of bands. chosen: for the eye
 const TOP: f64 = 18.0;
-/// Space for the numbers and the name of the horizontal axis.
+/// Space for the numbers and the name of the horizontal axis. chosen: for the eye
 const BOTTOM: f64 = 38.0;
 
 /// A range with what it measures; the label is escaped.
 #[derive(Clone, Debug)]
-pub struct Axis {
+pub(super) struct Axis {
     /// What it measures, with its unit.
     pub label: String,
     /// Its ends.
@@ -26,7 +26,7 @@ pub struct Axis {
 
 impl Axis {
     /// An axis over all values that are numbers, and a twentieth more on either side.
-    pub fn over<'a>(label: impl Into<String>, values: impl Iterator<Item = &'a f64>) -> Self {
+    pub(super) fn over<'a>(label: impl Into<String>, values: impl Iterator<Item = &'a f64>) -> Self {
         let (low, high) = extent(values);
         let pad = 0.05 * (high - low);
         Self { label: label.into(), range: (low - pad, high + pad) }
@@ -34,7 +34,7 @@ impl Axis {
 }
 
 /// Least and largest of the values that are numbers; a range about zero without any.
-pub fn extent<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
+pub(super) fn extent<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     let (low, high) = values
         .filter(|v| v.is_finite())
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
@@ -47,13 +47,13 @@ pub fn extent<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
 
 /// What the marks of a chart mean: the class of a mark, and text that is escaped.
 #[must_use]
-pub fn keys_of(keys: &[(&str, &str)]) -> String {
+pub(super) fn keys_of(keys: &[(&str, &str)]) -> String {
     let one = |(class, text): &(&str, &str)| format!("<span><i class=\"{class}\"></i>{text}</span>");
     format!("<p class=\"legend\">{}</p>", keys.iter().map(one).collect::<String>())
 }
 
 /// A chart; what is drawn first lies below.
-pub struct Chart {
+pub(super) struct Chart {
     title: String,
     size: (f64, f64),
     x: Axis,
@@ -67,7 +67,7 @@ pub struct Chart {
 
 impl Chart {
     /// An empty one; `title` is escaped, and read in place of the picture.
-    pub fn new(title: impl Into<String>, size: (f64, f64), x: Axis, y: Axis) -> Self {
+    pub(super) fn new(title: impl Into<String>, size: (f64, f64), x: Axis, y: Axis) -> Self {
         Self { title: title.into(), size, x, y, body: String::new(), over: String::new() }
     }
 
@@ -84,7 +84,7 @@ impl Chart {
     }
 
     /// A shaded part of the horizontal axis.
-    pub fn band(&mut self, from: f64, to: f64, class: &str) {
+    pub(super) fn band(&mut self, from: f64, to: f64, class: &str) {
         let (left, right, height) = (self.px(from), self.px(to), self.size.1 - TOP - BOTTOM);
         writeln!(
             self.body,
@@ -95,7 +95,7 @@ impl Chart {
     }
 
     /// A shaded part of the vertical axis.
-    pub fn level(&mut self, from: f64, to: f64, class: &str) {
+    pub(super) fn level(&mut self, from: f64, to: f64, class: &str) {
         let (top, bottom) = (self.py(to), self.py(from));
         writeln!(
             self.body,
@@ -107,13 +107,13 @@ impl Chart {
     }
 
     /// A text at the top of the plot; it is escaped.
-    pub fn note(&mut self, x: f64, text: &str, class: &str) {
+    pub(super) fn note(&mut self, x: f64, text: &str, class: &str) {
         let (x, y) = (self.px(x), TOP - 5.0);
         writeln!(self.over, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y}\">{text}</text>").ok();
     }
 
     /// A curve in stretches, which begin at the indices `starts`.
-    pub fn curve(&mut self, x: &[f64], y: &[f64], starts: &[usize], class: &str) {
+    pub(super) fn curve(&mut self, x: &[f64], y: &[f64], starts: &[usize], class: &str) {
         let mut path = String::new();
         let ends = starts.iter().skip(1).copied().chain([x.len()]);
         let share = (MAX_POINTS as f64 / x.len().max(1) as f64).min(1.0);
@@ -128,7 +128,7 @@ impl Chart {
     }
 
     /// The space between two curves.
-    pub fn between(&mut self, x: &[f64], low: &[f64], high: &[f64], class: &str) {
+    pub(super) fn between(&mut self, x: &[f64], low: &[f64], high: &[f64], class: &str) {
         let up = x.iter().zip(low).map(|(x, y)| (self.px(*x), self.py(*y)));
         let back = x.iter().zip(high).rev().map(|(x, y)| (self.px(*x), self.py(*y)));
         let mut path = String::new();
@@ -137,7 +137,7 @@ impl Chart {
     }
 
     /// A point with its interval; a square where `is_square`.
-    pub fn point(&mut self, x: f64, y: f64, half: f64, class: &str, is_square: bool) {
+    pub(super) fn point(&mut self, x: f64, y: f64, half: f64, class: &str, is_square: bool) {
         let (px, py, top, bottom) = (self.px(x), self.py(y), self.py(y + half), self.py(y - half));
         if half > 0.0 {
             writeln!(self.body, "<path class=\"{class} bar-of\" d=\"M{px:.1} {top:.1}V{bottom:.1}\"/>").ok();
@@ -155,7 +155,7 @@ impl Chart {
     }
 
     /// The picture.
-    pub fn svg(self) -> String {
+    pub(super) fn svg(self) -> String {
         let (width, height) = self.size;
         let (right, bottom) = (width - RIGHT, height - BOTTOM);
         let mut svg = format!(

@@ -3,18 +3,16 @@
 use std::fmt::Write as _;
 
 use super::words::{fixed, places, residual, with_unit, words};
-use crate::{
-    export::page::{push_table, row},
-    gap::judge::report::{ExportNote, Held, JointReport},
-    model::escape_xml,
-};
+use crate::page::{push_table, row};
+use gap::judge::report::{ExportNote, Held, JointReport};
+use model::escape_xml;
 
 /// How the status of a file that is not there begins.
 const NOT_WRITTEN: &str = "not written";
 
 /// The table of all formats.
 #[must_use]
-pub fn exports(joints: &[JointReport], notes: &[ExportNote]) -> String {
+pub(super) fn exports(joints: &[JointReport], notes: &[ExportNote]) -> String {
     let head =
         ["Format", "Joint", "Effect", "The file", "In its place", "Held-out residual, twin \u{2192} file"];
     let mut rows = String::new();
@@ -58,7 +56,7 @@ pub fn exports(joints: &[JointReport], notes: &[ExportNote]) -> String {
 }
 
 fn held(held: &Held) -> String {
-    let one = |p: &crate::gap::judge::report::HeldParameter| {
+    let one = |p: &gap::judge::report::HeldParameter| {
         format!("{} {}", words(&p.name), with_unit(&fixed(p.value, places(p.value, 0.0)), &p.unit))
     };
     let parameters = held.parameters.iter().map(one).collect::<Vec<_>>().join(", ");

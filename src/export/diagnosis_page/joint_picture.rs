@@ -3,38 +3,39 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use nalgebra::{Point3, Unit, Vector3};
+use nalgebra::{Point2, Point3, Unit, Vector3};
 
 use super::{
     solids::{Solid, box_of_inertia, cuboid, normal},
     view::View,
     words::position,
 };
-use crate::{
-    gap::twin_tree::{Motion, TwinTree},
-    geometry::Pose,
-    model::escape_xml,
-};
+use gap::twin_tree::{Motion, TwinTree};
+use geometry::Pose;
+use model::escape_xml;
+use surface::hull_2d;
 
-/// Width and height of the drawing.
+/// Width and height of the drawing. chosen: for the eye
 const SIZE: (f64, f64) = (620.0, 440.0);
-/// Border for labels.
+/// Border for labels. chosen: for the eye
 const BORDER: f64 = 50.0;
 /// Points of an arc.
 const ARC: usize = 64;
 /// Side of the block that stands for a parent without a shape, as a share of the moved part.
+/// chosen: for the eye
 const BLOCK: f64 = 0.08;
-/// Length of the axis on either side, as a share of the moved part, and beyond that.
+/// Length of the axis on either side, as a share of the moved part, and beyond that. chosen: for the eye
 const AXIS: (f64, f64) = (0.4, 0.18);
-/// Distance of a slide's way below the part, as a share of the part's height.
+/// Distance of a slide's way below the part, as a share of the part's height. chosen: for the eye
 const BELOW: f64 = 1.2;
-/// Width of a letter of the labels.
+/// Width of a letter of the labels. chosen: that of usual fonts
 const LETTER: f64 = 6.6;
 /// Extent below which a shape is a point mass on a rod, as a share of its distance from the joint.
+/// chosen: for the eye
 const SMALL: f64 = 0.25;
 
 /// What of a joint is drawn.
-pub struct Drawn<'a> {
+pub(super) struct Drawn<'a> {
     /// The twin.
     pub tree: &'a TwinTree,
     /// Index of the joint.
@@ -132,7 +133,7 @@ impl Drawn<'_> {
 
     /// The drawing, as SVG.
     #[must_use]
-    pub fn svg(&self) -> String {
+    pub(super) fn svg(&self) -> String {
         let joint = &self.tree.joints[self.joint];
         let (origin, axis) = self.axis();
         let (low, high) = self.range;
@@ -251,8 +252,10 @@ impl Drawn<'_> {
             if extent < SMALL * center.coords.norm() {
                 corners.extend([Point3::origin(), center]);
             }
-            let paper: Vec<(f64, f64)> = corners.iter().map(|p| view.paper(&(poses[link] * p))).collect();
-            writeln!(svg, "<path class=\"ghost\" d=\"{}Z\"/>", line(&hull(paper))).ok();
+            let at = |p: &Point3<f64>| Point2::from(<[f64; 2]>::from(view.paper(&(poses[link] * p))));
+            let paper: Vec<Point2<f64>> = corners.iter().map(at).collect();
+            let outline: Vec<(f64, f64)> = hull_2d(&paper).iter().map(|p| (p.x, p.y)).collect();
+            writeln!(svg, "<path class=\"ghost\" d=\"{}Z\"/>", line(&outline)).ok();
         }
     }
 
@@ -393,27 +396,4 @@ fn push_directions(svg: &mut String, view: &View, gravity: &Vector3<f64>) {
         let to = arrow(down, foot, "g");
         push_head(svg, foot, to, "head");
     }
-}
-
-/// The outline of points, counterclockwise (monotone chain).
-fn hull(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
-    points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-    points.dedup();
-    let turn = |a: &(f64, f64), b: &(f64, f64), c: &(f64, f64)| {
-        (b.0 - a.0) * (c.1 - a.1) - (b.1 - a.1) * (c.0 - a.0)
-    };
-    let half = |points: &mut dyn Iterator<Item = &(f64, f64)>| {
-        let mut chain: Vec<(f64, f64)> = Vec::new();
-        for p in points {
-            while chain.len() > 1 && turn(&chain[chain.len() - 2], &chain[chain.len() - 1], p) <= 0.0 {
-                chain.pop();
-            }
-            chain.push(*p);
-        }
-        chain.pop();
-        chain
-    };
-    let mut all = half(&mut points.iter());
-    all.extend(half(&mut points.iter().rev()));
-    all
 }

@@ -4,19 +4,19 @@ use super::{
     chart::{Axis, Chart, keys_of},
     words::{effort_unit, unit_text, variable, words},
 };
-use crate::gap::judge::{
+use gap::judge::{
     law::{Law, Way},
     report::JointReport,
 };
 
-/// Share of the points' range by which intervals may widen the axis.
+/// Share of the points' range by which intervals may widen the axis. chosen: for the eye
 const ROOM: f64 = 0.25;
-/// Least half range of the efforts, as a share of those recorded.
+/// Least half range of the efforts, as a share of those recorded. chosen: for the eye
 const LEAST: f64 = 0.05;
 
 /// A law of a joint; dashed where it is not `is_named`.
 #[must_use]
-pub fn law_chart(joint: &JointReport, law: &Law, is_named: bool) -> String {
+pub(super) fn law_chart(joint: &JointReport, law: &Law, is_named: bool) -> String {
     let unit = law.variable.unit(joint.turns);
     let name = if law.effects.is_empty() {
         "What the twin lacks".to_owned()

@@ -24,18 +24,16 @@ use solids::{Solid, visuals};
 use words::{effort_unit, fixed, places, position, residual, words};
 
 use super::page::{TAIL, count, head, push_list};
-use crate::{
-    gap::{
-        judge::{
-            report::{ExportNote, JointReport, overall},
-            verdict::Verdict,
-        },
-        model::joint_model::Catalogue,
-        twin_tree::{Motion, TwinTree},
+use common::note::Note;
+use gap::{
+    judge::{
+        report::{ExportNote, JointReport, overall},
+        verdict::Verdict,
     },
-    model::escape_xml,
-    note::Note,
+    model::joint_model::Catalogue,
+    twin_tree::{Motion, TwinTree},
 };
+use model::escape_xml;
 
 const STYLE: &str = include_str!("diagnosis.css");
 /// Most joints that are shown in full.

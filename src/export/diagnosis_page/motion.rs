@@ -6,13 +6,11 @@ use super::{
     chart::{Axis, Chart, extent, keys_of},
     words::effort_unit,
 };
-use crate::{
-    gap::judge::{
-        proof::{ResidualSeries, RunGap, RunSeries},
-        report::JointReport,
-    },
-    model::escape_xml,
+use gap::judge::{
+    proof::{ResidualSeries, RunGap, RunSeries},
+    report::JointReport,
 };
+use model::escape_xml;
 
 /// Most runs in the picture of all runs.
 const MAX_RUNS: usize = 12;
@@ -20,21 +18,21 @@ const MAX_RUNS: usize = 12;
 const MAX_HELD_OUT: usize = 3;
 /// Most windows that are shaded one by one.
 const MAX_WINDOWS: usize = 120;
-/// Space between runs, as a share of all of them.
+/// Space between runs, as a share of all of them. chosen: for the eye
 const SPACE: f64 = 0.012;
-/// Width of the charts.
+/// Width of the charts. chosen: for the eye
 const WIDTH: f64 = 1180.0;
 
 /// Names of the motions.
 #[derive(Clone, Copy)]
-pub struct Names {
+pub(super) struct Names {
     /// That of the updated twin; `None` where it is the twin.
     pub updated: Option<&'static str>,
 }
 
 /// The sections of a joint.
 #[must_use]
-pub fn motion(joint: &JointReport, names: &Names) -> String {
+pub(super) fn motion(joint: &JointReport, names: &Names) -> String {
     let mut out = all_runs(joint);
     let Some(gap) = &joint.gap else { return out };
     let drawn = joint.series.iter().zip(&gap.runs).take(MAX_HELD_OUT);
@@ -61,7 +59,7 @@ fn all_runs(joint: &JointReport) -> String {
     shown.truncate(MAX_RUNS);
     shown.sort_unstable();
     let tracks: Vec<_> = shown.iter().map(|i| tracks[*i]).collect();
-    let length = |t: &&crate::gap::judge::report::Track| t.time_s[t.time_s.len() - 1] - t.time_s[0];
+    let length = |t: &&gap::judge::report::Track| t.time_s[t.time_s.len() - 1] - t.time_s[0];
     let total: f64 = tracks.iter().map(length).sum();
     if tracks.is_empty() || total <= 0.0 {
         return String::new();

@@ -1,34 +1,32 @@
 //! What to record next, in one line, and where the twin fails.
 
 use super::words::{fixed, places, position, variable, with_unit, words};
-use crate::{
-    gap::{
-        judge::{
-            finding::Finding,
-            law::{Point, Way},
-            locate::{Dependence, Variable},
-            report::JointReport,
-            verdict::Verdict,
-        },
-        twin_tree::TwinJoint,
+use gap::{
+    judge::{
+        finding::Finding,
+        law::{Point, Way},
+        locate::{Dependence, Variable},
+        report::JointReport,
+        verdict::Verdict,
     },
-    model::escape_xml,
+    twin_tree::TwinJoint,
 };
+use model::escape_xml;
 
-/// Level at which a dependence is named.
+/// Level at which a dependence is named. derived: that of the report (`gap::judge::report`)
 const LEVEL: f64 = 0.05;
 /// Most dependences that are listed.
 const MAX_PLACES: usize = 3;
-/// Share of the largest effort from which a bin belongs to it.
+/// Share of the largest effort from which a bin belongs to it. chosen: a little less than half
 const ALIKE: f64 = 0.4;
-/// Largest share of the range that is a place.
+/// Largest share of the range that is a place. chosen: what is wider is no place
 const LOCAL: f64 = 0.7;
-/// Share of a joint's range from which the runs cover it.
+/// Share of a joint's range from which the runs cover it. chosen: most of it
 const COVERED: f64 = 0.8;
 
 /// The next experiment; `range` is that of all runs.
 #[must_use]
-pub fn next(joint: &JointReport, spec: Option<&TwinJoint>, range: (f64, f64)) -> String {
+pub(super) fn next(joint: &JointReport, spec: Option<&TwinJoint>, range: (f64, f64)) -> String {
     let d = &joint.diagnosis;
     let of = |f: &Finding| escape_xml(&f.experiment);
     match d.verdict {
@@ -146,7 +144,7 @@ fn further(joint: &JointReport, spec: Option<&TwinJoint>, (low, high): (f64, f64
 
 /// Where twin and recording disagree.
 #[must_use]
-pub fn disagreement(joint: &JointReport) -> String {
+pub(super) fn disagreement(joint: &JointReport) -> String {
     let listed = joint
         .diagnosis
         .before

@@ -6,7 +6,9 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, UnitQuaternion, Vector3};
 use roxmltree::Node;
 
-use crate::{gap::twin_tree::TwinLink, geometry::Pose, limits::parse_xml};
+use common::limits::parse_xml;
+use gap::twin_tree::TwinLink;
+use geometry::Pose;
 
 /// Sides of a drawn cylinder.
 const SIDES: usize = 24;
@@ -14,12 +16,12 @@ const SIDES: usize = 24;
 const RINGS: usize = 8;
 /// Most shapes of a link.
 const MAX_SHAPES: usize = 40;
-/// Least side of a box of inertia, as a share of its longest.
+/// Least side of a box of inertia, as a share of its longest. chosen: for the eye
 const LEAST_SIDE: f64 = 0.02;
 
 /// A convex solid in the frame of its link: faces with their corners, counterclockwise from outside.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Solid {
+pub(super) struct Solid {
     /// Faces.
     pub faces: Vec<Vec<Point3<f64>>>,
     /// Edges between faces are drawn; a round solid has none.
@@ -28,7 +30,7 @@ pub struct Solid {
 
 /// Visual shapes of all links, by name; meshes are not read. Nothing of a text that is no XML.
 #[must_use]
-pub fn visuals(urdf: &str) -> BTreeMap<String, Vec<Solid>> {
+pub(super) fn visuals(urdf: &str) -> BTreeMap<String, Vec<Solid>> {
     let Ok(document) = parse_xml(urdf) else { return BTreeMap::new() };
     let mut all = BTreeMap::new();
     for link in document.root_element().children().filter(|n| n.has_tag_name("link")) {
@@ -75,7 +77,7 @@ fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
 
 /// The box that has the mass and the inertia of a link; `None` without mass.
 #[must_use]
-pub fn box_of_inertia(link: &TwinLink) -> Option<Solid> {
+pub(super) fn box_of_inertia(link: &TwinLink) -> Option<Solid> {
     if !(link.mass_kg > 0.0) {
         return None;
     }
@@ -98,7 +100,7 @@ pub fn box_of_inertia(link: &TwinLink) -> Option<Solid> {
 
 /// A box about the origin.
 #[must_use]
-pub fn cuboid(sides: Vector3<f64>) -> Solid {
+pub(super) fn cuboid(sides: Vector3<f64>) -> Solid {
     let corner = |x: f64, y: f64, z: f64| Point3::from(0.5 * sides.component_mul(&Vector3::new(x, y, z)));
     let mut faces = Vec::new();
     for axis in 0..3 {
@@ -147,7 +149,7 @@ fn ball(radius: f64) -> Solid {
 
 /// Normal of a face, longer for a larger face.
 #[must_use]
-pub fn normal(face: &[Point3<f64>]) -> Vector3<f64> {
+pub(super) fn normal(face: &[Point3<f64>]) -> Vector3<f64> {
     // Newell's sum, which a triangle with a doubled corner does not spoil.
     (0..face.len()).map(|i| face[i].coords.cross(&face[(i + 1) % face.len()].coords)).sum()
 }

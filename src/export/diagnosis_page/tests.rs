@@ -3,29 +3,27 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::*;
-use crate::{
-    gap::{
-        fit::noise::EffortNoise,
-        judge::{
-            finding::{Finding, ParameterEstimate},
-            law::{Curve, Law, Point, Way},
-            locate::Variable,
-            proof::{Gap, ResidualSeries, RunGap, RunSeries, WindowGap},
-            report::{Track, report, summary},
-            verdict::Diagnosis,
-        },
-        model::{
-            actuator::Actuator,
-            effect::Coverage,
-            effects::catalogue,
-            joint_model::JointModel,
-            plant::{Load, Plant},
-        },
-        twin_tree::{TwinJoint, TwinLink},
+use common::note::NoteCode;
+use gap::{
+    fit::noise::EffortNoise,
+    judge::{
+        finding::{Finding, ParameterEstimate},
+        law::{Curve, Law, Point, Way},
+        locate::Variable,
+        proof::{Gap, ResidualSeries, RunGap, RunSeries, WindowGap},
+        report::{Track, report, summary},
+        verdict::Diagnosis,
     },
-    geometry::Pose,
-    note::NoteCode,
+    model::{
+        actuator::Actuator,
+        effect::Coverage,
+        effects::catalogue,
+        joint_model::JointModel,
+        plant::{Load, Plant},
+    },
+    twin_tree::{TwinJoint, TwinLink},
 };
+use geometry::Pose;
 
 /// Names out of files, which must not become markup.
 const JOINT: &str = "<script>hinge";

@@ -1,10 +1,10 @@
 //! Round numbers along an axis.
 
-use crate::export::page::minus;
+use crate::page::minus;
 
 /// Round numbers within a range, `about` of them: steps of 1, 2 or 5 times a power of ten.
 #[must_use]
-pub fn ticks(low: f64, high: f64, about: usize) -> Vec<f64> {
+pub(super) fn ticks(low: f64, high: f64, about: usize) -> Vec<f64> {
     let width = high - low;
     // Negated, so that a range that is not a number has none.
     if !(width > 0.0 && width.is_finite()) {
@@ -25,7 +25,7 @@ fn step(wanted: f64) -> f64 {
 
 /// Labels of ticks, with the digits that their step needs.
 #[must_use]
-pub fn labels(ticks: &[f64]) -> Vec<String> {
+pub(super) fn labels(ticks: &[f64]) -> Vec<String> {
     let step = ticks.windows(2).map(|w| w[1] - w[0]).next().unwrap_or(1.0);
     let places = (-(step * (1.0 + 1e-9)).log10().floor()).clamp(0.0, 12.0) as usize;
     ticks.iter().map(|t| minus(&format!("{:.places$}", t + 0.0))).collect()

@@ -3,19 +3,17 @@
 use std::fmt::Write as _;
 
 use super::words::{fixed, places, residual, unit_text, with_unit, words};
-use crate::{
-    gap::{
-        judge::{
-            finding::{Finding, ParameterEstimate},
-            proof::{Gap, RunGap, left_of},
-            report::JointReport,
-        },
-        model::joint_model::Catalogue,
+use gap::{
+    judge::{
+        finding::{Finding, ParameterEstimate},
+        proof::{Gap, RunGap, left_of},
+        report::JointReport,
     },
-    model::escape_xml,
+    model::joint_model::Catalogue,
 };
+use model::escape_xml;
 
-/// Multiple of the noise up to which a gap is none.
+/// Multiple of the noise up to which a gap is none. derived: that of the verdict (`gap::judge::assess`)
 const AT_NOISE: f64 = 1.5;
 
 /// A parameter as the twin has it, as it was found, and as the updated twin has it.
@@ -55,7 +53,7 @@ fn value(joint: &JointReport, finding: &Finding, p: &ParameterEstimate, catalogu
 
 /// An effect's values in a sentence: `twin + found = updated unit`; the shape is in the table.
 #[must_use]
-pub fn sentence(joint: &JointReport, finding: &Finding, catalogue: &Catalogue) -> String {
+pub(super) fn sentence(joint: &JointReport, finding: &Finding, catalogue: &Catalogue) -> String {
     let one = |p: &ParameterEstimate| {
         let v = value(joint, finding, p, catalogue);
         let [twin, sign, found, sum] = v.parts?;
@@ -70,7 +68,12 @@ pub fn sentence(joint: &JointReport, finding: &Finding, catalogue: &Catalogue) -
 
 /// The table of values.
 #[must_use]
-pub fn values(joint: &JointReport, findings: &[Finding], title: &str, catalogue: &Catalogue) -> String {
+pub(super) fn values(
+    joint: &JointReport,
+    findings: &[Finding],
+    title: &str,
+    catalogue: &Catalogue,
+) -> String {
     let mut rows = String::new();
     for finding in findings {
         for (i, p) in finding.parameters.iter().enumerate() {
@@ -111,7 +114,7 @@ pub fn values(joint: &JointReport, findings: &[Finding], title: &str, catalogue:
 /// The residuals of held-out runs under the twin and, where there is one, the updated twin or what comes
 /// nearest.
 #[must_use]
-pub fn gap_table(joint: &JointReport, gap: &Gap, updated: Option<&str>) -> String {
+pub(super) fn gap_table(joint: &JointReport, gap: &Gap, updated: Option<&str>) -> String {
     let show = |x: f64| residual(x, joint.turns);
     let closed = |before: f64, after: f64| {
         // A twin at its noise has no gap to close.

@@ -2,22 +2,23 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use crate::gap::twin_tree::Motion;
+use gap::twin_tree::Motion;
 
 /// Angle between the line of sight and the axis of a joint that turns, degrees: its motion is an open arc.
+/// chosen: for the eye
 const TURN_DEG: f64 = 48.0;
-/// That of a joint that slides: its way is long.
+/// That of a joint that slides: its way is long. chosen: for the eye
 const SLIDE_DEG: f64 = 68.0;
-/// Heights of the viewer, degrees.
+/// Heights of the viewer, degrees. chosen: for the eye
 const HEIGHTS_DEG: [f64; 3] = [18.0, 28.0, 40.0];
 /// Places around the joint that are tried.
 const PLACES: usize = 24;
-/// What a part that points at the viewer costs, in radians of the axis.
+/// What a part that points at the viewer costs, in radians of the axis. chosen: for the eye
 const POINTING: f64 = 0.35;
 
 /// A line of sight and a scale.
 #[derive(Clone, Copy, Debug)]
-pub struct View {
+pub(super) struct View {
     /// To the viewer.
     pub toward: Vector3<f64>,
     right: Vector3<f64>,
@@ -29,7 +30,12 @@ pub struct View {
 impl View {
     /// The best of some for an axis and a part that reaches from it as `arm`.
     #[must_use]
-    pub fn of(motion: Motion, axis: &Unit<Vector3<f64>>, arm: &Vector3<f64>, gravity: &Vector3<f64>) -> Self {
+    pub(super) fn of(
+        motion: Motion,
+        axis: &Unit<Vector3<f64>>,
+        arm: &Vector3<f64>,
+        gravity: &Vector3<f64>,
+    ) -> Self {
         let up = (-gravity).try_normalize(1e-9).unwrap_or_else(Vector3::z);
         let aside = if up.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
         let ahead = (aside - up * up.dot(&aside)).normalize();
@@ -61,7 +67,7 @@ impl View {
 
     /// The same with all points on a sheet of this size, within its border.
     #[must_use]
-    pub fn fitted(self, points: &[Point3<f64>], size: (f64, f64), border: f64) -> Self {
+    pub(super) fn fitted(self, points: &[Point3<f64>], size: (f64, f64), border: f64) -> Self {
         let flat = Self { scale: 1.0, shift: (0.0, 0.0), ..self };
         let (mut low, mut high) = ((f64::INFINITY, f64::INFINITY), (f64::NEG_INFINITY, f64::NEG_INFINITY));
         for p in points {
@@ -77,26 +83,26 @@ impl View {
 
     /// A point on the sheet, y down.
     #[must_use]
-    pub fn paper(&self, p: &Point3<f64>) -> (f64, f64) {
+    pub(super) fn paper(&self, p: &Point3<f64>) -> (f64, f64) {
         let (x, y) = self.direction(&p.coords);
         (self.shift.0 + self.scale * x, self.shift.1 + self.scale * y)
     }
 
     /// A direction on the sheet, y down; a unit vector in the sheet has length 1.
     #[must_use]
-    pub fn direction(&self, v: &Vector3<f64>) -> (f64, f64) {
+    pub(super) fn direction(&self, v: &Vector3<f64>) -> (f64, f64) {
         (self.right.dot(v), -self.up.dot(v))
     }
 
     /// Down on the sheet.
     #[must_use]
-    pub fn down(&self) -> Vector3<f64> {
+    pub(super) fn down(&self) -> Vector3<f64> {
         -self.up
     }
 
     /// To the light: the viewer's upper left.
     #[must_use]
-    pub fn light(&self) -> Vector3<f64> {
+    pub(super) fn light(&self) -> Vector3<f64> {
         (self.toward + 0.9 * self.up - 0.6 * self.right).normalize()
     }
 }

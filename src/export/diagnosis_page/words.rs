@@ -1,16 +1,18 @@
 //! Numbers and names of a diagnosis as a page shows them.
 
-use crate::{export::page::minus, gap::judge::locate::Variable, model::escape_xml};
+use crate::page::minus;
+use gap::judge::locate::Variable;
+use model::escape_xml;
 
 /// A name of the catalogue in words.
 #[must_use]
-pub fn words(name: &str) -> String {
+pub(super) fn words(name: &str) -> String {
     escape_xml(&name.replace('_', " "))
 }
 
 /// A unit with its powers set high; nothing for a plain number.
 #[must_use]
-pub fn unit_text(unit: &str) -> String {
+pub(super) fn unit_text(unit: &str) -> String {
     if unit == "1" {
         return String::new();
     }
@@ -21,7 +23,7 @@ pub fn unit_text(unit: &str) -> String {
 /// width where it begins with 1 to 3, else one; and three of the number where there is no interval. Below
 /// zero for numbers whose last digits say nothing.
 #[must_use]
-pub fn places(value: f64, half: f64) -> i32 {
+pub(super) fn places(value: f64, half: f64) -> i32 {
     let of = |x: f64, digits: i32| (digits - 1 - x.abs().log10().floor() as i32).clamp(-9, 12);
     let digits = |half: f64| if half / 10f64.powf(half.log10().floor()) < 3.55 { 2 } else { 1 };
     match (half > 0.0 && half.is_finite(), value != 0.0 && value.is_finite()) {
@@ -35,7 +37,7 @@ pub fn places(value: f64, half: f64) -> i32 {
 
 /// A number rounded to so many digits after the point; with an exponent where these are too many to read.
 #[must_use]
-pub fn fixed(value: f64, places: i32) -> String {
+pub(super) fn fixed(value: f64, places: i32) -> String {
     if !value.is_finite() {
         return "\u{2013}".into();
     }
@@ -60,7 +62,7 @@ pub fn fixed(value: f64, places: i32) -> String {
 
 /// A residual of a position with three digits, in thousandths of the unit.
 #[must_use]
-pub fn residual(value: f64, turns: bool) -> String {
+pub(super) fn residual(value: f64, turns: bool) -> String {
     let unit = if turns { "mrad" } else { "mm" };
     if !value.is_finite() {
         return "beyond bounds".into();
@@ -70,7 +72,7 @@ pub fn residual(value: f64, turns: bool) -> String {
 
 /// A position; angles in degrees too.
 #[must_use]
-pub fn position(value: f64, turns: bool) -> String {
+pub(super) fn position(value: f64, turns: bool) -> String {
     if turns {
         format!("{}\u{a0}rad ({}\u{b0})", fixed(value, 2), fixed(value.to_degrees(), 0))
     } else {
@@ -80,20 +82,20 @@ pub fn position(value: f64, turns: bool) -> String {
 
 /// A number with its unit, where it has one.
 #[must_use]
-pub fn with_unit(number: &str, unit: &str) -> String {
+pub(super) fn with_unit(number: &str, unit: &str) -> String {
     let unit = unit_text(unit);
     if unit.is_empty() { number.to_owned() } else { format!("{number}\u{a0}{unit}") }
 }
 
 /// A variable in words.
 #[must_use]
-pub fn variable(variable: Variable) -> &'static str {
+pub(super) fn variable(variable: Variable) -> &'static str {
     if variable == Variable::Effort { "measured effort" } else { variable.name() }
 }
 
 /// The unit of the effort of a joint.
 #[must_use]
-pub fn effort_unit(turns: bool) -> &'static str {
+pub(super) fn effort_unit(turns: bool) -> &'static str {
     if turns { "N\u{a0}m" } else { "N" }
 }
 

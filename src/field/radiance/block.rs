@@ -8,15 +8,15 @@ use super::RadianceConfig;
 use super::composite::{by_thickness, weigh};
 use super::loss::{RadianceLosses, RayShare, Rendered, RenderedGradient, ray_loss};
 use super::ray_batch::RayBatch;
-use crate::field::harmonics::view_gradient;
-use crate::field::matrix::{BackwardNetwork, Network, NetworkGradient};
-use crate::field::passes::{ColorPass, GeometryPass};
-use crate::field::simd::{Columns, InstructionSet};
-use crate::field::{FEATURES, GEOMETRY_OUTPUTS, VIEW_COEFFICIENTS};
+use crate::harmonics::view_gradient;
+use crate::matrix::{BackwardNetwork, Network, NetworkGradient};
+use crate::passes::{ColorPass, GeometryPass};
+use crate::simd::{Columns, InstructionSet};
+use crate::{FEATURES, GEOMETRY_OUTPUTS, VIEW_COEFFICIENTS};
 
-/// Largest exponent of a density's slope (published: 15).
+/// Largest exponent of a density's slope (published: 15). derived: the published one
 const SLOPE_EXPONENT: f64 = 15.0;
-/// Largest exponent of a density (derived: a single step of it hides everything, and its square is finite).
+/// Largest exponent of a density (chosen: a single step of it hides everything, and its square is finite).
 const DENSITY_EXPONENT: f64 = 80.0;
 
 /// Density per normalised unit of a network's first output: `exp(out - 1)`.
@@ -77,7 +77,7 @@ struct PartScratch {
 }
 
 impl Scratch {
-    pub fn new(context: &StepContext<'_>, widest: usize) -> Self {
+    pub(super) fn new(context: &StepContext<'_>, widest: usize) -> Self {
         let part = |p: &PartView<'_>| PartScratch {
             geometry: GeometryPass::new(p.network, widest),
             color: ColorPass::new(p.network, widest),
@@ -155,6 +155,7 @@ fn render(context: &StepContext<'_>, rays: &Range<usize>, scratch: &mut Scratch)
         for (i, (w, t)) in weights.iter().zip(distances).enumerate() {
             let shown = &mut scratch.shown[i / samples];
             shown.opacities[k] += w;
+            // The distance of docs/method.md (12.22).
             shown.distance += w * t;
         }
         part.columns.clear();

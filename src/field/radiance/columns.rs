@@ -4,10 +4,10 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::ray_batch::{Ray, RayBatch};
-use crate::field::simd::PointColumns;
-use crate::geometry::Pose;
+use crate::simd::PointColumns;
+use geometry::Pose;
 
-/// Takes a point of a state to the canonical frame.
+/// Takes a point of a state to the canonical frame: docs/method.md (12.20).
 pub(super) fn canonical(half: &Pose, state: usize, point: &Point3<f64>) -> Point3<f64> {
     if state == 0 { half * point } else { half.inverse_transform_point(point) }
 }
@@ -36,12 +36,12 @@ pub(super) struct PartColumns {
 }
 
 impl PartColumns {
-    pub fn points(&self) -> PointColumns<'_> {
+    pub(super) fn points(&self) -> PointColumns<'_> {
         PointColumns { x: &self.x, y: &self.y, z: &self.z }
     }
 
     /// Takes the samples of a batch to the canonical frame.
-    pub fn fill(&mut self, batch: &RayBatch, half: &Pose, half_side: f64) {
+    pub(super) fn fill(&mut self, batch: &RayBatch, half: &Pose, half_side: f64) {
         let n = batch.distances.len();
         for axis in [&mut self.x, &mut self.y, &mut self.z] {
             axis.resize(n, 0.0);

@@ -9,6 +9,7 @@
 use std::ops::Range;
 
 /// Rendering weights of the samples `ray` of every part, given `[part][sample]` thicknesses (at least 0).
+/// See docs/method.md (12.21).
 pub(super) fn weigh(thickness: &[Vec<f64>], ray: Range<usize>, weights: &mut [Vec<f64>]) {
     let mut before = 0.0f64;
     for i in ray {

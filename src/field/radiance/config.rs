@@ -7,10 +7,11 @@ use super::super::simd::COLUMN_ALIGN;
 use super::super::{FieldConfig, FieldError};
 
 /// Optimiser steps that the published schedules are given for (Liu, Mahdavi-Amiri and Savva 2023).
+/// derived: the published one
 const PUBLISHED_STEPS: f64 = 30_000.0;
-/// Published steps at which the fields' rate is halved.
+/// Published steps at which the fields' rate is halved. derived: the published ones
 const FIELD_STEPS: [f64; 5] = [10_000.0, 15_000.0, 18_000.0, 20_000.0, 25_000.0];
-/// Published steps at which the motions' rate is multiplied by 0.33.
+/// Published steps at which the motions' rate is multiplied by 0.33. derived: the published ones
 const MOTION_STEPS: [f64; 6] = [5_000.0, 10_000.0, 15_000.0, 18_000.0, 20_000.0, 25_000.0];
 
 /// Shape, samples, schedule and loss weights of PARIS, PARIS* and PARIS*-m.

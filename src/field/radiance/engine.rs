@@ -18,11 +18,11 @@ use super::pieces::{block_rays, blocks, groups};
 use super::position::by_position;
 use super::ray_batch::RayBatch;
 use super::{HalfMotion, RadianceConfig};
-use crate::field::learner::{FeatureGradient, Learner};
-use crate::field::matrix::{BackwardNetwork, Network, NetworkGradient, padded};
-use crate::field::simd::{AdamStep, InstructionSet, PointColumns};
-use crate::field::{EngineState, FEATURES, VIEW_COEFFICIENTS};
-use crate::geometry::Pose;
+use crate::learner::{FeatureGradient, Learner};
+use crate::matrix::{BackwardNetwork, Network, NetworkGradient, padded};
+use crate::simd::{AdamStep, InstructionSet, PointColumns};
+use crate::{EngineState, FEATURES, VIEW_COEFFICIENTS};
+use geometry::Pose;
 
 /// The fields of all parts in training; the first is static.
 pub(super) struct RadianceEngine {
@@ -45,7 +45,7 @@ impl RadianceEngine {
     ///
     /// # Panics
     /// If moments do not have the parameters' number.
-    pub fn new(states: Vec<EngineState>) -> Self {
+    pub(super) fn new(states: Vec<EngineState>) -> Self {
         let isa = InstructionSet::detect();
         let fields: Vec<_> = states.into_iter().map(|s| Learner::resume(s, isa)).collect();
         let columns = fields.iter().map(|_| PartColumns::default()).collect();
@@ -53,7 +53,7 @@ impl RadianceEngine {
     }
 
     /// What [`Self::new`] needs.
-    pub fn states(&self) -> Vec<EngineState> {
+    pub(super) fn states(&self) -> Vec<EngineState> {
         self.fields.iter().map(Learner::state).collect()
     }
 
@@ -61,7 +61,7 @@ impl RadianceEngine {
     ///
     /// The published code runs every batch twice, for the fields and then for the motions; here one gradient
     /// moves both.
-    pub fn step(
+    pub(super) fn step(
         &mut self,
         batch: &RayBatch,
         motions: &mut MotionState,
@@ -80,7 +80,7 @@ impl RadianceEngine {
     }
 
     /// Losses and gradients of every part's field in the order of
-    /// [`FieldParams::flatten`](crate::field::FieldParams::flatten); changes nothing.
+    /// [`FieldParams::flatten`](crate::FieldParams::flatten); changes nothing.
     #[cfg(test)]
     pub fn gradient(
         &mut self,

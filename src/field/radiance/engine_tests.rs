@@ -8,10 +8,10 @@ use super::motion_adam::MotionState;
 use super::ray_batch::{Ray, RayBatch};
 use super::reference::{loss, two_part_loss};
 use super::{HalfMotion, RadianceConfig};
-use crate::field::reference::{Reference, field, small_config, uniform};
-use crate::field::{EngineState, FieldParams};
-use crate::geometry::Pose;
-use crate::random::stage_rng;
+use crate::reference::{Reference, field, small_config, uniform};
+use crate::{EngineState, FieldParams};
+use geometry::Pose;
+use numeric::random::stage_rng;
 
 /// All terms on, the color network everywhere.
 fn config(parts: usize) -> RadianceConfig {

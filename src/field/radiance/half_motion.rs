@@ -7,7 +7,7 @@
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Pose, Screw, exp_so3};
+use geometry::{Pose, Screw, exp_so3};
 
 /// Coordinates of a step of any half motion.
 pub(super) const COORDINATES: usize = 6;
@@ -45,14 +45,14 @@ pub(super) struct PoseGradient {
 
 impl PoseGradient {
     /// Adds the gradient `by_image` of the image `R x + t` of a point.
-    pub fn add_forward(&mut self, pose: &Pose, image: &Point3<f64>, by_image: &Vector3<f64>) {
+    pub(super) fn add_forward(&mut self, pose: &Pose, image: &Point3<f64>, by_image: &Vector3<f64>) {
         // y = R x + t: dy = w x (R x) + dt.
         self.torque += (image.coords - pose.translation.vector).cross(by_image);
         self.force += by_image;
     }
 
     /// Adds the gradient `by_image` of the image `R^T (x - t)` of `point`.
-    pub fn add_inverse(&mut self, pose: &Pose, point: &Point3<f64>, by_image: &Vector3<f64>) {
+    pub(super) fn add_inverse(&mut self, pose: &Pose, point: &Point3<f64>, by_image: &Vector3<f64>) {
         // y = R^T (x - t): dy = -R^T (w x (x - t) + dt).
         let force = -(pose.rotation * by_image);
         self.torque += (point.coords - pose.translation.vector).cross(&force);
@@ -60,17 +60,17 @@ impl PoseGradient {
     }
 
     /// Adds the gradient `by_image` of a turned direction `R d`.
-    pub fn add_turned(&mut self, image: &Vector3<f64>, by_image: &Vector3<f64>) {
+    pub(super) fn add_turned(&mut self, image: &Vector3<f64>, by_image: &Vector3<f64>) {
         self.torque += image.cross(by_image);
     }
 
     /// Adds the gradient `by_image` of the direction `R^T d`.
-    pub fn add_turned_back(&mut self, pose: &Pose, direction: &Vector3<f64>, by_image: &Vector3<f64>) {
+    pub(super) fn add_turned_back(&mut self, pose: &Pose, direction: &Vector3<f64>, by_image: &Vector3<f64>) {
         self.torque -= direction.cross(&(pose.rotation * by_image));
     }
 
     /// Adds another gradient.
-    pub fn merge(&mut self, other: &Self) {
+    pub(super) fn merge(&mut self, other: &Self) {
         self.torque += other.torque;
         self.force += other.force;
     }

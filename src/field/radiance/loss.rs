@@ -6,11 +6,11 @@ use super::RadianceConfig;
 use super::ray_batch::Ray;
 
 /// Opacities are kept this far from 0 and 1 in the cross entropy, where its logarithms are not finite
-/// (tuned: a limit on the loss of one ray of 7).
+/// (chosen: a limit on the loss of one ray of 7).
 const OPACITY_MARGIN: f64 = 1e-3;
-/// Below this opacity a ray has no parts whose shares would mean anything (tuned: a hundredth).
+/// Below this opacity a ray has no parts whose shares would mean anything (chosen: a hundredth).
 const SHARED_OPACITY: f64 = 0.01;
-/// Smallest share in a logarithm (derived: a share below it adds less than 2e-5 to an entropy).
+/// Smallest share in a logarithm (chosen: a share below it adds less than 2e-5 to an entropy).
 const SMALLEST_SHARE: f64 = 1e-6;
 
 /// Loss terms of a step, each with its weight; the loss is their sum.
@@ -73,7 +73,7 @@ pub(super) struct RayShare {
     pub reading: f64,
 }
 
-/// Loss of one ray with its derivatives.
+/// Loss of one ray with its derivatives. See docs/method.md (12.22).
 pub(super) fn ray_loss(
     ray: &Ray,
     shown: &Rendered,
@@ -105,6 +105,7 @@ pub(super) fn ray_loss(
         by.distance = 2.0 * weight * excess;
     }
 
+    // docs/method.md (12.23).
     if config.part_entropy_weight > 0.0 && opacity > SHARED_OPACITY {
         let weight = config.part_entropy_weight * share.ray;
         let log = |o: f64| (o / opacity).max(SMALLEST_SHARE).ln();

@@ -5,15 +5,16 @@ use serde::{Deserialize, Serialize};
 
 use super::HalfMotion;
 use super::block::density;
-use crate::field::{FieldParams, ObjectField};
-use crate::geometry::{Grid3, Pose, SceneBox};
-use crate::surface::{TriangleMesh, marching_cubes};
+use crate::{FieldParams, ObjectField};
+use geometry::{Grid3, Pose, SceneBox};
+use surface::{TriangleMesh, marching_cubes};
 
-/// Density of the surface, per normalised unit (published).
+/// Density of the surface, per normalised unit (published). derived: the published one
 const SURFACE_DENSITY: f64 = 10.0;
 /// Half the side of the cube that is meshed, normalised units (published); less where the fields span less.
+/// derived: the published one
 const MESH_HALF_SIDE: f64 = 1.3;
-/// Largest density in a grid: marching cubes takes finite numbers (derived: far above any surface).
+/// Largest density in a grid: marching cubes takes finite numbers (chosen: far above any surface).
 const DENSEST: f64 = 1e6;
 
 /// Fields and half motions of all parts; part 0 is static.
@@ -83,8 +84,8 @@ impl RadianceModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::field::FieldConfig;
-    use crate::random::stage_rng;
+    use crate::FieldConfig;
+    use numeric::random::stage_rng;
 
     /// Every table and layer 0 but for what makes the density 1000 at high x of a one-level grid.
     fn half_space() -> FieldParams {

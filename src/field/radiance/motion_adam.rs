@@ -3,9 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use super::half_motion::{COORDINATES, HalfMotion, PoseGradient};
-use crate::field::simd::{AdamStep, InstructionSet};
+use crate::simd::{AdamStep, InstructionSet};
 
 /// Decay of the moments, of fields and motions alike (Liu, Mahdavi-Amiri and Savva 2023).
+/// derived: the published ones
 pub(super) const BETAS: (f32, f32) = (0.9, 0.99);
 
 /// The mobile parts' half motions with Adam's moments of their coordinates.
@@ -20,19 +21,19 @@ pub(super) struct MotionState {
 
 impl MotionState {
     /// No history.
-    pub fn new(motions: Vec<HalfMotion>) -> Self {
+    pub(super) fn new(motions: Vec<HalfMotion>) -> Self {
         let n = COORDINATES * motions.len();
         Self { motions, first: vec![0.0; n], second: vec![0.0; n], steps: 0 }
     }
 
     /// Whether the moments have the motions' number.
-    pub fn is_consistent(&self) -> bool {
+    pub(super) fn is_consistent(&self) -> bool {
         let n = COORDINATES * self.motions.len();
         self.first.len() == n && self.second.len() == n
     }
 
     /// One step down a gradient; `scale` is a factor on the published rates.
-    pub fn step(&mut self, isa: InstructionSet, by_pose: &[PoseGradient], scale: f64) {
+    pub(super) fn step(&mut self, isa: InstructionSet, by_pose: &[PoseGradient], scale: f64) {
         self.steps += 1;
         let pairs = self.motions.iter().zip(by_pose);
         let mut gradient: Vec<f32> = pairs.flat_map(|(m, g)| m.gradient(g).map(|x| x as f32)).collect();

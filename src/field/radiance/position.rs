@@ -8,11 +8,11 @@ use super::columns::{canonical, place};
 use super::half_motion::PoseGradient;
 use super::pieces::{block_rays, blocks};
 use super::ray_batch::RayBatch;
-use crate::field::FEATURES;
-use crate::field::learner::Learner;
-use crate::field::matrix::padded;
-use crate::field::simd::{LevelGeometry, LevelJacobian, PointColumns};
-use crate::geometry::Pose;
+use crate::FEATURES;
+use crate::learner::Learner;
+use crate::matrix::padded;
+use crate::simd::{LevelGeometry, LevelJacobian, PointColumns};
+use geometry::Pose;
 
 /// Gradient by the half motion of a part, given that of the encoded features of a group of rays, block by
 /// block.

@@ -4,11 +4,11 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::RadianceConfig;
-use crate::capture::RgbdFrame;
-use crate::field::FieldError;
-use crate::field::pool::View;
-use crate::field::sample::Stream;
-use crate::geometry::SceneBox;
+use crate::FieldError;
+use crate::pool::View;
+use crate::sample::Stream;
+use capture::RgbdFrame;
+use geometry::SceneBox;
 
 /// Pixels drawn for a ray until one crosses the cube.
 const TRIES: usize = 32;
@@ -46,7 +46,7 @@ pub(super) struct RayBatch {
 
 impl RayBatch {
     /// Number of rays, and of rays with a reading, of each state.
-    pub fn counts(&self) -> [(usize, usize); 2] {
+    pub(super) fn counts(&self) -> [(usize, usize); 2] {
         [0, 1].map(|state| {
             let of_state = self.rays.iter().filter(|r| r.state == state);
             (of_state.clone().count(), of_state.filter(|r| r.distance.is_some()).count())
@@ -64,7 +64,7 @@ pub(super) struct RaySource<'a> {
 impl<'a> RaySource<'a> {
     /// # Errors
     /// [`FieldError::NoViews`] if no frame of a state sees the cube.
-    pub fn new(
+    pub(super) fn new(
         states: [&'a [RgbdFrame]; 2],
         scene: SceneBox,
         config: &RadianceConfig,
@@ -106,7 +106,7 @@ impl<'a> RaySource<'a> {
 
     /// The rays of a step, whose random key is `key`: as many of each state as configured, each through a
     /// random pixel of a random image among those that cross the cube.
-    pub fn batch(&self, config: &RadianceConfig, key: u64) -> RayBatch {
+    pub(super) fn batch(&self, config: &RadianceConfig, key: u64) -> RayBatch {
         let samples = config.samples;
         let mut distances = vec![0.0; 2 * config.rays * samples];
         let rays = distances
@@ -161,7 +161,7 @@ impl<'a> RaySource<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Intrinsics, Pose};
+    use geometry::{Intrinsics, Pose};
 
     /// A wall at z = 2 seen off its normal; the left half of the image is the object, a row has no depth.
     fn frame() -> RgbdFrame {

@@ -3,9 +3,9 @@
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 
 use super::{HalfMotion, RadianceConfig, RadianceInput, RadianceTrainer};
-use crate::capture::RgbdFrame;
-use crate::field::{FieldConfig, FieldError};
-use crate::geometry::{Intrinsics, Pose, SceneBox};
+use crate::{FieldConfig, FieldError};
+use capture::RgbdFrame;
+use geometry::{Intrinsics, Pose, SceneBox};
 
 const SIDE: usize = 48;
 /// The shift of the second box from state 0 to state 1, meters.

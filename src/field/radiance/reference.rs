@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::ray_batch::{Ray, RayBatch};
 use super::{HalfMotion, RadianceConfig};
-use crate::field::reference::Reference;
+use crate::reference::Reference;
 
 /// Density and color of a part at a sample of a ray, through its half motion.
 fn sample(

@@ -8,10 +8,10 @@ use super::loss::RadianceLosses;
 use super::motion_adam::MotionState;
 use super::ray_batch::RaySource;
 use super::{HalfMotion, RadianceConfig, RadianceModel};
-use crate::capture::RgbdFrame;
-use crate::field::{EngineState, FieldError, FieldParams};
-use crate::geometry::SceneBox;
-use crate::random::stage_rng;
+use crate::{EngineState, FieldError, FieldParams};
+use capture::RgbdFrame;
+use geometry::SceneBox;
+use numeric::random::stage_rng;
 
 /// What the fields are trained on.
 #[derive(Clone, Copy)]

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Unit};
 
 use super::HalfMotion;
-use crate::geometry::{Pose, SceneBox, Screw, rotation_angle_rad};
+use geometry::{Pose, SceneBox, Screw, rotation_angle_rad};
 
 /// A half motion that turns by less is a shift, radians.
 ///
@@ -44,7 +44,7 @@ mod tests {
     use nalgebra::{UnitQuaternion, Vector3};
 
     use super::*;
-    use crate::geometry::line_distance_m;
+    use geometry::line_distance_m;
 
     fn scene() -> SceneBox {
         SceneBox { center: Point3::new(0.2, -0.1, 0.4), scale: 2.5 }

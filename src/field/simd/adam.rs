@@ -1,11 +1,11 @@
 //! Adam's update.
 
 use super::lanes::Lanes;
-use crate::field::{ADAM_BETAS, ADAM_EPSILON};
+use crate::{ADAM_BETAS, ADAM_EPSILON};
 
 /// Coefficients of one step.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::field) struct AdamStep {
+pub(crate) struct AdamStep {
     /// `learning_rate sqrt(1 - beta2^t) / (1 - beta1^t)`.
     rate: f32,
     /// `epsilon sqrt(1 - beta2^t)`.
@@ -16,12 +16,12 @@ pub(in crate::field) struct AdamStep {
 
 impl AdamStep {
     /// Coefficients of step `t`, counted from 1, with [`ADAM_BETAS`].
-    pub(in crate::field) fn new(learning_rate: f32, t: u64) -> Self {
+    pub(crate) fn new(learning_rate: f32, t: u64) -> Self {
         Self::with_betas(learning_rate, t, ADAM_BETAS)
     }
 
     /// As [`Self::new`] with other decays of the moments.
-    pub(in crate::field) fn with_betas(learning_rate: f32, t: u64, betas: (f32, f32)) -> Self {
+    pub(crate) fn with_betas(learning_rate: f32, t: u64, betas: (f32, f32)) -> Self {
         let power = |beta: f32| f64::from(beta).powf(t as f64);
         let second = (1.0 - power(betas.1)).sqrt();
         let rate = f64::from(learning_rate) * second / (1.0 - power(betas.0));
@@ -30,9 +30,9 @@ impl AdamStep {
 }
 
 /// A first moment below this is set to 0: it would move a parameter by less than `1e-30 / epsilon = 1e-15`
-/// and would become a denormal number, which is slow.
+/// and would become a denormal number, which is slow. chosen: above the smallest normal number
 const SMALLEST_FIRST: f32 = 1e-30;
-/// The same for second moments; their roots are far below epsilon.
+/// The same for second moments; their roots are far below epsilon. chosen: above the smallest normal number
 const SMALLEST_SECOND: f32 = 1e-37;
 
 /// `m = b1 m + (1 - b1) g`, `v = b2 v + (1 - b2) g^2`, `p -= rate m / (sqrt(v) + epsilon)`; sets the gradient

@@ -1,7 +1,7 @@
 //! The hash grid of one level: features, their derivatives by position, and the gradient of the table.
 
 use super::lanes::{COLUMN_ALIGN, Lanes};
-use crate::field::LevelLayout;
+use crate::LevelLayout;
 
 /// Multipliers of the spatial hash; the one of x is 1: docs/method.md (12.2).
 const HASH_Y: i32 = 2_654_435_761u32 as i32;
@@ -12,7 +12,7 @@ const MAX_ENTRIES: usize = 1 << 28;
 /// What a kernel needs to know of a level; made only of consistent values, so that every index lies in the
 /// table.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::field) struct LevelGeometry {
+pub(crate) struct LevelGeometry {
     scale: f32,
     resolution: i32,
     entries: usize,
@@ -23,7 +23,7 @@ impl LevelGeometry {
     /// # Panics
     /// If the layout is inconsistent: a dense level smaller than its nodes, a hashed one whose size is no
     /// power of two.
-    pub(in crate::field) fn new(level: &LevelLayout) -> Self {
+    pub(crate) fn new(level: &LevelLayout) -> Self {
         let nodes = level.resolution.checked_pow(3);
         let consistent = if level.hashed {
             level.entries.is_power_of_two()
@@ -46,7 +46,7 @@ impl LevelGeometry {
 
 /// Unit coordinates of points, one slice an axis, all of one length that is a multiple of 16.
 #[derive(Clone, Copy)]
-pub(in crate::field) struct PointColumns<'a> {
+pub(crate) struct PointColumns<'a> {
     /// Along x.
     pub x: &'a [f32],
     /// Along y.
@@ -57,7 +57,7 @@ pub(in crate::field) struct PointColumns<'a> {
 
 impl<'a> PointColumns<'a> {
     /// The points of a range.
-    pub(in crate::field) fn range(&self, range: std::ops::Range<usize>) -> Self {
+    pub(crate) fn range(&self, range: std::ops::Range<usize>) -> Self {
         let PointColumns { x, y, z } = *self;
         Self { x: &x[range.clone()], y: &y[range.clone()], z: &z[range] }
     }
@@ -162,7 +162,7 @@ pub(super) fn encode<S: Lanes>(
 
 /// Features of a level at points and their derivatives by the unit coordinates: `[value, d/dx, d/dy, d/dz]`
 /// of the first and of the second feature, each of the points' length.
-pub(in crate::field) struct LevelJacobian<'a> {
+pub(crate) struct LevelJacobian<'a> {
     /// First feature.
     pub first: [&'a mut [f32]; 4],
     /// Second feature.

@@ -1,11 +1,11 @@
 //! The operations that a kernel may use.
 
 /// Columns come in multiples of this, whatever the instruction set, so that every set sees the same layout.
-pub(in crate::field) const COLUMN_ALIGN: usize = 16;
+pub(crate) const COLUMN_ALIGN: usize = 16;
 
 /// A vector of `N` single floats and one of `N` 32-bit integers of an instruction set. The value itself is a
 /// token: it exists only where the processor has the set.
-pub(in crate::field) trait Lanes: Copy {
+pub(crate) trait Lanes: Copy {
     /// Floats.
     type F: Copy;
     /// Integers.

@@ -4,7 +4,7 @@ use super::lanes::{COLUMN_ALIGN, Lanes};
 
 /// A matrix of `rows` rows, `stride` floats apart; a kernel reads the first columns of every row.
 #[derive(Clone, Copy)]
-pub(in crate::field) struct Columns<'a> {
+pub(crate) struct Columns<'a> {
     /// Starts at the first column of the first row.
     pub data: &'a [f32],
     /// Floats from one row to the next.
@@ -26,7 +26,7 @@ impl Columns<'_> {
 
 /// What is done to a product before it is stored.
 #[derive(Clone, Copy)]
-pub(in crate::field) enum Epilogue<'a> {
+pub(crate) enum Epilogue<'a> {
     /// Nothing.
     Linear,
     /// `max(y, 0)`.

@@ -1,7 +1,7 @@
 //! Every kernel against a plain loop, on every instruction set of this machine.
 
 use super::*;
-use crate::field::LevelLayout;
+use crate::LevelLayout;
 
 fn values(n: usize, seed: u32) -> Vec<f32> {
     let mut x = seed.wrapping_mul(2_654_435_761).wrapping_add(12345);

@@ -1,6 +1,6 @@
 //! What acts on a joint at a state: efforts and bounds of the friction, with their derivatives.
 
-use crate::gap::model::{
+use crate::model::{
     effect::{At, Effect, MAX_PARAMETERS, Place, Response},
     joint_model::{Catalogue, JointModel, Term},
     plant::Plant,

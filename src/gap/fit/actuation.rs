@@ -3,7 +3,8 @@
 
 use nalgebra::{Matrix4, Vector4};
 
-use crate::gap::{
+use super::stretch::SLOW;
+use crate::{
     model::{
         actuator::{Actuator, Servo},
         plant::Plant,
@@ -18,10 +19,10 @@ use crate::gap::{
 };
 
 /// Delays of a command that are tried, seconds.
-/// derived: none to five periods of 50 Hz, the slowest rate of commands in use.
+/// chosen: none to five periods of 50 Hz, the slowest rate of commands in use.
 const DELAYS_S: [f64; 11] = [0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1];
 /// Share of its limit from which a servo is taken to be at it.
-/// derived: a reading within the interval may lie a step off.
+/// chosen: a reading within the interval may lie a step off.
 const AT_LIMIT: f64 = 0.98;
 
 /// Why there is no actuator.
@@ -197,7 +198,3 @@ fn moments(plant: &Plant, logs: &[JointLog]) -> Vec<Moment> {
     }
     all
 }
-
-/// Share of the top speed below which friction may hold the joint.
-/// derived: a smoothed motion is never exactly at rest; where efforts are regressed alone, little is lost.
-const SLOW: f64 = 0.03;

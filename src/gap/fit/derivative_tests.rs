@@ -1,6 +1,6 @@
 //! Derivatives of every effect and of the rollout against central differences.
 
-use crate::gap::{
+use crate::{
     fit::rollout::{Rollout, Start, roll},
     model::{
         actuator::{Actuator, Servo},

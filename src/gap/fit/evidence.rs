@@ -19,7 +19,7 @@ const COLUMNS: usize = KNOWN + MISSING;
 /// derived: from as large as it to 2^-13, the noise of a good encoder over a stretch.
 const NOISES: i32 = 14;
 /// Most further noises, for what may have several sizes.
-/// derived: from a load to the inertia of a twin whose lengths are a thousand times too long.
+/// chosen: from a load to the inertia of a twin whose lengths are a thousand times too long.
 const MOST_NOISES: f64 = 40.0;
 
 /// A stretch of motion of a joint under a twin.
@@ -124,7 +124,7 @@ pub fn independent_share(seen: &[Seen], effort: &[f64], turns: bool, follows: &[
 }
 
 /// Ridge of a regression of columns of unit length.
-/// derived: rounding, for columns that are zero throughout.
+/// chosen: rounding, for columns that are zero throughout.
 const RIDGE: f64 = 1e-12;
 
 /// The recorded effort among the known columns.

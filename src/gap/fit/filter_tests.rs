@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use super::*;
-use crate::gap::{
+use crate::{
     judge::simulated::{pendulum, with},
     model::{
         actuator::{Actuator, Servo},

@@ -3,11 +3,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::gap::{
+use crate::{
     fit::{problem::Problem, smooth::Trace},
     record::log::Span,
 };
-use crate::statistics::chi_square_99;
+use numeric::statistics::chi_square_99;
 
 /// Share of what is known of a parameter from which a witness is its sole one.
 /// derived: more than all others together.

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::gap::{
+use crate::{
     fit::{
         noise::EffortNoise,
         problem::{Problem, Weighing},
@@ -12,23 +12,24 @@ use crate::gap::{
     },
     model::joint_model::JointModel,
 };
+use numeric::statistics::CHI_SQUARE_999;
 
 /// Ratio of the first and the last grid, through which a parabola is laid.
-/// derived: over it the likelihood of a standard deviation differs from a parabola so little that its top is
+/// chosen: over it the likelihood of a standard deviation differs from a parabola so little that its top is
 /// 4 % off at most.
 const FINE: f64 = std::f64::consts::SQRT_2;
 /// Largest ratio of a grid.
-/// derived: two doublings of [`FINE`] on a logarithmic scale; one that is passed over is found later.
+/// chosen: two doublings of [`FINE`] on a logarithmic scale; one that is passed over is found later.
 const COARSE: f64 = 4.0;
 
 /// Memories that an effort which lasts is looked for with, in sample intervals.
-/// derived: from where it is white noise to a window of usual rates; the likelihood is broad in the memory.
+/// chosen: from where it is white noise to a window of usual rates; the likelihood is broad in the memory.
 const MEMORIES: [f64; 3] = [4.0, 16.0, 64.0];
 /// Sweeps over the deviations, one after the other.
 const SWEEPS: usize = 2;
 /// Log likelihood that an effort which lasts must gain.
-/// derived: half the 99.9 % quantile of chi-square with two degrees of freedom, its size and its memory.
-const ENOUGH: f64 = 6.907_755;
+/// derived: half the quantile of chi-square with two degrees of freedom, its size and its memory.
+const ENOUGH: f64 = 0.5 * CHI_SQUARE_999[1];
 
 /// The noise that makes the residuals most probable, by a search about `around`.
 #[must_use]

@@ -2,6 +2,7 @@
 
 pub mod acting;
 pub mod actuation;
+pub mod damping;
 #[cfg(test)]
 mod derivative_tests;
 pub mod evidence;

@@ -12,7 +12,7 @@ pub struct EffortNoise {
     /// Time in which the wander falls to 1/e, seconds.
     pub memory_s: f64,
     /// Of where the joint is beside where its model has it, rad or m, where whole windows are predicted
-    /// ([`Weighing::Predictions`](crate::gap::fit::problem::Weighing)); else 0.
+    /// ([`Weighing::Predictions`](crate::fit::problem::Weighing)); else 0.
     pub deflection: f64,
 }
 

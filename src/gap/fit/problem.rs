@@ -1,6 +1,6 @@
 //! What a fit works on: logs of one joint, windows, smoothed motion, noise and the catalogue.
 
-use crate::gap::{
+use crate::{
     fit::{
         noise::EffortNoise,
         rollout::Start,
@@ -31,11 +31,11 @@ const SERVO_LAG_S: f64 = 0.01;
 const MIN_EFFORT_NOISE: f64 = 1.0 / 16_777_216.0;
 
 /// Angle by which a servo may swing in a step.
-/// derived: the frequency of a leapfrog errs by the square over 24: a ten thousandth, as low as the noise
+/// chosen: the frequency of a leapfrog errs by the square over 24: a ten thousandth, as low as the noise
 /// of a good encoder over a swing.
 const MAX_TURN: f64 = 0.05;
 /// Most steps between two samples that a servo may ask for.
-/// derived: a servo that swings faster holds the joint, whatever the steps.
+/// chosen: a servo that swings faster holds the joint, whatever the steps.
 const MAX_SERVO_STEPS: f64 = 64.0;
 
 /// Most parts of a cross-validation.
@@ -82,10 +82,10 @@ impl Weighing {
 }
 
 /// Samples of a window that is predicted as a whole.
-/// derived: what a window's motion has in it above a 32nd of its length is not what is asked.
+/// chosen: what a window's motion has in it above a 32nd of its length is not what is asked.
 const SAMPLES_OF_PREDICTION: f64 = 64.0;
 /// Independent numbers in the positions of a window that a model predicts: its start state, and two more.
-/// derived: an effort that is missing acts through two integrals; of what is left beyond position and
+/// chosen: an effort that is missing acts through two integrals; of what is left beyond position and
 /// velocity the first two curves hold most.
 const FREEDOM_OF_WINDOW: f64 = 4.0;
 
@@ -124,15 +124,30 @@ pub struct Problem<'c> {
     pub weighing: Weighing,
 }
 
+/// Length of a window in time constants of the damping.
+/// chosen: beyond, little is left of a start's velocity.
+const DAMPING_TIMES: f64 = 2.5;
+/// Least and largest length of a window, seconds.
+/// chosen: samples enough for a fit, and no more than its start state rules.
+const WINDOW_S: [f64; 2] = [0.25, 1.0];
+/// Quantiles of the speed that are its middle and its top: shapes are laid over it, and one bad sample would
+/// shift them all.
+/// chosen: one sample of two hundred may be bad.
+const SPEED_QUANTILES: [f64; 2] = [0.6, 0.995];
+/// Slope of the load over the position below which there is none, N m/rad or N/m.
+/// chosen: above rounding, below any load that is felt.
+const LEAST_SLOPE: f64 = 1e-6;
+
 /// Window length for a joint: two and a half time constants of its damping, and three of the load where that
 /// drives it away from rest, between a quarter of a second and a second. Longer windows would be ruled by
 /// their start states. See docs/method.md (14.6).
 #[must_use]
 pub fn window_length_s(plant: &Plant) -> f64 {
     let slope = plant.load.sine.hypot(plant.load.cosine);
-    let damped = if plant.damping > 0.0 { 2.5 * plant.inertia / plant.damping } else { f64::INFINITY };
+    let damped =
+        if plant.damping > 0.0 { DAMPING_TIMES * plant.inertia / plant.damping } else { f64::INFINITY };
     let driven = if slope > 0.0 { 3.0 * (plant.inertia / slope).sqrt() } else { f64::INFINITY };
-    damped.min(driven).clamp(0.25, 1.0)
+    damped.min(driven).clamp(WINDOW_S[0], WINDOW_S[1])
 }
 
 impl<'c> Problem<'c> {
@@ -358,14 +373,14 @@ fn cover(plant: &Plant, turns: bool, logs: &[JointLog], traces: &[Trace], sigma_
     let seen: Vec<_> =
         std::iter::once(None).filter(|_| logs.iter().all(|l| l.carried.is_empty())).chain(carried).collect();
     let slopes = (0..9)
+        // derived: nine places have eight gaps.
         .map(|i| low + (high - low) * f64::from(i) / 8.0)
         .flat_map(|q| seen.iter().map(move |c| plant.load_at(*c, q).1));
     let slope = slopes.fold(0.0f64, |m, s| m.max(s.abs()));
     Coverage {
         position: (low, high),
         travel: traces.iter().map(range).fold(0.0, f64::max),
-        // A quantile, not the highest: shapes are laid over it, and one bad sample would shift them all.
-        speed: (at(0.6), at(0.995)),
+        speed: (at(SPEED_QUANTILES[0]), at(SPEED_QUANTILES[1])),
         effort_rms: (efforts.iter().map(|u| u * u).sum::<f64>() / efforts.len().max(1) as f64).sqrt(),
         interval_s: logs.iter().filter_map(JointLog::interval_s).fold(0.0, f64::max),
         inertia: plant.inertia,
@@ -374,7 +389,7 @@ fn cover(plant: &Plant, turns: bool, logs: &[JointLog], traces: &[Trace], sigma_
         durations_s: logs.iter().map(JointLog::duration_s).collect(),
         others: logs.first().map_or(0, |l| l.others.len()),
         turns,
-        has_load_slope: slope > 1e-6,
+        has_load_slope: slope > LEAST_SLOPE,
         in_chain: logs.iter().any(|l| !l.carried.is_empty()),
     }
 }

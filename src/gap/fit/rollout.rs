@@ -6,7 +6,7 @@
 //! rest within the model's settle time (within the step, where that is 0), it does, so that a joint that
 //! sticks stands still.
 
-use crate::gap::{
+use crate::{
     fit::acting::{Acting, MAX_COLUMNS, Row, Sum, bound_at_turn},
     model::{
         actuator::Acted,
@@ -158,12 +158,15 @@ impl Layout {
     }
 }
 
+/// Least sum of an inertia and what is added to it, as a share of the inertia: the bound of the added inertia
+/// knows the chain at rest only, and where the others move, the sum could fall to zero.
+/// chosen: far below any inertia that fits.
+pub const LEAST_INERTIA: f64 = 1e-3;
+
 /// One over an inertia and what is added to it.
 #[must_use]
 pub fn inverse_inertia(inertia: f64, added: f64) -> f64 {
-    // The bound of the added inertia knows the chain at rest only: where the others move, the sum could
-    // fall to zero.
-    1.0 / (inertia + added).max(1e-3 * inertia)
+    1.0 / (inertia + added).max(LEAST_INERTIA * inertia)
 }
 
 /// A joint on its way, with the sensitivities of its position and velocity.
@@ -270,7 +273,7 @@ impl Kicks<'_> {
 }
 
 /// Distance from a contact that is as good as none, rad or m.
-/// derived: some thousand times the rounding of a position of 1.
+/// chosen: some thousand times the rounding of a position of 1.
 const BESIDE: f64 = 1e-12;
 
 /// Rolls a window with `W` columns; gives the state at its last sample.

@@ -3,9 +3,10 @@
 
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
-use crate::gap::{
+use crate::{
     fit::{
         acting::{MAX_COLUMNS, Row},
+        damping,
         jackknife::{Witness, alike, covariance},
         likely_noise::most_likely_noise,
         noise::EffortNoise,
@@ -208,16 +209,20 @@ fn solve(normal: &Normal, frozen: &[bool], damping: f64) -> Option<Step> {
 }
 
 /// Bounds of an actuator's gain and damping: it drives, and it brakes.
-/// derived: a factor beyond the largest ratio is one of units; a damping has no bound above.
+/// chosen: a factor beyond the largest ratio is one of units; a damping has no bound above.
 const ACTUATOR_BOUNDS: [(f64, f64); 2] = [(1.0 / LARGEST_RATIO, LARGEST_RATIO), (0.0, 1e9)];
+
+/// Largest lag in deviations of its prior: one far outside would stand in for the effect `delay`.
+/// chosen: no lag of the prior is beyond.
+const MOST_LAG: f64 = 5.0;
 
 /// Parameters moved by a step, kept inside their bounds.
 #[must_use]
 pub fn moved(problem: &Problem, model: &JointModel, step: &DVector<f64>) -> JointModel {
     let mut parameters = model.parameters();
     let mut at = 1;
-    // A lag far outside its prior would stand in for the effect `delay`.
-    parameters[0] = (parameters[0] + step[0]).clamp(-5.0 * problem.lag_sigma_s, 5.0 * problem.lag_sigma_s);
+    parameters[0] =
+        (parameters[0] + step[0]).clamp(-MOST_LAG * problem.lag_sigma_s, MOST_LAG * problem.lag_sigma_s);
     for term in &model.terms {
         for i in 0..term.p.len() {
             let (low, high) = problem.catalogue[term.effect].bounds(i, &problem.coverage);
@@ -259,17 +264,26 @@ pub struct Pace {
 
 /// Most steps of one round.
 const MAX_STEPS: usize = 14;
+/// Log likelihood that a step must gain for another one.
+/// chosen: a parameter is then within a standard deviation of its best.
+const ENOUGH: f64 = 0.2;
+/// The same as a share of it and of the cost.
+/// chosen: of many residuals single ones say nothing.
+const ENOUGH_OF_COST: f64 = 6e-5;
+/// Damping that a fit begins with.
+/// chosen: small, as most fits begin near their end.
+pub(super) const FIRST_DAMPING: f64 = 1e-4;
 
 impl Pace {
     /// To the end.
     #[must_use]
     pub const fn thorough(rounds: usize) -> Self {
-        Self { rounds, steps: MAX_STEPS, enough: 0.2, settles: true, searches: true, hears: false }
+        Self { rounds, steps: MAX_STEPS, enough: ENOUGH, settles: true, searches: true, hears: false }
     }
 
     /// From near its end.
     pub const WARM: Self =
-        Self { rounds: 1, steps: 6, enough: 0.2, settles: false, searches: false, hears: false };
+        Self { rounds: 1, steps: 6, enough: ENOUGH, settles: false, searches: false, hears: false };
     /// Far enough to see which start of a fit leads.
     pub const FIRST: Self =
         Self { rounds: 1, steps: 4, enough: 2.0, settles: false, searches: true, hears: false };
@@ -379,10 +393,10 @@ fn iterate(
     pace: Pace,
     mut now: Evaluation,
 ) -> Evaluation {
-    let mut damping = 1e-4;
+    let mut damping = FIRST_DAMPING;
     for _ in 0..pace.steps {
         let Some(step) = solve(&now.normal, frozen, damping) else {
-            damping = (damping * 10.0).max(1e-4);
+            damping = (damping * 10.0).max(FIRST_DAMPING);
             continue;
         };
         let trial_model = moved(problem, model, &step.parameters);
@@ -406,12 +420,12 @@ fn iterate(
         if trial.cost < now.cost {
             let gained = now.cost - trial.cost;
             (*model, *starts, now) = (trial_model, trial_starts, trial);
-            damping = (damping * 0.2).max(1e-7);
-            if gained < pace.enough * (1.0 + 6e-5 * now.cost) {
+            damping = (damping * damping::FALL).max(damping::LEAST);
+            if gained < pace.enough * (1.0 + ENOUGH_OF_COST * now.cost) {
                 break;
             }
         } else {
-            damping = (damping * 12.0).max(1e-3);
+            damping = (damping * damping::RISE).max(damping::LEAST_RISEN);
             if damping > 1e5 {
                 break;
             }

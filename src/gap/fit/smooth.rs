@@ -1,7 +1,7 @@
 //! Position and velocity that a log most probably ran through: a Kalman smoother on the twin with white
 //! effort noise.
 
-use crate::gap::{
+use crate::{
     model::plant::Plant,
     record::{
         carried::Carried,
@@ -9,6 +9,14 @@ use crate::gap::{
         log::{JointLog, Span},
     },
 };
+
+/// Least effort noise that is tried, as a share of the effort, and the ratio of two that are tried.
+/// chosen: up to six times the effort (docs/method.md 14.3).
+const LEAST_NOISE: f64 = 0.003;
+const NOISE_RATIO: f64 = 2.6;
+/// Share of the top speed from which the sign of a smoothed velocity is clear.
+/// chosen: near rest it is noise.
+const CLEAR_SPEED: f64 = 0.02;
 
 /// Smoothed motion of a log, sample by sample.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -91,9 +99,8 @@ pub fn smooth(logs: &[JointLog], hold: Hold, plant: &Plant, readings: &[Vec<f64>
             .map(|(i, log)| forward(log, i, &effort[i], &Predict { plant, noise }, &readings[i]).1);
         each.sum()
     };
-    // From 0.3 % of the effort to six times it (section 14.3).
     let best = (0..9)
-        .map(|i| scale * 0.003 * 2.6f64.powi(i))
+        .map(|i| scale * LEAST_NOISE * NOISE_RATIO.powi(i))
         .map(|n| (likelihood(n), n))
         .max_by(|a, b| a.0.total_cmp(&b.0));
     let noise = best.map_or(scale, |(_, n)| n);
@@ -196,8 +203,8 @@ fn backward(log: &JointLog, index: usize, effort: &[f64], predict: &Predict, rea
         let (q, v) = (trace.position[k], trace.velocity[k]);
         let carried = log.carried.get(k);
         trace.acceleration[k] = plant.net_effort(carried, q, v, effort[k]) / plant.inertia_at(carried).0;
-        // Near rest the sign of the smoothed velocity is noise: the last clear one stands.
-        if v.abs() > 0.02 * top {
+        // Near rest the last clear sign stands.
+        if v.abs() > CLEAR_SPEED * top {
             last = v.signum();
         }
         trace.direction[k] = last;

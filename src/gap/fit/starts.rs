@@ -4,25 +4,30 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::gap::{
+use crate::{
     fit::{
         acting::Row,
+        damping,
         problem::Problem,
         rollout::{Start, roll_starts},
+        shooting::FIRST_DAMPING,
         whiten::Filter,
         whitening::{Whitening, start_ridge},
     },
     model::joint_model::JointModel,
     record::{drive::Drive, log::Span},
 };
-use crate::statistics::chi_square_99;
+use numeric::statistics::chi_square_99;
 
 /// States of a searched window that are polished.
 const POLISHED: usize = 4;
 /// Steps of a polish.
 const POLISH_STEPS: usize = 6;
+/// Damping after a step that does not lower the cost, against that before it.
+/// chosen: more than a decade, as steps are few.
+const RISE: f64 = 20.0;
 /// Places in the play that a window is started at.
-/// derived: the ends, the middle, and between them.
+/// chosen: the ends, the middle, and between them.
 const PLAY: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];
 /// Samples over which the recorded slope is taken, from the start of a window: (first, last).
 const SLOPES: [(i64, i64); 8] = [(0, 1), (0, 2), (0, 4), (0, 8), (-2, 2), (-4, 0), (4, 8), (8, 16)];
@@ -87,7 +92,7 @@ impl Bench<'_, '_> {
 
     /// Damped Gauss-Newton on the start state alone.
     fn polish(&self, window: usize, from: Trial) -> Trial {
-        let (mut now, mut damping) = (from, 1e-4);
+        let (mut now, mut damping) = (from, FIRST_DAMPING);
         for _ in 0..POLISH_STEPS {
             let mut normal = now.normal;
             normal[(0, 0)] *= 1.0 + damping;
@@ -101,13 +106,13 @@ impl Bench<'_, '_> {
             let trial = self.try_start(window, start);
             if trial.cost < now.cost {
                 let gained = now.cost - trial.cost;
-                (now, damping) = (trial, damping * 0.2);
+                (now, damping) = (trial, damping * damping::FALL);
                 // Half a squared standard deviation does not change which state wins.
                 if gained < 0.5 {
                     break;
                 }
             } else {
-                damping = (damping * 20.0).max(1e-3);
+                damping = (damping * RISE).max(damping::LEAST_RISEN);
             }
         }
         now
@@ -231,7 +236,7 @@ fn at_play(start: Start, play: f64, half_gap: f64) -> Start {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::{
+    use crate::{
         fit::noise::EffortNoise,
         model::{
             actuator::Actuator,

@@ -1,18 +1,18 @@
 //! Short stretches of measured motion, whatever the twin is: what the positions alone say of velocities and
 //! accelerations of all joints, and the mean effort over each.
 
-use crate::gap::record::{
+use crate::record::{
     drive::{Hold, Signal},
     log::JointLog,
     motion::SmoothMotion,
 };
 
 /// Least length of a stretch, seconds.
-/// derived: a sixteenth of the longest window, whose four independent numbers are then seen by four each.
+/// chosen: a sixteenth of the longest window, whose four independent numbers are then seen by four each.
 const WIDTH_S: f64 = 1.0 / 16.0;
 /// Share of the top speed below which friction may hold the joint.
-/// derived: a smoothed motion is never exactly at rest.
-const SLOW: f64 = 0.03;
+/// chosen: a smoothed motion is never exactly at rest.
+pub(crate) const SLOW: f64 = 0.03;
 
 /// A joint in a run.
 #[derive(Clone, Debug)]
@@ -115,7 +115,7 @@ pub fn mean_signal(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::record::reading_noise::ReadingNoise;
+    use crate::record::reading_noise::ReadingNoise;
 
     #[test]
     fn stretches_hold_the_means_of_a_motion_and_of_its_effort() {

@@ -2,7 +2,7 @@
 //! partly lasts, turns positions into independent innovations of variance one. It is linear, so residuals and
 //! sensitivities pass through the same filter. See docs/method.md (14.10).
 
-use crate::gap::{
+use crate::{
     fit::{
         acting::{Acting, Row},
         noise::EffortNoise,
@@ -15,6 +15,16 @@ use crate::gap::{
     },
     record::log::JointLog,
 };
+
+/// Share of the top speed below which a joint may stick: a smoothed velocity is never exactly zero.
+/// chosen: little of a motion is as slow.
+const STILL: f64 = 0.003;
+/// Most that a driving effect may grow a state by in a step, as a share.
+/// chosen: variances do not grow without bound.
+const GROWTH: f64 = 0.2;
+/// Most that damping may take off a velocity in a step, as a share.
+/// chosen: a stiff effect leaves something of it.
+const DAMPED: f64 = 0.9;
 
 /// Linearized joint between two samples: state transition (row-major) and effect of an effort.
 #[derive(Clone, Copy, Debug)]
@@ -41,8 +51,7 @@ pub fn linearize(
     let gain = model.scalar(catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
     let others: Vec<&[f64]> = log.others.iter().map(Vec::as_slice).collect();
     let mut now = [0.0; 8];
-    // A smoothed velocity is never exactly zero: below this share of the top speed a joint may stick.
-    let still = 0.003 * trace.velocity.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    let still = STILL * trace.velocity.iter().fold(0.0f64, |m, v| m.max(v.abs()));
     let acting = Acting::of(model, catalogue);
     let mut locals = Vec::with_capacity(n);
     for k in 0..n {
@@ -88,8 +97,8 @@ pub fn linearize(
         }
         // The clamps keep the transition of a stiff or driving effect, and with it the variances, from
         // growing without bound.
-        let spring = (-sum.q * inverse * dt * dt).clamp(-0.2, 1.0);
-        let kept = 1.0 - (-sum.v * inverse * dt).clamp(-0.2, 0.9);
+        let spring = (-sum.q * inverse * dt * dt).clamp(-GROWTH, 1.0);
+        let kept = 1.0 - (-sum.v * inverse * dt).clamp(-GROWTH, DAMPED);
         let mean = 0.5 * (1.0 + kept);
         let per = if dt > 0.0 { spring / dt } else { 0.0 };
         locals.push(Local {
@@ -285,7 +294,7 @@ mod tests {
     use rand_core::SeedableRng;
 
     use super::*;
-    use crate::random::normal;
+    use numeric::random::normal;
 
     /// A free mass under an effort that lasts, read with noise: whitened residuals against the motion without
     /// that effort.

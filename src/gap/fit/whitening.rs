@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix2;
 
-use crate::gap::{
+use crate::{
     fit::{
         noise::EffortNoise,
         problem::Problem,
@@ -103,7 +103,7 @@ pub fn predict(
 pub fn start_ridge(problem: &Problem) -> Matrix2<f64> {
     let range = problem.coverage.position.1 - problem.coverage.position.0;
     let (q, v) = ((range + problem.noise.at_rest).max(1e-9), problem.coverage.speed.1.max(range).max(1e-9));
-    // Deviations of ten times the range and the top speed: any moving window outweighs them.
+    // derived: deviations of ten times the range and the top speed, which any moving window outweighs.
     Matrix2::new(1e-2 / (q * q), 0.0, 0.0, 1e-2 / (v * v))
 }
 

@@ -3,7 +3,7 @@
 use rand_core::SeedableRng;
 
 use super::*;
-use crate::gap::{
+use crate::{
     fit::problem::Weighing,
     judge::simulated::{pendulum, simulated, with},
     model::{effects::catalogue, joint_model::Catalogue},

@@ -2,7 +2,7 @@
 
 use rand_core::Rng;
 
-use crate::gap::{
+use crate::{
     fit::{
         noise::EffortNoise,
         problem::Problem,
@@ -270,7 +270,7 @@ fn fewer(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> {
 const CLEARLY: f64 = 0.8;
 
 /// Effort noise that such a fit begins with, as a share of the recorded effort.
-/// derived: a start value, which the fit replaces.
+/// chosen: a start value, which the fit replaces.
 const FIRST_NOISE: f64 = 0.05;
 
 /// Multiple of the noise up to which a name may leave the gap open.

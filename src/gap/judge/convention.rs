@@ -1,6 +1,6 @@
 //! What a recording or a twin may mean by its numbers other than the program takes them for.
 
-use crate::gap::twin_tree::{Motion, TwinTree};
+use crate::twin_tree::{Motion, TwinTree};
 
 /// A convention that is not the program's. Factors are those that bring numbers to it.
 #[derive(Clone, Copy, Debug, PartialEq)]

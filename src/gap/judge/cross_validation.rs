@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::gap::{
+use crate::{
     fit::{
         noise::EffortNoise,
         problem::Problem,
@@ -16,16 +16,16 @@ use crate::gap::{
     model::joint_model::JointModel,
     record::log::rms,
 };
-use crate::statistics::median;
+use numeric::statistics::{HALF_WIDTH_95, median};
 
 /// Lengths of the windows in which effects must show, as shares of those that are fitted.
-/// derived: what acts all the time shows best over whole windows, what acts at a place or for a moment in
+/// chosen: what acts all the time shows best over whole windows, what acts at a place or for a moment in
 /// short ones.
 const LENGTHS: [f64; 2] = [1.0, 0.25];
 
 /// Standard errors above zero at which a mean is surely above it in one of the lengths.
 /// derived: the normal quantile at 97.5 %, 5 % over two tests.
-const SURELY: f64 = 1.959_964;
+const SURELY: f64 = HALF_WIDTH_95;
 
 /// Most of the squared residuals beyond the noise that an effect may leave where it acts, as a share of what
 /// they are without it: what no catalog holds has several shapes, and the one that an effect can take is
@@ -171,7 +171,7 @@ struct Compared {
 }
 
 /// Share of the squared change of the predictions that the windows hold in which an effect is judged.
-/// derived: elsewhere the models predict the same, and what is left says nothing of the effect.
+/// chosen: elsewhere the models predict the same, and what is left says nothing of the effect.
 const ACTING: f64 = 0.9;
 
 impl Unseen {

@@ -3,19 +3,22 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::gap::{
+use crate::{
     fit::{
         evidence::{Explained, Regression, Seen, independent_share},
         stretch::{RunMotion, Stretch, mean_signal, stretches},
     },
-    judge::convention::{AS_GIVEN, CONVENTIONS, Convention},
+    judge::{
+        convention::{AS_GIVEN, CONVENTIONS, Convention},
+        name_weight::NAME_WEIGHT,
+    },
     model::effect::LARGEST_RATIO,
     record::{drive::Hold, tracks::resampled},
     twin_tree::{Motion, TwinTree},
 };
 
 /// Delays of an effort that are allowed for, seconds.
-/// derived: none to what bounds the delay of 400 Hz to 100 Hz and more; between two of them efforts hardly
+/// chosen: none to what bounds the delay of 400 Hz to 100 Hz and more; between two of them efforts hardly
 /// change over a stretch.
 const DELAYS_S: [f64; 8] = [0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15];
 /// Log odds beforehand of a convention against numbers that are what they are taken for.
@@ -28,10 +31,10 @@ pub const LOG_ODDS: f64 = 2.944;
 /// derived: the bound of the effect `inertia`.
 const LEAST_INERTIA: f64 = 0.1;
 /// Largest factor of the twin's inertia.
-/// derived: the armature of a gear of 1:350 and a small link; the effect has no bound.
+/// chosen: the armature of a gear of 1:350 and a small link; the effect has no bound.
 const LARGEST_INERTIA: f64 = 1e4;
 /// Ratio of two neighboring factors of the inertia.
-/// derived: between two of them an inertia is 5 % off, as well as inertias are known.
+/// chosen: between two of them an inertia is 5 % off, as well as inertias are known.
 const INERTIA_RATIO: f64 = 1.1;
 /// Largest factor of the effort under another convention: a change of its own.
 /// derived: the root of ten, half way to the next power.
@@ -384,7 +387,7 @@ fn doubt(joint: &str, mut all: Vec<(Looks, Odds)>, left: f64) -> Option<Doubt> {
     let mut weight = 0.0;
     let mut looks = Vec::new();
     for (one, odds) in all {
-        if weight > 0.95 * total {
+        if weight > NAME_WEIGHT * total {
             break;
         }
         weight += (odds.log - best.log).exp();

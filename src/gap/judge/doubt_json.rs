@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::doubt::{Doubt, Looks};
-use crate::note::NoteCode;
+use common::note::NoteCode;
 
 /// A joint that is not diagnosed.
 #[derive(Debug, Serialize)]

@@ -9,16 +9,14 @@ use super::{
     unsigned::magnitude_odds,
 };
 use crate::{
-    gap::{
-        fit::stretch::{Moved, RunMotion},
-        judge::convention::CONVENTIONS,
-        model::{effects::catalogue, plant::Plant},
-        record::{drive::Hold, jitter::reading_noise, log::JointLog, motion::SmoothMotion},
-        twin_tree::{Motion, TwinJoint, TwinLink, TwinTree},
-    },
-    geometry::Pose,
-    note::NoteCode,
+    fit::stretch::{Moved, RunMotion},
+    judge::convention::CONVENTIONS,
+    model::{effects::catalogue, plant::Plant},
+    record::{drive::Hold, jitter::reading_noise, log::JointLog, motion::SmoothMotion},
+    twin_tree::{Motion, TwinJoint, TwinLink, TwinTree},
 };
+use common::note::NoteCode;
+use geometry::Pose;
 
 /// Pendulums side by side, each of 0.05 kg m^2 under a load of 0.5 N m at most.
 fn pendulums(count: usize) -> TwinTree {
@@ -79,7 +77,7 @@ fn written(tree: &TwinTree, lengths: f64, masses: f64) -> TwinTree {
     // The inverse of what brings it to SI units.
     let c = looks.unwrap();
     let inverse =
-        crate::gap::judge::convention::Convention { lengths: 1.0 / c.lengths, masses: 1.0 / c.masses, ..*c };
+        crate::judge::convention::Convention { lengths: 1.0 / c.lengths, masses: 1.0 / c.masses, ..*c };
     inverse.twin(tree)
 }
 

@@ -1,7 +1,7 @@
 //! A doubt in words.
 
 use super::doubt::{Doubt, Looks};
-use crate::note::{Note, NoteCode};
+use common::note::{Note, NoteCode};
 
 impl Looks {
     /// What the input looks like.

@@ -1,7 +1,7 @@
 //! Sets that differ from a found one by a single effect: growing one by one misses those whose first member
 //! was not the best.
 
-use crate::gap::{
+use crate::{
     fit::shooting::MAX_FIT_FREE,
     model::joint_model::{Catalogue, JointModel},
 };
@@ -39,7 +39,7 @@ pub fn exchanged(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::model::{
+    use crate::model::{
         actuator::Actuator,
         effects::catalogue,
         plant::{Load, Plant},

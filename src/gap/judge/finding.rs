@@ -1,6 +1,6 @@
 //! Named effects: their parameters with intervals, what else may be in their place, whether they are there.
 
-use crate::gap::{
+use crate::{
     fit::problem::Problem,
     judge::spread::Spread,
     model::{

@@ -1,7 +1,7 @@
 //! What the file of each format gets of a joint: the found effects where it holds them, else the best that it
 //! holds, fitted again alone, and the twin's values where nothing helps. See docs/method.md 14.12.
 
-use crate::gap::{
+use crate::{
     fit::{
         problem::Problem,
         shooting::{Free, Pace, fit},

@@ -11,7 +11,7 @@ use super::{
     simulated::{pendulum, simulated, split, with},
     verdict::Verdict,
 };
-use crate::gap::{
+use crate::{
     fit::problem::Problem,
     model::{
         effects::catalogue,

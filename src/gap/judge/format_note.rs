@@ -1,12 +1,10 @@
 //! What to know of a file that holds less of a joint than was found.
 
-use crate::{
-    gap::judge::{
-        format_model::{Fate, FormatModel},
-        report::JointReport,
-    },
-    note::{Note, NoteCode},
+use crate::judge::{
+    format_model::{Fate, FormatModel},
+    report::JointReport,
 };
+use common::note::{Note, NoteCode};
 
 /// What to know of a file that holds less than was found; `None` where it holds all. `is_sole` where no
 /// file of the joint holds anything of it.

@@ -1,7 +1,7 @@
 //! Effects whose names are given, fitted from where they are found one by one and from where a regression has
 //! them.
 
-use crate::gap::{
+use crate::{
     fit::problem::Problem,
     judge::{
         name_weight::least_gain,

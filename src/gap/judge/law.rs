@@ -3,10 +3,10 @@
 
 use std::collections::BTreeMap;
 
-use crate::gap::{
+use crate::{
     fit::problem::Problem,
     judge::{
-        locate::Variable,
+        locate::{STILL, Variable},
         observed::{Observed, observed},
         spread::Spread,
         verdict::Diagnosis,
@@ -26,13 +26,13 @@ const LEAST_SAMPLES: usize = 12;
 /// Least windows of a bin: its error comes from their scatter.
 const LEAST_WINDOWS: usize = 3;
 /// Samples at each end of a range that no bin is laid over, as a share: few, and the fastest.
-/// derived: a thousandth, three standard deviations.
+/// chosen: a thousandth, three standard deviations.
 const OUTLYING: f64 = 0.001;
 /// Half width of a 95 % interval in standard deviations.
 /// derived: quantile of the normal distribution.
 const HALF_WIDTH: f64 = 1.96;
 /// Durations of a push that are shown on either side of it.
-/// derived: the push is over after five.
+/// chosen: the push is over after five.
 const PUSH_SHOWN: f64 = 8.0;
 
 /// Which way the joint moves where a law holds.
@@ -228,7 +228,7 @@ impl Sum<'_> {
 
     /// Whether a sample shows what the twin lacks: at rest friction takes up whatever acts.
     fn shows(&self, o: &Observed) -> bool {
-        let slow = 0.01 * self.problem.coverage.speed.1;
+        let slow = STILL * self.problem.coverage.speed.1;
         let rests = o.v.abs() <= slow
             && (self.variable == Variable::Velocity
                 || self.ways().len() > 1

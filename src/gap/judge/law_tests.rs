@@ -9,7 +9,7 @@ use super::{
     report::JointReport,
     simulated::{pendulum, simulated, split, with},
 };
-use crate::gap::model::effects::catalogue;
+use crate::model::effects::catalogue;
 
 fn diagnosed(truth: &[(&str, &[f64])]) -> JointReport {
     let effects = catalogue(0);

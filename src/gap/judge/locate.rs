@@ -3,7 +3,11 @@
 
 use rand_core::Rng;
 
-use crate::gap::{fit::problem::Problem, judge::screen::Screen};
+use crate::{fit::problem::Problem, judge::screen::Screen};
+
+/// Share of the top speed below which the sign of a velocity is noise.
+/// chosen: little of a motion is as slow.
+pub(super) const STILL: f64 = 0.01;
 
 /// A variable that the residual may depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -117,7 +121,7 @@ const FLIPS: usize = 999;
 pub fn locate(problem: &Problem, screen: &Screen, rng: &mut impl Rng) -> Vec<Dependence> {
     let mut found: Vec<Dependence> =
         Variable::ALL.iter().filter_map(|v| dependence(problem, screen, *v, rng)).collect();
-    // Benjamini-Hochberg.
+    // Benjamini-Hochberg: docs/method.md (14.17).
     let mut order: Vec<usize> = (0..found.len()).collect();
     order.sort_by(|&a, &b| found[a].p.total_cmp(&found[b].p));
     let mut least = 1.0f64;
@@ -134,8 +138,7 @@ pub fn locate(problem: &Problem, screen: &Screen, rng: &mut impl Rng) -> Vec<Dep
 /// Value of a variable at a sample; `None` where it does not apply.
 fn value(screen: &Screen, problem: &Problem, variable: Variable, log: usize, k: usize) -> Option<f64> {
     let m = &screen.middle()[log];
-    // Below 1 % of the top speed the sign of the velocity is noise.
-    let still = 0.01 * problem.coverage.speed.1;
+    let still = STILL * problem.coverage.speed.1;
     let (q, v) = (m.position[k], m.velocity[k]);
     match variable {
         Variable::Position => Some(q),
@@ -160,6 +163,7 @@ fn edges(screen: &Screen, problem: &Problem, variable: Variable) -> Vec<f64> {
     let (Some(&low), Some(&high)) = (values.first(), values.last()) else { return Vec::new() };
     let share = |i: usize| i as f64 / n as f64;
     let mut edges: Vec<f64> = match variable {
+        // derived: half beyond the two signs.
         Variable::Direction => vec![-1.5, 0.0, 1.5],
         Variable::Velocity | Variable::Effort | Variable::Acceleration => {
             (0..=n).map(|i| values[((values.len() - 1) as f64 * share(i)) as usize]).collect()
@@ -232,7 +236,7 @@ fn dependence(
 }
 
 /// Gain of the same columns after the sign of each window's residual was drawn anew.
-fn flipped_gain(score: &crate::gap::judge::screen::Score, rng: &mut impl Rng) -> f64 {
+fn flipped_gain(score: &crate::judge::screen::Score, rng: &mut impl Rng) -> f64 {
     let n = score.inverse.nrows();
     let mut z = nalgebra::DVector::zeros(n);
     let mut bits = 0u64;

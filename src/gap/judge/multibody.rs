@@ -1,7 +1,7 @@
 //! Joints of a chain that moved together, judged together: what was found at each is fitted again in one
 //! rollout of all, and made no richer than that asks for.
 
-use crate::gap::{
+use crate::{
     fit::{
         multibody::{
             joints::Joints,
@@ -114,7 +114,7 @@ fn simpler(joints: &Joints, models: &[JointModel]) -> Option<MultibodyFit> {
 }
 
 /// Deviations from its neutral value at which a strength is so sure that its effect stays.
-/// derived: twice the log likelihood falls by their square without it, more than any effect costs.
+/// chosen: twice the log likelihood falls by their square without it, more than any effect costs.
 const SURE: f64 = 6.0;
 
 /// The models with one effect less, or a special case in its place; and by how much each may fall behind.

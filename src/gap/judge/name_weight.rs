@@ -1,8 +1,8 @@
 //! When a name stands alone: its weight among all that could stand in its place.
 
 /// Weight that a name needs.
-/// derived: one less a level of 5 %, as that of the intervals.
-const NAME_WEIGHT: f64 = 0.95;
+/// chosen: one less a level of 5 %, as that of the intervals.
+pub(super) const NAME_WEIGHT: f64 = 0.95;
 
 /// Twice the log likelihood that one of `effects` effects must gain to be there with the weight of a name,
 /// where beforehand each is as likely as any other, and that one of them is there as likely as none.

@@ -10,7 +10,7 @@ use super::{
     simulated::{pendulum, simulated, split, with},
     verdict::Verdict,
 };
-use crate::gap::model::effects::catalogue;
+use crate::model::effects::catalogue;
 
 /// Diagnoses three simulated runs, of which the last is held out.
 fn diagnosed(truth: &[(&str, &[f64])]) -> JointReport {

@@ -1,6 +1,6 @@
 //! What each moment of recorded motion says of the efforts at a joint.
 
-use crate::gap::{
+use crate::{
     fit::problem::Problem,
     model::{
         effect::{At, Place, Response, run_time_s},

@@ -3,7 +3,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::gap::{
+use crate::{
     fit::problem::Problem,
     judge::spread::Spread,
     model::joint_model::{JointModel, Term},
@@ -59,7 +59,7 @@ pub fn with_offset(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::{
+    use crate::{
         judge::simulated::{pendulum, simulated, with},
         model::{
             effect::{At, Response},
@@ -98,7 +98,7 @@ mod tests {
             let term = |t: &Term| {
                 let mut r = Response::default();
                 effects[t.effect].respond(&At { direction, ..At::default() }, &t.p, &mut r);
-                let resists = effects[t.effect].place() == crate::gap::model::effect::Place::Friction;
+                let resists = effects[t.effect].place() == crate::model::effect::Place::Friction;
                 if resists { -direction * r.value } else { r.value }
             };
             model.terms.iter().map(term).sum::<f64>()

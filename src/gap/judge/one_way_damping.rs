@@ -1,6 +1,6 @@
 //! Damping that acts in one direction only, as that of a door closer: `effort = -b v` where `v > 0`.
 
-use crate::gap::model::{
+use crate::model::{
     effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude},
     format::{Expression, Format, Nearest},
     plant::Plant,

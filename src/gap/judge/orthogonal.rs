@@ -1,6 +1,6 @@
 //! Columns of a window without what its start state could take up.
 
-use crate::gap::fit::acting::{MAX_COLUMNS, Row};
+use crate::fit::acting::{MAX_COLUMNS, Row};
 
 /// Residual, two orthonormal start columns, and parameter columns without what the start columns span.
 #[must_use]

@@ -1,6 +1,6 @@
 //! Before and after on runs that no fit has seen. See docs/method.md 14.12.
 
-use crate::gap::{
+use crate::{
     fit::{
         noise::EffortNoise,
         problem::Problem,

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::gap::{
+use crate::{
     fit::{
         problem::Problem,
         shooting::{Fit, Free, Pace, fit},
@@ -16,6 +16,13 @@ use crate::gap::{
     },
 };
 
+/// Log likelihood that a step must gain for another one.
+/// chosen: half of that of the search, as this is the last fit.
+const ENOUGH: f64 = 0.1;
+/// Settle times beside the best one, as shares of it: the grid's ratio of two is too coarse for an average.
+/// chosen: likely times lie close about the best.
+const NEAR: [f64; 4] = [0.7, 0.85, 1.2, 1.45];
+
 /// The model fitted with small steps, averaged over the settle times of friction by their likelihood, and its
 /// covariance with what the parameters moved by the small steps and with the settle time: neither is known
 /// better. A delay is not known better than the stamps. Where something remains that is no noise, with what
@@ -23,7 +30,7 @@ use crate::gap::{
 #[must_use]
 pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     let problem = &problem.refined();
-    let pace = Pace { rounds: 1, steps: 6, enough: 0.1, settles: false, searches: false, hears: false };
+    let pace = Pace { rounds: 1, steps: 6, enough: ENOUGH, settles: false, searches: false, hears: false };
     let at = |settle_s: f64, from: &Fit, steps: usize| {
         let model = JointModel { settle_s, ..from.model.clone() };
         fit(problem, &model, Some(&from.starts), from.noise, Free::All, Pace { steps, ..pace })
@@ -33,8 +40,7 @@ pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     if fine.model.has_friction(problem.catalogue) {
         let own = fine.model.settle_s;
         let between = SETTLE_S.iter().copied().filter(|s| *s != own);
-        // The grid's ratio of two is too coarse for an average: likely times lie close about the best.
-        let near = [0.7, 0.85, 1.2, 1.45].iter().map(|f| f * own).filter(|s| *s > 0.0);
+        let near = NEAR.iter().map(|f| f * own).filter(|s| *s > 0.0);
         let more: Vec<Fit> = between
             .chain(near)
             .collect::<Vec<_>>()
@@ -98,7 +104,7 @@ mod tests {
     use rand_core::SeedableRng;
 
     use super::*;
-    use crate::gap::{
+    use crate::{
         fit::noise::EffortNoise,
         judge::simulated::{pendulum, simulated, with},
         model::effects::catalogue,

@@ -6,7 +6,7 @@ use super::{
     report::JointReport,
     verdict::{Diagnosis, Verdict},
 };
-use crate::gap::{
+use crate::{
     fit::problem::Problem,
     model::{
         joint_model::{Catalogue, JointModel},

@@ -1,7 +1,7 @@
 //! Efforts of several effects regressed together on what a fitted model misses, along the measured motion:
 //! fits that start there begin in the right basin where effects found one by one take each other's place.
 
-use crate::gap::{
+use crate::{
     fit::problem::Problem,
     judge::screen::{Columns, Hit, Screen, amplitudes},
     model::{

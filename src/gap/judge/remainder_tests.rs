@@ -9,7 +9,7 @@ use super::{
     simulated::{beside, pendulum, split, with},
     verdict::{Diagnosis, Verdict},
 };
-use crate::gap::model::{effects::catalogue, joint_model::JointModel};
+use crate::model::{effects::catalogue, joint_model::JointModel};
 
 /// Diagnoses three runs of a joint with a friction, beside an effort of four sines that is not recorded, of
 /// about `size` N m; the last run is held out.

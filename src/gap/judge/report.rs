@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::gap::{
+use crate::{
     judge::{
         doubt::Doubt,
         doubt_json::DoubtJson,
@@ -299,7 +299,7 @@ fn actuator(joint: &JointReport) -> Option<ActuatorJson> {
 fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
     // Over a whole run an unstable twin may leave all bounds, and JSON has no infinity.
     let finite = |x: f64| x.is_finite().then_some(x);
-    let one = |r: &crate::gap::judge::proof::RunGap| RunJson {
+    let one = |r: &crate::judge::proof::RunGap| RunJson {
         run: r.run.clone(),
         joint: joint.joint.clone(),
         unit: if joint.turns { "rad" } else { "m" }.to_owned(),
@@ -312,10 +312,10 @@ fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
 }
 
 /// Share of the gap from which what names leave is reported.
-/// derived: the level of the intervals.
+/// chosen: the level of the intervals.
 const REPORTED_SHARE: f64 = 0.05;
 /// The same as a multiple of the noise.
-/// derived: three standard deviations.
+/// chosen: three standard deviations.
 pub const REPORTED_NOISES: f64 = 3.0;
 
 impl JointReport {
@@ -381,7 +381,7 @@ fn findings<'f>(joint: &JointReport, found: impl Iterator<Item = &'f Finding>) -
 }
 
 /// Level at which a dependence is reported.
-/// derived: the share of false alarms that is accepted.
+/// chosen: the share of false alarms that is accepted.
 const LEVEL: f64 = 0.05;
 
 fn places(joint: &JointReport) -> Vec<WhereJson> {
@@ -484,6 +484,7 @@ fn words(p: &ParameterEstimate) -> String {
 /// The gap as a bar of 30 characters: noise, what is left, what went away; logarithmic.
 fn bar(gap: &Gap) -> String {
     let top = (gap.before / gap.noise_floor.max(1e-12)).max(1.0).ln().max(1e-9);
+    // derived: 30 characters.
     let left = ((gap.after / gap.noise_floor.max(1e-12)).max(1.0).ln() / top * 30.0).round().clamp(0.0, 30.0)
         as usize;
     format!("|{}{}|", "#".repeat(left), ".".repeat(30 - left))

@@ -3,7 +3,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::gap::{
+use crate::{
     fit::{
         acting::{Acting, MAX_COLUMNS, Row},
         problem::{Problem, Weighing},
@@ -12,7 +12,7 @@ use crate::gap::{
         whiten::{respond, whiten},
         whitening::{Whitening, predict},
     },
-    judge::orthogonal::orthogonal,
+    judge::{locate::STILL, orthogonal::orthogonal},
     model::{
         effect::{At, Effect, Extent, Place, Response, run_time_s},
         joint_model::{Catalogue, JointModel},
@@ -20,6 +20,10 @@ use crate::gap::{
     record::log::Span,
 };
 
+/// Share of a column's information from which the model's own parameters do not span it, and what is added to
+/// what they leave so that an inverse is finite.
+/// chosen: above rounding, below what is seen.
+const SPANNED: [f64; 2] = [1e-6, 1e-7];
 /// Most columns that one score tests together.
 const MAX_TESTED: usize = 32;
 
@@ -246,12 +250,11 @@ impl<'p, 'c> Screen<'p, 'c> {
         normal -= with_parameters * &self.inverse * with_parameters.transpose();
         let taken = with_parameters * &self.inverse * &self.gradient;
         let gradient = DVector::from_fn(count, |i, _| products.iter().map(|w| w[i]).sum::<f64>() - taken[i]);
-        // A column that the model's own parameters already span shows nothing.
         let mut single = vec![0.0; count];
         for i in 0..count {
-            if normal[(i, i)] > 1e-6 * raw[i] && raw[i] > 0.0 {
+            if normal[(i, i)] > SPANNED[0] * raw[i] && raw[i] > 0.0 {
                 single[i] = gradient[i] * gradient[i] / normal[(i, i)];
-                normal[(i, i)] *= 1.0 + 1e-7;
+                normal[(i, i)] *= 1.0 + SPANNED[1];
             } else {
                 normal.row_mut(i).fill(0.0);
                 normal.column_mut(i).fill(0.0);
@@ -443,7 +446,7 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
     let added = model.scalar(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);
     let gain = model.scalar(catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
     let acting = Acting::of(model, catalogue);
-    let one = |(index, trace): (usize, &crate::gap::fit::smooth::Trace)| {
+    let one = |(index, trace): (usize, &crate::fit::smooth::Trace)| {
         let log = &problem.logs[index];
         let n = trace.position.len();
         let mut now = [0.0; 8];
@@ -473,7 +476,7 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
             };
             let sum = acting.at(&at);
             let free = u + sum.effort;
-            let slow = 0.01 * problem.coverage.speed.1;
+            let slow = STILL * problem.coverage.speed.1;
             // At rest friction takes up what acts, as far as its bound reaches.
             let friction = if v.abs() > slow {
                 sum.friction * v.signum()

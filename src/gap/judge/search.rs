@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::gap::{
+use crate::{
     fit::{
         noise::EffortNoise,
         problem::{Problem, Weighing},
@@ -152,6 +152,7 @@ fn mends_fall(problem: &Problem, model: &JointModel) -> bool {
         menders.iter().map(one).sum()
     };
     let top = problem.coverage.speed.1;
+    // derived: tenths of the top speed.
     (1..=10).all(|i| effort(0.1 * f64::from(i) * top).abs() < MAX_LEFT * fall)
 }
 
@@ -190,11 +191,14 @@ fn is_felt(problem: &Problem, term: &Term) -> bool {
     problem.traces.iter().enumerate().any(strong)
 }
 
+/// Effort noise that a fit begins with, as a share of the recorded effort.
+/// chosen: a start value, which the fit replaces.
+const FIRST_NOISE: f64 = 0.02;
+
 /// The twin as it is, with its start states and noise fitted.
 #[must_use]
 pub fn baseline(problem: &Problem) -> Candidate {
-    // A start value, which the fit replaces.
-    let guess = EffortNoise::white(0.02 * problem.coverage.effort_rms.max(problem.min_sigma_u * 10.0));
+    let guess = EffortNoise::white(FIRST_NOISE * problem.coverage.effort_rms.max(problem.min_sigma_u * 10.0));
     candidate(
         problem,
         fit(problem, &JointModel::of(&problem.plant), None, guess, Free::All, Pace::thorough(3)),
@@ -348,7 +352,7 @@ const FINALISTS: usize = 5;
 /// Fits in a row that a candidate with play may take.
 const PLAY_FITS: usize = 3;
 /// What each must gain for the next.
-/// derived: with a gain of one in the log likelihood, a parameter moves by 1.4 of its standard deviations.
+/// chosen: with a gain of one in the log likelihood, a parameter moves by 1.4 of its standard deviations.
 const MIN_GAIN_OF_PLAY_FIT: f64 = 2.0;
 
 /// Fits a parent with each of the hits; those that lead after a first round are fitted to the end.

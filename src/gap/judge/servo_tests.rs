@@ -3,7 +3,7 @@
 use rand_core::SeedableRng;
 
 use super::simulated::{pendulum, split, with};
-use crate::gap::{
+use crate::{
     fit::{
         actuation::{ActuationError, actuated},
         rollout::{Start, roll_starts},

@@ -1,7 +1,7 @@
 //! A found set of effects made no richer than the recording asks for: special cases in place of what contains
 //! them, and nothing whose strength may as well be zero.
 
-use crate::gap::{
+use crate::{
     fit::{
         problem::Problem,
         shooting::{Fit, Free, Pace, fit},
@@ -9,14 +9,12 @@ use crate::gap::{
     judge::search::{Candidate, candidate},
     model::joint_model::{JointModel, Term},
 };
+use numeric::statistics::HALF_WIDTH_95;
 
 /// Score by which a simpler set may fall behind: a special case behind the effect that contains it, a set
 /// without an effect behind the set with it.
-/// derived: very strong evidence in twice the log of a Bayes factor (Kass and Raftery 1995).
+/// chosen: very strong evidence in twice the log of a Bayes factor (Kass and Raftery 1995).
 pub const SIMPLER: f64 = 10.0;
-/// Half width of a 95 % interval, in standard deviations.
-/// derived: quantile of the normal distribution.
-pub const HALF_WIDTH: f64 = 1.959_964;
 
 /// The set with special cases where they do about as well, without effects that are not sure to be there.
 #[must_use]
@@ -104,7 +102,7 @@ fn is_sure(problem: &Problem, chosen: &Candidate, i: usize, at: usize, k: usize)
     let term = &chosen.fit.model.terms[i];
     let deviation = chosen.fit.deviation(at + k);
     let neutral = problem.catalogue[term.effect].parameters()[k].neutral;
-    neutral.is_some_and(|neutral| (term.p[k] - neutral).abs() > HALF_WIDTH * deviation)
+    neutral.is_some_and(|neutral| (term.p[k] - neutral).abs() > HALF_WIDTH_95 * deviation)
 }
 
 /// The first effect from the `first` on of which no strength is sure to differ from its neutral value.

@@ -3,7 +3,7 @@
 use rand_core::Rng;
 
 use super::assess::Runs;
-use crate::gap::{
+use crate::{
     fit::{
         acting::Row,
         rollout::{Start, roll_starts},

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::{gap::judge::simplify::HALF_WIDTH, statistics::chi_square_95};
+use numeric::statistics::{HALF_WIDTH_95, chi_square_95};
 
 /// How well parameters are known.
 #[derive(Clone, Debug)]
@@ -57,14 +57,18 @@ pub fn with_common(covariance: &DMatrix<f64>, witnesses: &[f64]) -> DMatrix<f64>
     covariance.map_with_location(|i, j, c| c * wider(i, j))
 }
 
+/// Terms of the series of [`half_width`] in 1 / n: coefficients of odd powers of z, and a divisor.
+/// derived: Abramowitz and Stegun 26.7.5.
+const TERMS: [([f64; 4], f64); 3] =
+    [([1.0, 1.0, 0.0, 0.0], 4.0), ([3.0, 16.0, 5.0, 0.0], 96.0), ([-15.0, 17.0, 19.0, 3.0], 384.0)];
+
 /// Half width of a 95 % interval in standard deviations that are estimated with so many degrees of freedom,
 /// three at least: Student's quantile (Abramowitz and Stegun 26.7.5). See docs/method.md (14.18).
 fn half_width(freedom: f64) -> f64 {
-    let (z, n) = (HALF_WIDTH, freedom.max(3.0));
+    let (z, n) = (HALF_WIDTH_95, freedom.max(3.0));
     let of = |powers: [f64; 4]| powers.iter().rev().fold(0.0, |sum, c| sum * z * z + c) * z;
-    z + of([1.0, 1.0, 0.0, 0.0]) / (4.0 * n)
-        + of([3.0, 16.0, 5.0, 0.0]) / (96.0 * n * n)
-        + of([-15.0, 17.0, 19.0, 3.0]) / (384.0 * n * n * n)
+    let [first, second, third] = TERMS;
+    z + of(first.0) / (first.1 * n) + of(second.0) / (second.1 * n * n) + of(third.0) / (third.1 * n * n * n)
 }
 
 #[cfg(test)]

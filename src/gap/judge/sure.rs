@@ -1,6 +1,6 @@
 //! Whether a recording in which something else remains leaves open that an effect is there at all.
 
-use crate::gap::{
+use crate::{
     judge::spread::Spread,
     model::joint_model::{Catalogue, Term},
 };
@@ -22,7 +22,7 @@ mod tests {
     use nalgebra::DMatrix;
 
     use super::*;
-    use crate::gap::model::effects::catalogue;
+    use crate::model::effects::catalogue;
 
     #[test]
     fn an_interval_that_holds_no_effect_leaves_it_open() {

@@ -3,13 +3,13 @@
 use std::f64::consts::LN_2;
 
 use super::doubt::{JointScene, LOG_ODDS, all_gains, gains_up_to};
-use crate::gap::{fit::stretch::Stretch, judge::convention::AS_GIVEN, record::recording::Recording};
+use crate::{fit::stretch::Stretch, judge::convention::AS_GIVEN, record::recording::Recording};
 
 /// Friction that is tried beside what the twin needs for a motion, as shares of that.
-/// derived: none, and a half to twice of it: what a sign follows of the two.
+/// chosen: none, and a half to twice of it: what a sign follows of the two.
 const FRICTIONS: [f64; 4] = [0.0, 0.5, 1.0, 2.0];
 /// Inertias that are tried, as multiples of the twin's.
-/// derived: its own, and those of a small and a large gear.
+/// chosen: its own, and those of a small and a large gear.
 const INERTIAS: [f64; 3] = [1.0, 4.0, 16.0];
 /// Largest factor of an effort without a sign, as a power of two: such efforts often are counts.
 /// derived: from counts of a millionth to mega counts.

@@ -3,7 +3,7 @@
 
 use rand_core::Rng;
 
-use crate::gap::{
+use crate::{
     fit::{
         noise::EffortNoise,
         problem::{Problem, Weighing},
@@ -19,7 +19,7 @@ use crate::gap::{
         refined::refined,
         screen::Screen,
         search::{Breadth, Candidate, Scope, Search, search},
-        simplify::{HALF_WIDTH, refitted, simplified},
+        simplify::{refitted, simplified},
         spread::Spread,
         sure::is_surely_there,
     },
@@ -29,6 +29,7 @@ use crate::gap::{
     },
     record::off_axis::MAX_LEFT,
 };
+use numeric::statistics::HALF_WIDTH_95;
 
 /// What a diagnosis ends in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -202,8 +203,17 @@ impl Diagnosis {
 }
 
 /// Level of the test of a table.
-/// derived: the share of false alarms that is accepted.
+/// chosen: the share of false alarms that is accepted.
 const LEVEL: f64 = 0.01;
+/// Least range of a position that says anything, in deviations of its noise.
+/// chosen: a motion is drawn by some tens of steps.
+const LEAST_RANGE: f64 = 30.0;
+/// Least delay that is credible, in sample intervals.
+/// chosen: less may be the discretization's.
+const LEAST_DELAY: f64 = 0.25;
+/// Least change of a gain, a scale or an inertia that is credible, as a share.
+/// chosen: less may be the discretization's.
+const LEAST_CHANGE: f64 = 0.004;
 
 /// What the motion lacks for any diagnosis, as sentences that name what to record.
 #[must_use]
@@ -217,7 +227,7 @@ pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
     }
     let range = coverage.travel;
     // Negated, so that a range that is not a number is too small as well.
-    if !(range > 30.0 * coverage.position_noise) || range < 1e-9 {
+    if !(range > LEAST_RANGE * coverage.position_noise) || range < 1e-9 {
         lacks.push(format!(
             "the position moves {range:.2e}, hardly more than its noise of {:.1e}; move the joint through \
              most of its range",
@@ -243,21 +253,14 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     // The twin under the noise of the chosen model: what there is to explain.
     let at_noise =
         fit(problem, &twin, Some(&base.fit.starts), chosen.fit.noise, Free::Starts, Pace::thorough(1));
-    let saved = at_noise.costs.iter().sum::<f64>() - chosen.fit.costs.iter().sum::<f64>();
-    // A joint that sticks is explained by what can no longer move it, not by smaller residuals.
-    let to_explain = saved.max(2.0 * (chosen.fit.log_likelihood - base.fit.log_likelihood));
+    let to_explain = gain_to_explain(&at_noise, &base.fit, &chosen.fit);
     let after = locate(problem, &Screen::new(problem, &chosen.fit), rng);
     let before = if chosen.fit.model.terms.is_empty() {
         after.clone()
     } else {
         locate(problem, &Screen::new(problem, &base.fit), rng)
     };
-    // A table stands by the rule for effects: its bins are priced as parameters are (14.15), and it must gain
-    // what one more of so many tables must.
-    let n = problem.independent();
-    let excess = |d: &Dependence| d.gain - n.ln() * d.bins.len() as f64;
-    let least = least_gain(Variable::ALL.len());
-    let open = after.iter().filter(|d| d.q <= LEVEL && excess(d) > least).map(excess).fold(0.0, f64::max);
+    let unexplained = unexplained_gain(&after, problem.independent());
     let nothing = Diagnosis::without_findings(Verdict::None, twin);
     let mut diagnosis = Diagnosis { before, lacks, noise: chosen.fit.noise, ..nothing };
     if chosen.fit.model.terms.is_empty() {
@@ -265,12 +268,12 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
         let spread = Spread { covariance: covariance.clone(), witnesses: witnesses.clone() };
         diagnosis.actuator = actuator_estimates(model, &spread, problem.turns);
         // Something depends on a variable, and no effect of the catalog explains it.
-        if open > 0.0 {
+        if unexplained > 0.0 {
             (diagnosis.verdict, diagnosis.left) = (Verdict::Unknown, 1.0);
         }
         return diagnosis;
     }
-    diagnosis.left = (open / to_explain.max(1e-9)).min(1.0);
+    diagnosis.left = share_left(unexplained, to_explain);
     diagnosis.weighed = rivals(problem, &found, chosen);
     let (rivals, total) = in_doubt(diagnosis.weighed.clone());
     diagnosis.weighed.push((chosen.effects(), 1.0));
@@ -279,19 +282,49 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     diagnosis.findings = findings(problem, &model, &spread, (&rivals, total));
     diagnosis.actuator = actuator_estimates(&model, &spread, problem.turns);
     (diagnosis.model, diagnosis.spread) = (model, Some(spread));
+    // What was given stands or falls with the held-out runs alone.
     if effects.is_empty() {
         diagnosis.ask(problem.catalogue);
-    }
-    // What was given stands or falls with the held-out runs alone.
-    if effects.is_empty()
-        && (diagnosis.named().next().is_none()
-            || diagnosis.left > MAX_LEFT
-            || (is_noisy(problem, base, chosen) && !is_shaped(problem, chosen))
-            || !chosen.fit.model.terms.iter().all(|t| is_credible(problem, t)))
-    {
-        diagnosis.withdraw();
+        if explains_too_little(problem, &diagnosis, base, chosen) {
+            diagnosis.withdraw();
+        }
     }
     diagnosis
+}
+
+/// Twice the log likelihood that a model gains over the twin: by smaller residuals under the model's noise,
+/// or, where a joint sticks and its residuals stay, each under its own noise.
+fn gain_to_explain(twin_at_noise: &Fit, twin: &Fit, chosen: &Fit) -> f64 {
+    let saved = twin_at_noise.costs.iter().sum::<f64>() - chosen.costs.iter().sum::<f64>();
+    saved.max(2.0 * (chosen.log_likelihood - twin.log_likelihood))
+}
+
+/// The largest gain that a table of the residual over a variable promises, 0 where none stands. A table
+/// stands by the rule for effects: its bins are priced as parameters are, docs/method.md (14.15), and it must
+/// gain what one more of so many tables must.
+fn unexplained_gain(tables: &[Dependence], independent: f64) -> f64 {
+    let least = least_gain(Variable::ALL.len());
+    let priced = |table: &Dependence| table.gain - independent.ln() * table.bins.len() as f64;
+    tables.iter().filter(|t| t.q <= LEVEL).map(priced).filter(|gain| *gain > least).fold(0.0, f64::max)
+}
+
+/// Share of what was to be explained that is left, at most 1.
+fn share_left(unexplained: f64, to_explain: f64) -> f64 {
+    (unexplained / to_explain.max(1e-9)).min(1.0)
+}
+
+/// Whether effects that a search found leave too much for their names to stand.
+fn explains_too_little(
+    problem: &Problem,
+    diagnosis: &Diagnosis,
+    base: &Candidate,
+    chosen: &Candidate,
+) -> bool {
+    let leaves_noise = is_noisy(problem, base, chosen) && !is_shaped(problem, chosen);
+    diagnosis.named().next().is_none()
+        || diagnosis.left > MAX_LEFT
+        || leaves_noise
+        || !chosen.fit.model.terms.iter().all(|t| is_credible(problem, t))
 }
 
 /// What was found of a model's actuator, with intervals.
@@ -361,7 +394,7 @@ fn is_shaped(problem: &Problem, chosen: &Candidate) -> bool {
     }
     let is_at_end = |(at, term): (usize, &Term), i: usize| {
         let (low, high) = of(term).bounds(i, &problem.coverage);
-        let half = HALF_WIDTH * chosen.fit.deviation(at + i);
+        let half = HALF_WIDTH_95 * chosen.fit.deviation(at + i);
         of(term).parameters()[i].neutral.is_none() && (term.p[i] - half <= low || term.p[i] + half >= high)
     };
     let mut positions = chosen.fit.model.placed().filter(|(_, t)| of(t).is_of_position());
@@ -415,9 +448,9 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
 /// Whether an effect is of a size that a model of the joint, not its discretization, would show.
 fn is_credible(problem: &Problem, term: &Term) -> bool {
     match problem.catalogue[term.effect].place() {
-        Place::Delay => term.p[0].abs() > 0.25 * problem.coverage.interval_s,
-        Place::Gain | Place::Scale => (term.p[0] - 1.0).abs() > 0.004,
-        Place::Inertia => term.p[0].abs() > 0.004 * problem.plant.inertia,
+        Place::Delay => term.p[0].abs() > LEAST_DELAY * problem.coverage.interval_s,
+        Place::Gain | Place::Scale => (term.p[0] - 1.0).abs() > LEAST_CHANGE,
+        Place::Inertia => term.p[0].abs() > LEAST_CHANGE * problem.plant.inertia,
         _ => true,
     }
 }

@@ -4,8 +4,11 @@ use nalgebra::DMatrix;
 use rand_core::SeedableRng;
 
 use super::*;
-use crate::gap::{
-    judge::simulated::{pendulum, simulated, with},
+use crate::{
+    judge::{
+        locate::Bin,
+        simulated::{pendulum, simulated, with},
+    },
     model::{
         actuator::{Actuator, Servo},
         effects::catalogue,
@@ -161,6 +164,75 @@ fn too_little_motion_is_said_before_anything_is_fitted() {
 }
 
 #[test]
+fn what_is_to_be_explained_is_what_the_model_gains_over_the_twin() {
+    let fit = |costs: &[f64], log_likelihood: f64| {
+        let none = fitted(JointModel::of(&pendulum(0.6)), 0.0, LASTING, 0.1).fit;
+        Fit { costs: costs.to_vec(), log_likelihood, ..none }
+    };
+    // Smaller residuals: 30 + 20 of the twin, 4 + 6 of the model.
+    assert_eq!(gain_to_explain(&fit(&[30.0, 20.0], 0.0), &fit(&[], 5.0), &fit(&[4.0, 6.0], 7.0)), 40.0);
+    // A joint that sticks: the residuals are the same, the noise is another.
+    assert_eq!(gain_to_explain(&fit(&[5.0, 5.0], 0.0), &fit(&[], -20.0), &fit(&[4.0, 5.0], 7.0)), 54.0);
+    assert_eq!(share_left(10.0, 40.0), 0.25);
+    assert_eq!(share_left(50.0, 40.0), 1.0);
+    assert_eq!(share_left(0.0, -3.0), 0.0);
+    assert_eq!(share_left(1e-12, 0.0), 1e-3);
+}
+
+#[test]
+fn a_table_stands_by_its_price_and_by_its_share_of_false_alarms() {
+    let table = |gain: f64, count: usize, q: f64| Dependence {
+        variable: Variable::Position,
+        bins: vec![Bin { edges: (0.0, 1.0), effort: 0.0, sigmas: 0.0 }; count],
+        gain,
+        p: q,
+        q,
+        region: (0.0, 1.0),
+    };
+    // Each bin costs the logarithm of the independent samples, here 1; the least must be left.
+    let [independent, least] = [std::f64::consts::E, least_gain(Variable::ALL.len())];
+    let unexplained = |tables: &[Dependence]| unexplained_gain(tables, independent);
+    assert_eq!(unexplained(&[]), 0.0);
+    assert_eq!(unexplained(&[table(least + 3.9, 4, 0.0)]), 0.0);
+    assert!((unexplained(&[table(least + 4.1, 4, 0.0)]) - (least + 0.1)).abs() < 1e-9);
+    assert!((unexplained(&[table(50.0, 4, LEVEL)]) - 46.0).abs() < 1e-9);
+    assert_eq!(unexplained(&[table(50.0, 4, 1.01 * LEVEL)]), 0.0);
+    // The largest, after its price.
+    let several = [table(50.0, 4, 0.0), table(60.0, 20, 0.0), table(90.0, 4, 0.5)];
+    assert!((unexplained(&several) - 46.0).abs() < 1e-9);
+}
+
+#[test]
+fn effects_that_leave_too_much_have_no_name() {
+    let effects = catalogue(0);
+    let mut problem = problem(&effects, &pendulum(0.6));
+    problem.coverage.effort_rms = 1.0;
+    let of_noise = |terms: &[(&str, &[f64])], size: f64| {
+        fitted(with(&effects, &pendulum(0.6), terms), 0.0, EffortNoise::white(size), 0.1)
+    };
+    let base = of_noise(&[], 0.1);
+    let mut diagnosis = Diagnosis::without_findings(Verdict::Named, base.fit.model.clone());
+    diagnosis.findings = vec![finding(&effects, "coulomb_friction", true)];
+    let friction: &[(&str, &[f64])] = &[("coulomb_friction", &[0.1])];
+    let shapes: &[(&str, &[f64])] = &[("spring_return", &[0.1, 0.0]), ("cogging", &[0.1, 0.0, 4.0])];
+    let little = |diagnosis: &Diagnosis, terms: &[(&str, &[f64])], noise: f64| {
+        explains_too_little(&problem, diagnosis, &base, &of_noise(terms, noise))
+    };
+    assert!(!little(&diagnosis, friction, 0.01));
+    // Much noise is left: a friction has no shape over the position that mends the rest, two shapes have.
+    assert!(!little(&diagnosis, friction, 0.09));
+    assert!(little(&diagnosis, shapes, 0.09) && !little(&diagnosis, shapes, 0.01));
+    // Nothing is sure; a share is left; an effect is of the size of the discretization.
+    let with_share = |left: f64| Diagnosis { left, ..diagnosis.clone() };
+    assert!(little(&with_share(1.01 * MAX_LEFT), friction, 0.01));
+    assert!(!little(&with_share(MAX_LEFT), friction, 0.01));
+    let unsure =
+        Diagnosis { findings: vec![finding(&effects, "coulomb_friction", false)], ..diagnosis.clone() };
+    assert!(little(&unsure, friction, 0.01));
+    assert!(little(&diagnosis, &[("coulomb_friction", &[0.1]), ("torque_gain", &[1.001])], 0.01));
+}
+
+#[test]
 fn an_actuator_is_reported_with_its_units_and_intervals() {
     let servo = Some(Servo { stiffness: 5.0, limit: f64::INFINITY });
     let of = |actuator: Actuator, turns: bool| {
@@ -180,14 +252,17 @@ fn an_actuator_is_reported_with_its_units_and_intervals() {
     assert!(near(stiffness.value, 6.0) && near(damping.value, 0.3) && near(delay.value, 0.021));
     for (estimate, deviation) in [(stiffness, 0.05), (damping, 0.01), (delay, 0.01)] {
         let (below, above) = half(estimate);
-        assert!(near(below, above) && (below / (HALF_WIDTH * deviation) - 1.0).abs() < 1e-3, "{estimate:?}");
+        assert!(
+            near(below, above) && (below / (HALF_WIDTH_95 * deviation) - 1.0).abs() < 1e-3,
+            "{estimate:?}"
+        );
     }
     assert_eq!(of(late, false)[0].unit, "N/m");
     // An effort of no known unit.
     let effort = Actuator { unit: 0.5, is_found: [true, false], ..found };
     let [gain] = &of(effort, true)[..] else { panic!("one is found") };
     assert!(gain.name == "gain" && gain.unit == "N m per unit" && near(gain.value, 0.6), "{gain:?}");
-    assert!((half(gain).0 / (HALF_WIDTH * 0.005) - 1.0).abs() < 1e-3, "{gain:?}");
+    assert!((half(gain).0 / (HALF_WIDTH_95 * 0.005) - 1.0).abs() < 1e-3, "{gain:?}");
     assert_eq!(of(effort, false)[0].unit, "N per unit");
     assert!(of(Actuator { is_found: [false; 2], ..found }, true).is_empty());
 }

@@ -2,6 +2,16 @@
 
 use super::effect::{Coverage, Dimension, Extent, Parameter, amplitude, shape};
 
+/// Widths of local effects that are looked for, as shares of the range, each with its number of centers.
+/// chosen: from a hundredth to an eighth of the range; centers lie less than a width apart, so that no place
+/// falls between two bumps.
+const BUMPS: [(f64, i32); 3] = [(0.012, 90), (0.03, 45), (0.075, 20)];
+/// Largest strength, in efforts (root mean square).
+/// chosen: far beyond what the drive could pass.
+const LARGEST: f64 = 20.0;
+/// Least and largest width, as shares of the range.
+/// chosen: a few samples, and what is no longer local.
+const WIDTHS: [f64; 2] = [0.003, 0.25];
 /// Parameters of a local effect of a strength.
 #[must_use]
 pub const fn bump(strength: &'static str) -> [Parameter; 3] {
@@ -24,8 +34,7 @@ pub fn bumps(coverage: &Coverage) -> Vec<Vec<f64>> {
     let (low, high) = coverage.position;
     let range = high - low;
     let mut bumps = Vec::new();
-    // Centers lie less than a width apart, so that no place falls between two bumps.
-    for (share, count) in [(0.012, 90), (0.03, 45), (0.075, 20)] {
+    for (share, count) in BUMPS {
         bumps.extend(
             (0..count)
                 .map(|i| vec![0.0, low + range * (f64::from(i) + 0.5) / f64::from(count), share * range]),
@@ -39,8 +48,8 @@ pub fn bumps(coverage: &Coverage) -> Vec<Vec<f64>> {
 pub fn bump_bounds(index: usize, coverage: &Coverage) -> (f64, f64) {
     let (low, high) = coverage.position;
     match index {
-        0 => (0.0, 20.0 * coverage.effort_rms),
+        0 => (0.0, LARGEST * coverage.effort_rms),
         1 => (low, high),
-        _ => (0.003 * (high - low), 0.25 * (high - low)),
+        _ => (WIDTHS[0] * (high - low), WIDTHS[1] * (high - low)),
     }
 }

@@ -5,7 +5,7 @@ use super::{
     format::{Expression, Format, JointNumbers},
     plant::Plant,
 };
-use crate::gap::record::{carried::Carried, log::JointLog};
+use crate::record::{carried::Carried, log::JointLog};
 
 /// Most parameters of one effect.
 pub const MAX_PARAMETERS: usize = 5;
@@ -166,7 +166,7 @@ pub struct Coverage {
 }
 
 /// Distance between the runs on the common time axis, seconds.
-/// derived: longer than any run, and times keep nanoseconds.
+/// chosen: longer than any run, and times keep nanoseconds.
 pub const RUN_SPACING_S: f64 = 1e5;
 
 /// Time of a sample on an axis on which the runs do not overlap.

@@ -1,6 +1,6 @@
 //! A joint with effects: the twin's plant and the terms added to it.
 
-use crate::gap::model::{
+use crate::model::{
     effect::{Effect, Place},
     plant::Plant,
 };
@@ -60,7 +60,7 @@ impl Settling {
         if !(settle_s > 0.0 && step_s > 0.0) {
             return Self::default();
         }
-        // (14.8)
+        // docs/method.md (14.8).
         let keep = (-step_s / settle_s).exp();
         Self { keep, creep: CREEP * settle_s * (1.0 - keep) / step_s }
     }
@@ -170,7 +170,7 @@ impl JointModel {
     }
 }
 
-/// How a position is measured: `scale * play(q) + bias`.
+/// How a position is measured: `scale * play(q) + bias`. See docs/method.md (14.4).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensor {
     /// Offset of the measured position.

@@ -2,7 +2,7 @@
 //! resists it.
 
 use super::actuator::Actuator;
-use crate::gap::{
+use crate::{
     record::carried::Carried,
     trig::sin_cos,
     twin_tree::{Motion, TwinTree},

@@ -1,6 +1,6 @@
 //! What the motion of the other joints of a chain makes of one joint.
 
-use crate::gap::trig::sin_cos;
+use crate::trig::sin_cos;
 
 /// A joint between a sample and the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

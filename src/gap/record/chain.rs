@@ -8,7 +8,7 @@
 
 use nalgebra::DVector;
 
-use crate::gap::{
+use crate::{
     record::{
         carried::Carried,
         command::{EffortUnit, Told},
@@ -22,7 +22,7 @@ use crate::gap::{
 };
 
 /// Time over which the rate of an inertia is taken, seconds.
-/// derived: a central difference over it errs by its square, and by rounding over it: both below 1e-8.
+/// chosen: a central difference over it errs by its square, and by rounding over it: both below 1e-8.
 const RATE_STEP_S: f64 = 1e-4;
 
 /// What the joints in `others` make of a joint from each stamp to the next.
@@ -71,13 +71,15 @@ pub fn carried(
 fn harmonics(load_at: &mut impl FnMut(f64) -> f64) -> [f64; 6] {
     let mut load = [0.0; 6];
     for i in 0..5 {
+        // derived: five angles.
         let angle = std::f64::consts::TAU * f64::from(i) / 5.0;
         let value = load_at(angle);
         let (s, c) = angle.sin_cos();
         let (ss, cc) = (2.0 * angle).sin_cos();
-        // Over five equal angles the five terms are orthogonal, so plain sums solve for them.
+        // derived: over five equal angles the five terms are orthogonal, so plain sums solve for them.
         load[0] += value / 5.0;
         for (place, factor) in [(2, s), (3, c), (4, ss), (5, cc)] {
+            // derived: two fifths, as a square is a half in the mean.
             load[place] += 0.4 * value * factor;
         }
     }

@@ -2,11 +2,11 @@
 
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 
-use crate::gap::{
+use crate::{
     record::{chain::carried, motion::SmoothMotion},
     twin_tree::{Motion, TwinJoint, TwinLink, TwinTree},
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// An upper part that turns about -y, one below it that turns about an oblique axis, and a slide in that.
 fn tree() -> TwinTree {

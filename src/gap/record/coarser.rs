@@ -1,6 +1,6 @@
 //! Logs with fewer samples.
 
-use crate::gap::record::{carried::Carried, drive::Hold, log::JointLog};
+use crate::record::{carried::Carried, drive::Hold, log::JointLog};
 
 impl JointLog {
     /// Samples that come in an interval, where those recorded lie closer; 1 elsewhere.

@@ -1,6 +1,6 @@
 //! What joints were commanded to, and what is known of the actuators that followed.
 
-use crate::gap::record::drive::{Hold, Signal};
+use crate::record::drive::{Hold, Signal};
 
 /// Commands of one joint.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -1,6 +1,6 @@
 //! The recorded signal, an effort or a commanded position, over the small steps of a rollout.
 
-use crate::gap::record::log::JointLog;
+use crate::record::log::JointLog;
 
 /// How the effort runs between samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -12,8 +12,11 @@ pub enum Hold {
     Linear,
 }
 
+/// Most steps of a rollout between two samples.
+/// chosen: logs of 3 Hz; slower ones show no dynamics.
+const MOST_STEPS: f64 = 64.0;
 /// Longest step of a rollout, seconds.
-/// derived: one step an interval at 200 Hz, the rate of most logs, with 4 % for the stamps.
+/// chosen: one step an interval at 200 Hz, the rate of most logs, with 4 % for the stamps.
 pub const MAX_STEP_S: f64 = 5.2e-3;
 
 /// Mean signal of every step, and its derivative by the delay.
@@ -73,7 +76,7 @@ impl Drive {
     /// Usual steps between two samples of a log.
     #[must_use]
     pub fn steps(log: &JointLog) -> usize {
-        log.interval_s().map_or(1, |dt| (dt / MAX_STEP_S).ceil().clamp(1.0, 64.0) as usize)
+        log.interval_s().map_or(1, |dt| (dt / MAX_STEP_S).ceil().clamp(1.0, MOST_STEPS) as usize)
     }
 
     /// The signal of a log, acting `delay_s` late, with so many steps between two samples.

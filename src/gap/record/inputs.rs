@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::gap::{
+use crate::{
     record::{
         drive::Hold,
         off_axis::{OffAxis, posed},

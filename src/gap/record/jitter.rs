@@ -1,10 +1,11 @@
 //! Noise of recorded positions, by how they scatter about a smooth motion.
 
-use crate::gap::record::{
+use crate::record::{
     log::{JointLog, position_noise},
     motion::SmoothMotion,
     reading_noise::ReadingNoise,
 };
+use numeric::statistics::CHI_SQUARE_999;
 
 /// Noise of logs of one joint: (14.1), and the jitter under which a smooth motion is likeliest, (14.5).
 #[must_use]
@@ -33,8 +34,8 @@ pub fn reading_noise(logs: &[JointLog]) -> ReadingNoise {
 /// Jitters that are tried, each twice the one before.
 const JITTERS: i32 = 8;
 /// Log likelihood that a jitter must gain.
-/// derived: half the 99.9 % quantile of chi-square with one degree of freedom.
-const ENOUGH: f64 = 5.414;
+/// derived: half the quantile of chi-square with one degree of freedom.
+const ENOUGH: f64 = 0.5 * CHI_SQUARE_999[0];
 
 #[cfg(test)]
 mod tests {

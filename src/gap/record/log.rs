@@ -1,6 +1,7 @@
 //! Measured motion of one joint: samples, runs, and the windows that shooting starts in.
 
-use crate::{gap::record::carried::Carried, statistics::median};
+use crate::record::carried::Carried;
+use numeric::statistics::{MAD_IN_SIGMAS, median};
 
 /// One recorded run of one joint, stamps strictly increasing.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -99,6 +100,20 @@ impl JointLog {
     }
 }
 
+/// Fewest samples of a window.
+/// chosen: fewer say little beyond their start state.
+const LEAST_SAMPLES: usize = 8;
+/// Distance of a fraction from a half from which it is near 0 or near 1.
+/// chosen: a hundredth of a step is rounding.
+const NEAR_WHOLE: f64 = 0.49;
+/// Gap between held positions, as a share of the mean one, from which rounding in the recording did not split
+/// it.
+/// chosen: recordings have digits for a thousandth of a step.
+const SPLIT: f64 = 1e-3;
+/// Distance of a gap from a whole number of steps up to which it is one, steps.
+/// chosen: a tenth of a step.
+const OFF_STEP: f64 = 0.1;
+
 /// Windows of about `length_s`, of equal size within each segment; segments shorter than a third of it are
 /// left out.
 #[must_use]
@@ -106,10 +121,10 @@ pub fn windows(logs: &[JointLog], length_s: f64) -> Vec<Span> {
     let mut windows = Vec::new();
     for (index, log) in logs.iter().enumerate() {
         let Some(interval) = log.interval_s() else { continue };
-        let wanted = (length_s / interval).round().max(8.0) as usize;
+        let wanted = (length_s / interval).round().max(LEAST_SAMPLES as f64) as usize;
         for segment in log.segments(index) {
             // Such a segment says little beyond its own start state.
-            if segment.len * 3 < wanted || segment.len < 8 {
+            if segment.len * 3 < wanted || segment.len < LEAST_SAMPLES {
                 continue;
             }
             let count = (segment.len as f64 / wanted as f64).round().max(1.0) as usize;
@@ -137,22 +152,24 @@ pub fn position_noise(logs: &[JointLog]) -> f64 {
     for (index, log) in logs.iter().enumerate() {
         for s in log.segments(index) {
             let q = &log.position[s.start..s.start + s.len];
-            differences
-                .extend(q.windows(5).map(|w| (w[0] - 4.0 * w[1] + 6.0 * w[2] - 4.0 * w[3] + w[4]).abs()));
+            // derived: binomial coefficients.
+            let fourth = |w: &[f64]| (w[0] - 4.0 * w[1] + 6.0 * w[2] - 4.0 * w[3] + w[4]).abs();
+            differences.extend(q.windows(5).map(fourth));
             steps.extend(q.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > 0.0));
         }
     }
     let Some(difference) = median(differences) else { return 0.0 };
-    // Standard deviation of the fourth difference of unit white noise is sqrt(70).
-    let sigma = difference / 0.674_49 / 70f64.sqrt();
+    // derived: the standard deviation of the fourth difference of unit white noise is sqrt(70).
+    let sigma = difference / MAD_IN_SIGMAS / 70f64.sqrt();
     // A quantized encoder that stands still still has its rounding noise.
     steps.sort_by(f64::total_cmp);
     // A quantile, since rounding in the record may split single steps.
     let smallest = steps.get(steps.len() / 50).copied().unwrap_or(0.0);
     // Steps on a lattice are whole multiples of the smallest: fractions near 0 or near 1.
-    let quantized =
-        steps.iter().filter(|d| ((*d / smallest).fract() - 0.5).abs() > 0.49).count() * 10 > steps.len() * 9;
+    let quantized = steps.iter().filter(|d| ((*d / smallest).fract() - 0.5).abs() > NEAR_WHOLE).count() * 10
+        > steps.len() * 9;
     let step = if quantized { Some(smallest) } else { lattice(logs) };
+    // derived: the deviation of a uniform distribution over a step.
     step.map_or(sigma, |step| sigma.max(step / 12f64.sqrt()))
 }
 
@@ -176,7 +193,7 @@ fn lattice(logs: &[JointLog]) -> Option<f64> {
     gaps.sort_by(f64::total_cmp);
     // Rounding in the recording may split one step of the encoder into neighbors.
     let trial =
-        gaps.iter().copied().find(|g| *g > 1e-3 * (held[held.len() - 1] - held[0]) / held.len() as f64)?;
-    let on = gaps.iter().filter(|g| ((*g / trial).round() - *g / trial).abs() < 0.1).count();
+        gaps.iter().copied().find(|g| *g > SPLIT * (held[held.len() - 1] - held[0]) / held.len() as f64)?;
+    let on = gaps.iter().filter(|g| ((*g / trial).round() - *g / trial).abs() < OFF_STEP).count();
     (on * 10 >= gaps.len() * 9).then_some(trial)
 }

@@ -3,7 +3,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::gap::record::reading_noise::ReadingNoise;
+use crate::record::reading_noise::ReadingNoise;
 
 /// Motion at and between the stamps of the positions.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -18,9 +18,12 @@ pub struct SmoothMotion {
     pub level: i32,
 }
 
+/// Lowest jerk that is tried, in ranges of the position per s^2 and root second.
+/// chosen: far below that of any motion that is recorded.
+const LEAST_JERK: f64 = 1e-4;
 /// Levels of the jerk that are tried, each times the next lower one.
 const LEVELS: i32 = 18;
-/// derived: half a decade; the likelihood is flat about its top.
+/// chosen: half a decade; the likelihood is flat about its top.
 const RATIO: f64 = 3.0;
 /// Levels below that of a motion at which another noise is tried.
 /// derived: noise that was taken for motion raises the level by its ratio to the true one, three decades.
@@ -32,7 +35,7 @@ fn jerk(position: &[f64], variances: &[f64], level: i32) -> f64 {
     let high = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let least = variances.iter().copied().fold(f64::INFINITY, f64::min).sqrt();
     // A joint that stood still has a scale of its own noise.
-    1e-4 * (high - low).max(10.0 * least).max(1e-12) * RATIO.powi(level)
+    LEAST_JERK * (high - low).max(10.0 * least).max(1e-12) * RATIO.powi(level)
 }
 
 impl SmoothMotion {
@@ -127,6 +130,7 @@ fn filter(
         if k > 0 {
             let h = time_s[k] - time_s[k - 1];
             transition = Matrix3::new(1.0, h, 0.5 * h * h, 0.0, 1.0, h, 0.0, 0.0, 1.0);
+            // derived: integrals of white jerk.
             let (a, b, c) = (h.powi(5) / 20.0, h.powi(4) / 8.0, h.powi(3) / 6.0);
             let (d, e) = (h.powi(3) / 3.0, h.powi(2) / 2.0);
             // (14.5)

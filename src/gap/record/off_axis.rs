@@ -8,14 +8,14 @@
 
 use nalgebra::{Complex, Matrix2, Matrix3, Matrix3x6, Matrix6, Vector2, Vector3, Vector6};
 
-use crate::gap::{
+use crate::{
     record::{
         log::{JointLog, position_noise, rms},
         tracks::{PoseTrack, TrackError, frame_link, moved_link},
     },
     twin_tree::{Motion, TwinJoint, TwinTree},
 };
-use crate::geometry::{Pose, log_so3};
+use geometry::{Pose, log_so3};
 
 /// Shift and turn across a joint, root mean square over the samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -80,7 +80,7 @@ pub struct OffAxis {
 }
 
 /// Multiple of the noise that means nothing.
-/// derived: three standard deviations.
+/// chosen: three standard deviations.
 const NOISES: f64 = 3.0;
 /// Least noise: that of the numbers.
 /// derived: six decimals, which messages of poses hold at least.
@@ -325,6 +325,10 @@ fn is_one_turn(poses: &[Pose], noise: &Across) -> bool {
     rms(&left) <= NOISES * noise.shift_m.hypot(lever_m * noise.turn_rad) && across <= NOISES * noise.turn_rad
 }
 
+/// Least variance of a basis that changes, as a share of its mean square.
+/// chosen: above rounding, below any motion.
+const SPREAD: f64 = 1e-6;
+
 /// Least squares of `a + b basis`: a, b and the absolute values of what is left. `b` is 0 where the basis
 /// hardly changes.
 fn split(values: &[Complex<f64>], basis: &[Complex<f64>]) -> (Complex<f64>, Complex<f64>, Vec<f64>) {
@@ -335,7 +339,7 @@ fn split(values: &[Complex<f64>], basis: &[Complex<f64>]) -> (Complex<f64>, Comp
         .zip(basis)
         .fold((0.0, Complex::new(0.0, 0.0)), |(bb, bz), (z, b)| (bb + b.norm_sqr(), bz + b.conj() * z));
     let normal = Matrix2::new(Complex::new(n, 0.0), sum_b, sum_b.conj(), Complex::new(bb, 0.0));
-    let is_spread = n * bb - sum_b.norm_sqr() > 1e-6 * n * bb;
+    let is_spread = n * bb - sum_b.norm_sqr() > SPREAD * n * bb;
     let solved = is_spread.then(|| normal.try_inverse()).flatten().map(|i| i * Vector2::new(sum_z, bz));
     let [a, b] = solved.map_or_else(|| [sum_z / n, Complex::new(0.0, 0.0)], |s| [s[0], s[1]]);
     (a, b, values.iter().zip(basis).map(|(z, x)| (z - a - b * x).norm()).collect())

@@ -9,8 +9,7 @@ pub struct ReadingNoise {
     pub jitter_s: f64,
 }
 
-/// Least standard deviation of a position, rad or m.
-/// derived: none; far below the step of any encoder.
+/// Least standard deviation of a position, rad or m. chosen: far below the step of any encoder.
 const LEAST: f64 = 1e-9;
 
 impl ReadingNoise {

@@ -1,6 +1,6 @@
 //! What a bag holds of joints, before it is cut down to one joint: checks that name what is missing.
 
-use crate::gap::record::{
+use crate::record::{
     command::{Command, Told},
     jitter::reading_noise,
     log::JointLog,
@@ -8,7 +8,11 @@ use crate::gap::record::{
     tracks::{PoseTrack, WrenchTrack},
 };
 
-use crate::note::{Note, NoteCode};
+use common::note::{Note, NoteCode};
+
+/// Stamps that differ by no more are one, seconds.
+/// chosen: above the rounding of seconds since the epoch, below any sample interval.
+const SAME_TIME_S: f64 = 1e-7;
 
 /// Samples of one joint as they were recorded.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -135,7 +139,7 @@ impl Recording {
         };
         let mut log = JointLog::default();
         for (t, q) in samples.time_s.iter().zip(&samples.position) {
-            if q.is_finite() && log.time_s.last().is_none_or(|last| *t > last + 1e-7) {
+            if q.is_finite() && log.time_s.last().is_none_or(|last| *t > last + SAME_TIME_S) {
                 log.time_s.push(*t);
                 log.position.push(*q);
             }
@@ -194,7 +198,7 @@ impl Recording {
         let (mut backward, mut not_numbers) = (0, 0);
         for k in 0..samples.time_s.len() {
             let (t, q, u) = (samples.time_s[k], samples.position[k], signal[k]);
-            if log.time_s.last().is_some_and(|last| t <= *last + 1e-7) {
+            if log.time_s.last().is_some_and(|last| t <= *last + SAME_TIME_S) {
                 backward += 1;
             } else if !q.is_finite() || !u.is_finite() {
                 not_numbers += 1;

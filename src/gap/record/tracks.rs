@@ -2,11 +2,12 @@
 
 use nalgebra::Vector3;
 
-use crate::gap::{
+use crate::{
     record::{drive::Hold, log::GAP_INTERVALS},
     twin_tree::TwinTree,
 };
-use crate::{geometry::Pose, statistics::median};
+use geometry::Pose;
+use numeric::statistics::median;
 
 /// Poses of a link.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -211,7 +212,7 @@ mod tests {
     use nalgebra::{Matrix3, Point3};
 
     use super::*;
-    use crate::gap::twin_tree::{Motion, TwinJoint, TwinLink};
+    use crate::twin_tree::{Motion, TwinJoint, TwinLink};
 
     /// A door with a handle 0.8 m from its hinge, and a drawer that slides along y.
     fn tree() -> TwinTree {

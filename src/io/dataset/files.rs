@@ -8,17 +8,15 @@ use std::{
 use nalgebra::{Matrix3, Matrix4, Rotation3, Translation3, UnitQuaternion};
 
 use crate::{
-    capture::{CaptureConfig, CaptureError},
-    files,
-    geometry::{Intrinsics, Pose},
-    io::{
-        image_codec::{ImageError, MAX_SIDE},
-        picture_size::stated_size,
-        views::views_kept,
-    },
-    limits::DATASET,
-    note::Note,
+    image_codec::{ImageError, MAX_SIDE},
+    picture_size::stated_size,
+    views::views_kept,
 };
+use capture::{CaptureConfig, CaptureError};
+use common::files;
+use common::limits::DATASET;
+use common::note::Note;
+use geometry::{Intrinsics, Pose};
 
 /// Names of the states in the layouts that have a folder a state.
 pub const STATES: [&str; 2] = ["start", "end"];
@@ -161,7 +159,7 @@ pub fn spread(
     notes: &mut Vec<Note>,
 ) -> Vec<Entry> {
     let poses: Vec<Pose> = entries.iter().map(|e| e.world_from_camera).collect();
-    let kept = crate::capture::spread_views(&poses, config.frames_per_state);
+    let kept = capture::spread_views(&poses, config.frames_per_state);
     notes.push(views_kept(state, kept.len(), entries.len()));
     kept.into_iter().map(|i| entries[i].clone()).collect()
 }

@@ -16,12 +16,10 @@ use super::{
     },
     matches::import_matches,
 };
-use crate::{
-    capture::{Capture, CaptureConfig, CaptureError, RgbdFrame},
-    io::{image_codec as codec, pixels::limit_depth},
-    limits::parse_yaml,
-    note::{Note, NoteCode},
-};
+use crate::{image_codec as codec, pixels::limit_depth};
+use capture::{Capture, CaptureConfig, CaptureError, RgbdFrame};
+use common::limits::parse_yaml;
+use common::note::{Note, NoteCode};
 
 #[derive(Deserialize)]
 struct Keyframe {

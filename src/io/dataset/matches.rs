@@ -5,13 +5,12 @@ use std::{collections::BTreeMap, path::Path};
 
 use super::{
     files::read,
-    npz::{NpzError, members, npy_payload},
+    npz::{NpzError, members},
     pickle::{Node, Pickle, PickleError},
 };
-use crate::{
-    capture::{Capture, CaptureError, PixelMatch},
-    note::{Note, NoteCode},
-};
+use crate::npy::{NpyFault, npy_parts};
+use capture::{Capture, CaptureError, PixelMatch};
+use common::note::{Note, NoteCode};
 
 /// Most pixels of matches that are looked at.
 const MAX_MATCHES: usize = 40_000_000;
@@ -22,6 +21,9 @@ enum MatchesError {
     /// The archive.
     #[error(transparent)]
     Archive(#[from] NpzError),
+    /// The array in it.
+    #[error(transparent)]
+    Array(#[from] NpyFault),
     /// The pickle in it.
     #[error(transparent)]
     Pickle(#[from] PickleError),
@@ -116,7 +118,7 @@ fn read_matches(
     let mut outside = 0;
     for member in members(archive)? {
         let file = member.unpack()?;
-        let (descr, payload) = npy_payload(&file)?;
+        let (descr, _, payload) = npy_parts(&file)?;
         // An array of objects: its payload is a pickle.
         if !descr.ends_with('O') {
             return Err(MatchesError::Type(descr.escape_debug().to_string()));

@@ -2,7 +2,7 @@
 
 use std::io::Read;
 
-use crate::limits::ARCHIVE;
+use common::limits::ARCHIVE;
 
 const END: [u8; 4] = *b"PK\x05\x06";
 const CENTRAL: [u8; 4] = *b"PK\x01\x02";
@@ -43,18 +43,6 @@ pub enum NpzError {
     /// A member unpacks to more or less.
     #[error("a member has another size than the directory says")]
     Size,
-    /// A member is no array.
-    #[error("it is no .npy array")]
-    NoArray,
-    /// An array of a version that is not known.
-    #[error("its .npy version is not known")]
-    Version,
-    /// An array that ends within its header.
-    #[error("its header is cut")]
-    Cut,
-    /// An array without type.
-    #[error("its header has no descr")]
-    NoType,
 }
 
 /// A member of a zip archive, still packed.
@@ -136,26 +124,6 @@ impl Member<'_> {
         }
         if content.len() as u64 == self.size { Ok(content) } else { Err(NpzError::Size) }
     }
-}
-
-/// Type and payload of a `.npy` file; its header is a Python dictionary in text.
-///
-/// # Errors
-/// Where it is no such file.
-pub fn npy_payload(file: &[u8]) -> Result<(String, &[u8]), NpzError> {
-    let front = file.strip_prefix(b"\x93NUMPY").ok_or(NpzError::NoArray)?;
-    // Version 1 has a length of 16 bits, 2 and 3 one of 32.
-    let (length, at) = match front.first() {
-        Some(1) => (u16_at(front, 2), 4),
-        Some(2 | 3) => (u32_at(front, 2), 6),
-        _ => return Err(NpzError::Version),
-    };
-    let length = length.ok_or(NpzError::Cut)?;
-    let header = front.get(at..at + length).ok_or(NpzError::Cut)?;
-    let text = String::from_utf8_lossy(header);
-    let descr =
-        text.split("'descr':").nth(1).and_then(|rest| rest.split('\'').nth(1)).ok_or(NpzError::NoType)?;
-    Ok((descr.to_owned(), &front[at + length..]))
 }
 
 #[cfg(test)]

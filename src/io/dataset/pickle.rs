@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::limits::{PICKLE_NAME, PICKLE_VALUES};
+use common::limits::{PICKLE_NAME, PICKLE_VALUES};
 
 /// Most axes of an array, and most parts of the state of an array or type.
 const MAX_PARTS: usize = 16;

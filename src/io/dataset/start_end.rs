@@ -14,11 +14,9 @@ use super::files::{
     Entry, MAX_FRAMES, STATES, camera, image_error, image_size, optional, pose_from_opengl, read_image,
     read_text, refuse, spread,
 };
-use crate::{
-    capture::{Capture, CaptureConfig, CaptureError, RgbdFrame},
-    io::{image_codec as codec, pixels::limit_depth},
-    note::{Note, NoteCode},
-};
+use crate::{image_codec as codec, pixels::limit_depth};
+use capture::{Capture, CaptureConfig, CaptureError, RgbdFrame};
+use common::note::{Note, NoteCode};
 
 /// Opens a folder in this layout. Frame ids become `<state>_<number>`.
 ///

@@ -1,10 +1,8 @@
 //! Which views are kept.
 
 use super::{Collector, Held, Phase, Seen, View};
-use crate::{
-    io::BagWriteError,
-    node::{keyframes::Verdict, view::Pixels},
-};
+use crate::{keyframes::Verdict, view::Pixels};
+use io::BagWriteError;
 
 impl Collector {
     /// Keeps a view that is new. One that was tracked is decoded, and written without transforms.

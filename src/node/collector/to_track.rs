@@ -1,6 +1,6 @@
 //! What a collector knows of views that are tracked.
 
-use crate::node::live_tracking::ToTrack;
+use crate::live_tracking::ToTrack;
 
 /// What is tracked.
 #[derive(Default)]

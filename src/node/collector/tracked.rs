@@ -5,17 +5,15 @@
 
 use super::{Collector, Held, Phase, Seen, View};
 use crate::{
-    capture::TrackCamera,
-    geometry::Pose,
-    io::{
-        BagWriteError,
-        ros2msg::{Header, Time, Transform, TransformStamped},
-    },
-    node::{
-        live_tracking::{Outcome, ToTrack, Tracked},
-        sample::Picture,
-        synchronizer::Matched,
-    },
+    live_tracking::{Outcome, ToTrack, Tracked},
+    sample::Picture,
+    synchronizer::Matched,
+};
+use capture::TrackCamera;
+use geometry::Pose;
+use io::{
+    BagWriteError,
+    ros2msg::{Header, Time, Transform, TransformStamped},
 };
 
 /// A view waits so long for a transform of its camera before it is tracked, nanoseconds.
@@ -27,30 +25,30 @@ const TWIN_FRAMES: [&str; 2] = ["world", "twin_world"];
 impl Collector {
     /// Number of the map that views are placed in.
     #[must_use]
-    pub fn map(&self) -> u64 {
+    pub(crate) fn map(&self) -> u64 {
         self.tracking.map
     }
 
     /// That number, where the views kept of this state are tracked; `None`: their poses were given.
     #[must_use]
-    pub fn tracked_map(&self) -> Option<u64> {
+    pub(crate) fn tracked_map(&self) -> Option<u64> {
         (self.tracking.kept == Some(true)).then_some(self.tracking.map)
     }
 
     /// Begins another map: what was seen before says nothing any more.
-    pub fn begin_map(&mut self) {
+    pub(crate) fn begin_map(&mut self) {
         self.tracking.map += 1;
         self.tracking.to_track.clear();
     }
 
     /// Views that are to be tracked; they are given once.
-    pub fn take_to_track(&mut self) -> Vec<ToTrack> {
+    pub(crate) fn take_to_track(&mut self) -> Vec<ToTrack> {
         std::mem::take(&mut self.tracking.to_track)
     }
 
     /// Frame in which the twin stands, where it is not that of the recorded poses.
     #[must_use]
-    pub fn twin_frame(&self) -> Option<&'static str> {
+    pub(crate) fn twin_frame(&self) -> Option<&'static str> {
         let root = self.optical().map(|optical| self.tf.root(&optical));
         let free = TWIN_FRAMES.into_iter().find(|f| root.as_deref() != Some(f));
         free.filter(|_| self.tracking.is_on)
@@ -86,7 +84,7 @@ impl Collector {
     ///
     /// # Errors
     /// If the disk refuses; then the state is not collected any further.
-    pub fn accept_tracked(
+    pub(crate) fn accept_tracked(
         &mut self,
         tracked: Tracked,
         now_nanos: i64,
@@ -119,7 +117,7 @@ impl Collector {
     ///
     /// # Errors
     /// If the disk refuses; then the state is not collected any further.
-    pub fn keep_unplaced(
+    pub(crate) fn keep_unplaced(
         &mut self,
         stamp_nanos: i64,
         images: [Option<Picture>; 3],

@@ -2,20 +2,23 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::surface::TriangleMesh;
+use crate::TriangleMesh;
 
-/// A bay's mouth is no wider than this, voxels: tuned, what teeth and lace leave.
+/// A bay's mouth is no wider than this, voxels.
+/// tuned: made and recorded objects (docs/method.md 16): what teeth and lace leave
 const MAX_MOUTH: f64 = 4.0;
-/// A bay's rim is at least so many times as long as its mouth: derived, the least of a bay that is half as
-/// deep as wide.
+/// A bay's rim is at least so many times as long as its mouth.
+/// derived: the least of a bay that is half as deep as wide
 const LEAST_RIM: f64 = 2.0;
-/// The rim of a bay is no longer than this, voxels: tuned, that of a bay twice as deep as the widest hole.
+/// The rim of a bay is no longer than this, voxels.
+/// tuned: made and recorded objects (docs/method.md 16): the rim of a bay twice as deep as the widest hole
 const MAX_RIM: f64 = 30.0;
 /// What a mouth costs of the rim that it saves, per length: tuned; more than 1, so that it spans no straight
-/// rim.
+/// rim. tuned: made and recorded objects (docs/method.md 16); more than 1, so that it spans no straight rim
 const COST: f64 = 1.5;
-/// So far behind the mouth, along the rim at both sides, the rim must stand apart by as much more, voxels:
-/// tuned. The end of a slot, such as a gap beside a door, does not open and is no bay.
+/// So far behind the mouth, along the rim at both sides, the rim must stand apart by as much more, voxels.
+/// tuned: made and recorded objects (docs/method.md 16). The end of a slot, such as a gap beside a door, does
+/// not open and is no bay
 const OPENING: f64 = 3.0;
 
 /// The deepest bay from each vertex of a rim: where it begins and how many sides it has. Those that save most
@@ -86,7 +89,7 @@ fn opens(points: &[Point3<f64>], from: usize, sides: usize, opening_m: f64) -> b
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::borders::{loops::border_loops, plates::plate};
+    use crate::borders::{loops::border_loops, plates::plate};
 
     fn bays_of(mesh: &TriangleMesh) -> Vec<usize> {
         let up = vec![Vector3::z(); mesh.vertices.len()];

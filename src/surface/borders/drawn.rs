@@ -4,26 +4,25 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::reach::{Neighbors, Reach};
-use crate::{
-    capture::{NoiseConfig, RgbdFrame},
-    geometry::Pose,
-    surface::TriangleMesh,
-};
+use crate::TriangleMesh;
+use capture::{NoiseConfig, RgbdFrame};
+use geometry::Pose;
 
 /// A rim is looked for from here within the surface to there beyond it, voxels.
-/// derived: marching cubes want eight known corners, so that a surface ends up to two voxels before its
+/// chosen: marching cubes want eight known corners, so that a surface ends up to two voxels before its
 /// readings do, and a node is known up to one beyond them
 pub(super) const SEARCH: [f64; 2] = [-1.5, 3.0];
 /// Steps of that, voxels.
-/// derived: finer than half a pixel of usual recordings
+/// chosen: finer than half a pixel of usual recordings
 const STEP: f64 = 0.25;
-/// Surface around a vertex that its outward direction is taken from, voxels: tuned, more than a tooth.
+/// Surface around a vertex that its outward direction is taken from, voxels.
+/// tuned: made and recorded objects (docs/method.md 16); more than a tooth
 const AROUND: f64 = 3.0;
 /// Readings at a smaller cosine say little of where a surface ends.
-/// derived: their pixels are twice as long on the surface
+/// chosen: their pixels are twice as long on the surface
 const MIN_COSINE: f64 = 0.5;
 /// Deviations of a reading up to which it is of the surface.
-/// derived: one in 370 of a normal distribution is farther
+/// chosen: one in 370 of a normal distribution is farther
 const OF_SURFACE: f64 = 3.0;
 
 /// Depth of a state, and where the mesh stood in it.
@@ -147,12 +146,10 @@ impl Readings<'_> {
 mod tests {
     use super::*;
     use crate::{
-        geometry::Intrinsics,
-        surface::{
-            borders::{mend_borders, plates::plate},
-            shapes::{cuboid, looking_at_origin, view_of},
-        },
+        borders::{mend_borders, plates::plate},
+        shapes::{cuboid, looking_at_origin, view_of},
     };
+    use geometry::Intrinsics;
 
     /// A plate of 0.3 x 0.2 m, its top seen by three cameras; the mesh ends a voxel and a half before it.
     #[test]

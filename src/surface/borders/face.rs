@@ -5,18 +5,22 @@ use std::collections::BTreeSet;
 use nalgebra::{Matrix3, Point2, Point3, Vector3};
 
 use super::reach::Reach;
-use crate::surface::TriangleMesh;
+use crate::TriangleMesh;
 
-/// A gap is no wider than this, voxels: tuned. A twentieth of the object at the default resolution.
+/// A gap is no wider than this, voxels.
+/// tuned: made and recorded objects (docs/method.md 16); a twentieth of the object at the default resolution
 const MAX_WIDTH: f64 = 12.0;
 /// The surface around is looked at up to half of the gap's width, and at least up to here, voxels: tuned.
+/// tuned: made and recorded objects (docs/method.md 16)
 const LEAST_MARGIN: f64 = 2.0;
-/// Root mean square distance of the surface around from its plane, voxels: derived, half a voxel is the
-/// error of a rim's place anyway, and a surface that bends no more inside than around lies as near inside.
+/// Root mean square distance of the surface around from its plane, voxels.
+/// chosen: half a voxel is the error of a rim's place anyway, and a surface that bends no more inside than
+/// around lies as near inside
 const MAX_RMS: f64 = 0.5;
-/// The vertices of the rim itself are no farther from the plane, voxels: derived, three times [`MAX_RMS`].
+/// The vertices of the rim itself are no farther from the plane, voxels. chosen: three times [`MAX_RMS`]
 const MAX_STEP: f64 = 1.5;
 /// Length of the mean of unit normals around, weighted by area: tuned; about a right angle it is 0.71.
+/// tuned: made and recorded objects (docs/method.md 16); about a right angle it is 0.71
 const MIN_AGREEMENT: f64 = 0.75;
 
 /// The plane of a face around a gap.

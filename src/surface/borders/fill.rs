@@ -9,9 +9,9 @@ use super::{
     polygon::{is_inside, triangulate},
     reach::{Neighbors, Reach},
 };
-use crate::surface::TriangleMesh;
+use crate::TriangleMesh;
 
-/// A fill is examined at points no farther apart, voxels: derived, half of what a grid can tell apart.
+/// A fill is examined at points no farther apart, voxels. derived: half of what a grid can distinguish
 const SAMPLE_STEP: f64 = 0.5;
 
 /// Whether views saw that a point (meters) is empty.

@@ -9,7 +9,7 @@ use super::{
     reach::Neighbors,
     sheet::Sheet,
 };
-use crate::surface::vertex_normals;
+use crate::vertex_normals;
 
 /// Closes the holes and bays of a sheet; how many.
 pub(super) fn close_holes(sheet: &mut Sheet, voxel_m: f64, is_seen_empty: SeenEmpty<'_>) -> usize {
@@ -48,7 +48,7 @@ pub(super) fn close_holes(sheet: &mut Sheet, voxel_m: f64, is_seen_empty: SeenEm
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::{TriangleMesh, borders::plates::plate, edge_defects};
+    use crate::{TriangleMesh, borders::plates::plate, edge_defects};
     use nalgebra::Point3;
 
     /// A plate with a lace of holes of one to three cells, without those that touch another.

@@ -1,6 +1,6 @@
 //! The border of an open mesh as closed loops of vertices.
 
-use crate::surface::{TriangleMesh, edges::sides_by_vertex};
+use crate::{TriangleMesh, edges::sides_by_vertex};
 
 /// The border as closed loops, each with the surface on its left seen from outside; no loop passes a vertex
 /// twice. `None` where two triangles have the same side in the same direction: such a mesh has no clear
@@ -51,7 +51,7 @@ pub(super) fn border_loops(mesh: &TriangleMesh) -> Option<Vec<Vec<u32>>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::{borders::plates::plate, shapes::box_mesh};
+    use crate::{borders::plates::plate, shapes::box_mesh};
     use nalgebra::Vector3;
 
     #[test]

@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use crate::surface::{TriangleMesh, drop_unused_vertices};
+use crate::{TriangleMesh, drop_unused_vertices};
 
 /// A flat plate normal to z of the cells that `has` says, each of side 1 m and cut in two; its origin is a
 /// corner of cell (0, 0).

@@ -2,7 +2,8 @@
 
 use std::{cmp::Ordering, collections::BinaryHeap};
 
-use crate::{lists::Lists, surface::TriangleMesh};
+use crate::TriangleMesh;
+use numeric::lists::Lists;
 
 /// The vertices that share a side with each vertex, ascending.
 pub(super) struct Neighbors(Lists<u32>);
@@ -106,7 +107,7 @@ impl Eq for Candidate {}
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::borders::plates::plate;
+    use crate::borders::plates::plate;
 
     #[test]
     fn distances_on_a_plate_are_straight_and_end_at_the_limit() {

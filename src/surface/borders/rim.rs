@@ -12,12 +12,15 @@ pub(super) struct Rim<'a> {
     voxel_m: f64,
 }
 
-/// Half the length of the rim that a vertex is fitted to, voxels: tuned, three teeth of two voxels.
+/// Half the length of the rim that a vertex is fitted to, voxels.
+/// tuned: made and recorded objects (docs/method.md 16); three teeth of two voxels
 const WINDOW: f64 = 6.0;
-/// Cosine of the change of direction from which a corner is one: tuned, 40 degrees.
+/// Cosine of the change of direction from which a corner is one.
+/// tuned: made and recorded objects (docs/method.md 16); 40 degrees
 const CORNER_COSINE: f64 = 0.77;
-/// A piece is a line if no point of it is farther from its line, voxels: tuned, what teeth of one voxel and
-/// the error of a corner make.
+/// A piece is a line if no point of it is farther from its line, voxels.
+/// tuned: made and recorded objects (docs/method.md 16); what teeth of one voxel and the error of a corner
+/// make
 const LINE: f64 = 1.25;
 
 impl<'a> Rim<'a> {

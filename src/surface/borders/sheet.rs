@@ -1,6 +1,6 @@
 //! An open mesh while its borders are mended.
 
-use crate::surface::{TriangleMesh, drop_unused_vertices};
+use crate::{TriangleMesh, drop_unused_vertices};
 
 /// A mesh without colors, and which of its triangles no view saw.
 #[derive(Clone, Debug)]

@@ -9,13 +9,15 @@ use super::{
     reach::{Neighbors, Reach},
     rim::Rim,
 };
-use crate::surface::{TriangleMesh, vertex_normals};
+use crate::{TriangleMesh, vertex_normals};
 
-/// A vertex moves no farther than this from where the readings end, voxels: derived, a rim's place is known
-/// to a voxel.
+/// A vertex moves no farther than this from where the readings end, voxels.
+/// chosen: a rim's place is known to a voxel
 pub(super) const MAX_MOVE: f64 = 1.0;
 /// Vertices up to here from a rim follow it, voxels: tuned; moves of one voxel spread over four compress
 /// triangles by a quarter.
+/// tuned: made and recorded objects (docs/method.md 16); moves of one voxel spread over four compress
+/// triangles by a quarter
 const FOLLOWING: f64 = 4.0;
 /// Rounds in which the moves of vertices near a rim settle: tuned.
 const ROUNDS: usize = 20;
@@ -23,6 +25,7 @@ const ROUNDS: usize = 20;
 const HALVINGS: usize = 6;
 
 /// A triangle turns by no more than this cosine, and keeps so much of its area: tuned.
+/// tuned: made and recorded objects (docs/method.md 16)
 const MIN_COSINE: f32 = 0.5;
 const MIN_AREA: f32 = 0.1;
 

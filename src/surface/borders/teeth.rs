@@ -6,19 +6,21 @@ use super::{
     sheet::Sheet,
     straight::MAX_MOVE,
 };
-use crate::surface::{components::components, edges::sides_by_vertex};
+use crate::{components::components, edges::sides_by_vertex};
 
-/// Disks smaller than this do not hold a strip, voxels: tuned, strips narrower than two voxels hold less
-/// surface than noise.
+/// Disks smaller than this do not hold a strip, voxels.
+/// tuned: made and recorded objects (docs/method.md 16); strips narrower than two voxels hold less surface
+/// than noise
 const LEAST_RADIUS: f64 = 1.0;
-/// Disks larger than this show nothing more, voxels: derived, a rim of 8 voxels bends by
-/// one, [`SLACK`], from such a disk.
+/// Disks larger than this show nothing more, voxels.
+/// derived: a rim of 8 voxels bends by one, [`SLACK`], from such a disk
 const LARGEST_RADIUS: f64 = 8.0;
-/// A vertex may lie this far out of a disk, voxels: derived, so far it can be moved into line; it also makes
-/// up for disks that stand on vertices only.
+/// A vertex may lie this far out of a disk, voxels.
+/// derived: so far it can be moved into line; it also makes up for disks that stand on vertices only
 const SLACK: f64 = MAX_MOVE;
 
 /// A piece by itself is a shred if its area is less than that of a disk of this radius, voxels: tuned.
+/// tuned: made and recorded objects (docs/method.md 16)
 const SHRED_RADIUS: f64 = 4.0;
 
 /// Takes off the pieces that are shreds; the largest stays.
@@ -84,7 +86,7 @@ pub(super) fn drop_teeth(sheet: &mut Sheet, voxel_m: f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::{borders::plates::plate, shapes::box_mesh};
+    use crate::{borders::plates::plate, shapes::box_mesh};
 
     #[test]
     fn a_plate_with_straight_borders_keeps_all_but_the_tips_of_its_corners() {

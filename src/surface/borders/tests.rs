@@ -6,13 +6,11 @@ use nalgebra::{Point3, Vector3};
 
 use super::{Readings, loops::border_loops, mend_borders, plates::plate};
 use crate::{
-    capture::NoiseConfig,
-    geometry::Pose,
-    surface::{
-        TriangleMesh,
-        shapes::{box_mesh, sphere_mesh},
-    },
+    TriangleMesh,
+    shapes::{box_mesh, sphere_mesh},
 };
+use capture::NoiseConfig;
+use geometry::Pose;
 
 fn nothing(_: &Point3<f64>) -> bool {
     false

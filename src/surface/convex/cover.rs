@@ -15,13 +15,16 @@ use super::{
 
 /// Faces with the most error that a cell is cut along.
 const CUT_FACES: usize = 12;
-/// Shares of a cell's surface at which it is cut across its axes.
+/// Shares of a cell's surface at which it is cut across its axes. chosen: quarters
 const CUT_SHARES: [f64; 3] = [0.25, 0.5, 0.75];
 /// Share of a cell's error that a cut is hoped to open the way to, where it takes less by itself.
+/// tuned: made and recorded objects (docs/method.md 16)
 const HOPE: f64 = 0.1;
 /// What lies along a cut and within so many tolerances of it is not cut: noise.
+/// tuned: made and recorded objects (docs/method.md 16)
 const SLACK: f64 = 1.5;
 /// Share of the surface that a solid must take the error of.
+/// tuned: made and recorded objects (docs/method.md 16)
 const WORTH: f64 = 1e-3;
 /// Samples by which the planes that a cell may be cut at are ranked, and about as many of all by which a
 /// solid is known to stand before others' surface.

@@ -4,27 +4,25 @@ use nalgebra::{Point3, Vector3};
 
 use super::{
     ConvexSolid, Plane,
-    pieces::{Piece, Seen},
+    pieces::{ALONG, Piece, Seen},
     sample_columns::{GRAZING, SampleColumns, Slopes},
 };
-use crate::vectors::vectorized;
+use numeric::vectorized;
 
 /// Most faces of the surface that a solid takes its own from.
 const OWN_FACES: usize = 20;
 /// Cosines of the angles within which a direction is one that is there already: of two seen faces, and of one
-/// that was not seen.
+/// that was not seen. chosen: 0.5 and 8 degrees
 const SAME_SEEN: f64 = 0.999_96;
 const SAME_ASSUMED: f64 = 0.99;
-/// Least cosine between a face of a solid and what it stands for.
-const ALONG: f64 = 0.9;
-/// Shares of what lies along a face that may lie behind it.
+/// Shares of what lies along a face that may lie behind it. chosen: from a third to all
 const OFFSET_SHARES: [f64; 5] = [0.3, 0.5, 0.7, 0.9, 1.0];
-/// Offsets nearer to each other than this share of the tolerance are one.
+/// Offsets nearer to each other than this share of the tolerance are one. chosen: too little to matter
 const NEXT_SHARE: f64 = 0.1;
 
 /// The error of a distance between a solid and the surface, for the area it holds for: about the base-two
 /// logarithm of one and its square in tolerances. So a place that fits counts more than many that nearly do,
-/// and one that is far off still feels what brings it nearer.
+/// and one that is far off still feels what brings it nearer. It is `rho` of docs/method.md (10.2).
 #[inline(always)]
 pub(super) fn error(distance_m: f64, tolerance_m: f64) -> f64 {
     let x = 1.0 + (distance_m / tolerance_m).powi(2);
@@ -44,7 +42,7 @@ impl Fit {
     /// A solid around pieces: faces along those of its samples, their opposites and `frame`. A face that was
     /// seen lies where it leaves least error between what stands out of the solid and what the solid stands
     /// before; others lie behind all pieces.
-    pub fn new<'a>(
+    pub(super) fn new<'a>(
         seen: &Seen,
         pieces: impl Iterator<Item = &'a Piece> + Clone,
         samples: &SampleColumns,
@@ -74,7 +72,7 @@ impl Fit {
     }
 
     /// Errors of samples against the solid by a tolerance, weighed by their areas.
-    pub fn errors(&self, samples: &SampleColumns, tolerance_m: f64) -> Vec<f64> {
+    pub(super) fn errors(&self, samples: &SampleColumns, tolerance_m: f64) -> Vec<f64> {
         let mut errors = samples.distances_m(&self.planes);
         weigh(&mut errors, &samples.areas_m2, tolerance_m);
         errors
@@ -82,7 +80,7 @@ impl Fit {
 
     /// The solid, at least `thin_m` thick, without faces that would cut off less than `least_m`; `None` where
     /// it has no volume.
-    pub fn solid(&self, least_m: f64, thin_m: f64) -> Option<ConvexSolid> {
+    pub(super) fn solid(&self, least_m: f64, thin_m: f64) -> Option<ConvexSolid> {
         // Faces that do not meet squarely may leave a sliver or nothing: it grows until it is a solid.
         let grown = (0..6).map(|k| self.grown(0.5 * thin_m * f64::from((1 << k) - 1)).bounded(least_m));
         grown.flatten().find(|s| s.thickness_m() >= 0.99 * thin_m)

@@ -8,12 +8,13 @@ use std::{
 
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
-use crate::surface::{TriangleMesh, edges::Edges, patches::Patch};
+use crate::{TriangleMesh, edges::Edges, patches::Patch};
 
 /// Least length of the sum of a patch's normals over its area: beyond, it bends.
+/// tuned: made and recorded objects (docs/method.md 16)
 const LEAST_STRAIGHT: f64 = 0.85;
 /// A patch that is so many times wider than it is thick, as variances, has a plane by its corners; another
-/// has that of its triangles.
+/// has that of its triangles. chosen: five times, as lengths
 const WIDE: f64 = 25.0;
 
 /// Moments of the triangles of a patch.

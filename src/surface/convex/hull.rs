@@ -6,12 +6,12 @@ use nalgebra::{Point3, Vector3};
 
 use super::{ConvexSolid, Plane};
 
-/// Share of the extent that a point must lie outside a face to count.
+/// Share of the extent that a point must lie outside a face to count. chosen: above the rounding of a double
 const OUTSIDE_SHARE: f64 = 1e-9;
 /// Points are moved by up to this share of the extent, so that no four of them lie in a plane: thin faces
-/// between corners of one plane would have any normal.
+/// between corners of one plane would have any normal. chosen: above rounding, below any tolerance
 const JITTER_SHARE: f64 = 1e-5;
-/// Flatter sets of points have no hull, as a share of the extent.
+/// Flatter sets of points have no hull, as a share of the extent. chosen: ten times [`JITTER_SHARE`]
 const FLAT_SHARE: f64 = 1e-4;
 
 /// A face of the growing hull.
@@ -66,6 +66,7 @@ pub fn convex_hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
 /// Points moved by up to `by_m` along every axis, always in the same way.
 fn jittered(points: &[Point3<f64>], by_m: f64) -> Vec<Point3<f64>> {
     // The generalised golden ratio of three dimensions (Roberts 2018).
+    // derived: the real root of x^4 = x + 1, and powers of one over it
     const STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_3];
     let moved = |(i, p): (usize, &Point3<f64>)| {
         p + by_m * Vector3::from(STEPS.map(|s| 2.0 * (s * (i + 1) as f64).fract() - 1.0))

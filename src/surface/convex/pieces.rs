@@ -6,19 +6,22 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{Plane, flats::flats, rays::Facets};
-use crate::surface::{TriangleMesh, patches::Patch};
+use crate::{TriangleMesh, patches::Patch};
 
-/// Samples over a part's surface.
+/// Samples over a part's surface. chosen: time against detail
 const SAMPLES: f64 = 3000.0;
-/// Cosine of the largest angle between the sides of a patch that count as one direction.
+/// Cosine of the largest angle between the sides of a patch that count as one direction. chosen: 20 degrees
 const ONE_SIDE: f64 = 0.94;
 /// A wall thicker than this many assumed walls is taken for two.
+/// tuned: made and recorded objects (docs/method.md 16)
 const MAX_WALLS: f64 = 4.0;
 /// A gap of a surface that is narrower than this many walls is a hole of the recording.
+/// tuned: made and recorded objects (docs/method.md 16)
 const NARROW_WALLS: f64 = 3.0;
-/// Least cosine between a plane and what may lie in it.
-const ALONG: f64 = 0.9;
-/// Nearer points lie in a plane, meters.
+/// Least cosine between a plane, or a face of a solid, and what may lie in it or it stands for.
+/// chosen: 26 degrees
+pub(super) const ALONG: f64 = 0.9;
+/// Nearer points lie in a plane, meters. chosen: above rounding, below any reading
 const ON_PLANE_M: f64 = 1e-7;
 
 /// A convex flat piece of the surface and the wall behind it.
@@ -42,7 +45,7 @@ impl Piece {
     }
 
     /// Its triangles, half of its wall's thickness below the front, with that thickness, meters.
-    pub fn plates(&self) -> impl Iterator<Item = ([Vector3<f64>; 3], f64)> + '_ {
+    pub(super) fn plates(&self) -> impl Iterator<Item = ([Vector3<f64>; 3], f64)> + '_ {
         let middle = self.back.try_normalize(0.0).unwrap_or_default() * (0.5 * self.share_m);
         let corner = move |k: usize| self.front[k] + middle;
         (1..self.front.len().max(1) - 1).map(move |k| ([corner(0), corner(k), corner(k + 1)], self.share_m))
@@ -50,7 +53,7 @@ impl Piece {
 
     /// What of it lies behind a plane and what before it. A piece that lies in the plane, give or take
     /// `slack_m`, is not cut: its wall lies behind the plane, or before it if it looks the other way.
-    pub fn cut(&self, plane: &Plane, slack_m: f64) -> [Option<Self>; 2] {
+    pub(super) fn cut(&self, plane: &Plane, slack_m: f64) -> [Option<Self>; 2] {
         let [lo, hi] = self.range(plane);
         let along = -plane.normal.dot(&self.back) / self.back.norm();
         if along > ALONG && hi <= slack_m || hi <= ON_PLANE_M {
@@ -99,7 +102,7 @@ pub(super) struct Sample {
 
 impl Sample {
     /// Whether it lies behind a plane, as [`Piece::cut`] has it.
-    pub fn is_behind(&self, plane: &Plane, slack_m: f64) -> bool {
+    pub(super) fn is_behind(&self, plane: &Plane, slack_m: f64) -> bool {
         let height = plane.normal.dot(&self.place) - plane.offset_m;
         let along = plane.normal.dot(&self.normal);
         if along > ALONG {
@@ -146,7 +149,7 @@ pub(super) fn seen(
             let Some(patch) = found.get(patch_of[t] as usize) else { return f64::INFINITY };
             let middle = mesh.middle(t).coords;
             let inwards = -patch.normal;
-            // A wall ends where another part was seen to begin.
+            // docs/method.md (10.1): a wall ends where another part was seen to begin.
             let other = others.way_m(&middle, &inwards, false) - clear_m;
             own.way_m(&middle, &inwards, true).min(if other < wall_m {
                 other.max(0.0)

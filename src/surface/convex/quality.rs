@@ -4,16 +4,16 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{ConvexSolid, Plane, rays::Facets};
-use crate::{
-    random::stage_rng,
-    surface::{TriangleMesh, sample_surface, triangle::closest_on_triangle},
-};
+use crate::{TriangleMesh, sample_surface, triangle::closest_on_triangle};
+use numeric::random::stage_rng;
 
 /// Places of the surface that are looked at.
 const SAMPLES: usize = 4000;
 /// Share of the places that may lie farther from all solids than the distance that is stated.
+/// chosen: few places may be worse than what is stated
 const PERCENTILE: f64 = 0.95;
 /// Steps of a surface's own solids that join along a ray, meters: rounding.
+/// chosen: above rounding, below any wall
 const JOINED_M: f64 = 1e-6;
 
 /// Solids against the surface that they stand for.
@@ -27,10 +27,11 @@ pub struct SolidFit {
 
 impl SolidFit {
     /// A solid that stands farther before its surface is in the way of what touches it, meters.
+    /// tuned: made and recorded objects (docs/method.md 16)
     pub const STAND_OFF_M: f64 = 0.002;
-    /// Most of the surface that solids may stand before.
+    /// Most of the surface that solids may stand before. tuned: made and recorded objects (docs/method.md 16)
     pub const MOST_STANDING_OFF: f64 = 0.05;
-    /// Largest distance that is sound, meters.
+    /// Largest distance that is sound, meters. tuned: made and recorded objects (docs/method.md 16)
     pub const MOST_DISTANCE_M: f64 = 0.003;
 
     /// Measures solids at places spread evenly over a surface; `None` without area or solids.
@@ -150,7 +151,7 @@ fn closest(p: &Point3<f64>, triangle: [Point3<f64>; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::shapes::box_mesh;
+    use crate::shapes::box_mesh;
 
     fn cuboid(half: [f64; 3]) -> ConvexSolid {
         ConvexSolid::cuboid(&Point3::from(half.map(|h| -h)), &Point3::from(half))

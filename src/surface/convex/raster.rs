@@ -3,16 +3,19 @@
 use nalgebra::{Point2, Vector2};
 
 use super::rectangles::{Rectangle, cover};
-use crate::surface::outline::{area, rectangle_direction};
+use crate::outline::{area, rectangle_direction};
 
-/// Cells along the longer side of a patch.
+/// Cells along the longer side of a patch. chosen: time against detail
 const CELLS: f64 = 96.0;
 /// Narrowest rectangle over a patch, cells, and share of the cells that may stay bare.
+/// tuned: made and recorded objects (docs/method.md 16)
 const MIN_SIDE: usize = 3;
 const BARE: f64 = 0.06;
 /// Share of a gap that must be hidden: walls that pass close by are felt in the cells beside them.
+/// tuned: made and recorded objects (docs/method.md 16)
 const HIDDEN: f64 = 2.0 / 3.0;
 /// Gaps that are a smaller share of the patch are the raster's.
+/// tuned: made and recorded objects (docs/method.md 16)
 const MIN_CLOSED: f64 = 0.02;
 
 /// Cells along the smallest rectangle around a patch, in its plane.
@@ -33,7 +36,7 @@ pub(super) struct Raster {
 impl Raster {
     /// The cells under triangles. The raster lies along `hull` and holds it and the `beside` points; cells
     /// are at least `min_cell_m` wide.
-    pub fn new(
+    pub(super) fn new(
         triangles: &[[Point2<f64>; 3]],
         hull: &[Point2<f64>],
         beside: &[Point2<f64>],
@@ -85,7 +88,11 @@ impl Raster {
     /// Fills gaps within rows and columns: runs of cells from the patch to the patch or to a place of
     /// `stops`, most of them `hidden`, no longer than what was seen of the patch in that row or column.
     /// Returns whether there were any to speak of.
-    pub fn close_gaps(&mut self, stops: &[Point2<f64>], hidden: impl Fn(&Point2<f64>) -> bool) -> bool {
+    pub(super) fn close_gaps(
+        &mut self,
+        stops: &[Point2<f64>],
+        hidden: impl Fn(&Point2<f64>) -> bool,
+    ) -> bool {
         let mut stop = self.filled.clone();
         for p in stops {
             let at = (turned(&self.direction, p) - self.lower) / self.cell_m;
@@ -123,7 +130,7 @@ impl Raster {
     }
 
     /// At most `most` rectangles that cover the cells which closed gaps.
-    pub fn closed_rectangles(&self, most: usize) -> Vec<[Point2<f64>; 4]> {
+    pub(super) fn closed_rectangles(&self, most: usize) -> Vec<[Point2<f64>; 4]> {
         let corners = |r: &Rectangle| {
             let (x, y) = (r.x as f64, r.y as f64);
             let (width, height) = (r.width as f64, r.height as f64);

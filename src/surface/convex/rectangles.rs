@@ -10,7 +10,7 @@ pub(super) struct Rectangle {
 }
 
 impl Rectangle {
-    pub fn area(&self) -> usize {
+    pub(super) fn area(&self) -> usize {
         self.width * self.height
     }
 }

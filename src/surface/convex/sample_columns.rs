@@ -3,9 +3,9 @@
 use nalgebra::Vector3;
 
 use super::{Plane, pieces::Sample};
-use crate::vectors::vectorized;
+use numeric::vectorized;
 
-/// Rays along a face leave a solid elsewhere.
+/// Rays along a face leave a solid elsewhere. chosen: above rounding
 pub(super) const GRAZING: f64 = 1e-3;
 
 /// Places, meters, normals and areas, square meters, of some samples, and the numbers of their faces.
@@ -33,7 +33,7 @@ struct Distances {
 }
 
 impl SampleColumns {
-    pub fn of<'a>(samples: impl Iterator<Item = &'a Sample>) -> Self {
+    pub(super) fn of<'a>(samples: impl Iterator<Item = &'a Sample>) -> Self {
         let room = || Vec::with_capacity(samples.size_hint().0);
         let (axes, areas_m2, faces) = (|| [room(), room(), room()], room(), Vec::new());
         let mut columns = Self { places: axes(), normals: axes(), areas_m2, faces };
@@ -48,12 +48,12 @@ impl SampleColumns {
         columns
     }
 
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.faces.len()
     }
 
     /// How they lie to a normal.
-    pub fn slopes(&self, normal: &Vector3<f64>, slopes: &mut Slopes) {
+    pub(super) fn slopes(&self, normal: &Vector3<f64>, slopes: &mut Slopes) {
         slopes.heights.resize(self.len(), 0.0);
         slopes.speeds.resize(self.len(), 0.0);
         along(&self.places, normal, &mut slopes.heights);
@@ -62,7 +62,7 @@ impl SampleColumns {
 
     /// Distances between what is behind all planes and each sample, meters: how far the sample stands out of
     /// it, or it before the sample along its normal.
-    pub fn distances_m(&self, planes: &[Plane]) -> Vec<f64> {
+    pub(super) fn distances_m(&self, planes: &[Plane]) -> Vec<f64> {
         let n = self.len();
         let mut found = Distances { nearest: vec![f64::INFINITY; n], outside: vec![0.0; n] };
         let mut slopes = Slopes::default();

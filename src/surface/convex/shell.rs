@@ -11,14 +11,16 @@ use super::{
     hidden::{fronts, hidden_walls},
     pieces::{Piece, Seen, seen},
 };
-use crate::surface::{ShellInertia, TriangleMesh, inertia::plates_inertia, keep_components, simplify};
+use crate::{ShellInertia, TriangleMesh, inertia::plates_inertia, keep_components, simplify};
 
 /// Triangles that the pieces are made of.
 const TRIANGLES: usize = 3000;
 /// Components with a smaller share of the largest one's triangles are loose fragments.
+/// tuned: made and recorded objects (docs/method.md 16)
 const MIN_COMPONENT: f64 = 0.003;
 
 /// Root mean square distance of a flat patch from its plane, in tolerances.
+/// tuned: made and recorded objects (docs/method.md 16)
 const FLAT: f64 = 0.6;
 
 /// A surface without loose fragments, with as few triangles as solids need.

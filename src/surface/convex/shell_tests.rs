@@ -2,12 +2,10 @@
 
 use super::*;
 use crate::{
-    geometry::Pose,
-    surface::{
-        marching_cubes, merge,
-        shapes::{box_mesh, grid_of, sphere_mesh, torus},
-    },
+    marching_cubes, merge,
+    shapes::{box_mesh, grid_of, sphere_mesh, torus},
 };
+use geometry::Pose;
 use nalgebra::Vector3;
 
 fn solids_within(mesh: &TriangleMesh, hidden: Option<Hidden<'_>>, config: &ConvexConfig) -> Vec<ConvexSolid> {
@@ -91,7 +89,7 @@ fn what_a_patch_hides_of_its_noise_counts() {
     // Waves that patches hide. Fitted to the planes of these, solids stood more than 2 mm before 3.4 % of it.
     let mesh = wavy_box(0.0012);
     let solids = solids_of(&mesh);
-    let fit = crate::surface::SolidFit::of(&mesh, &solids).unwrap();
+    let fit = crate::SolidFit::of(&mesh, &solids).unwrap();
     assert!(fit.standing_off < 0.02, "{fit}");
     assert!(solids.len() <= 25, "{}", solids.len());
 }
@@ -100,7 +98,7 @@ fn what_a_patch_hides_of_its_noise_counts() {
 fn a_noisy_box_has_its_faces_in_the_middle_of_the_noise() {
     let mesh = wavy_box(0.001);
     let solids = solids_of(&mesh);
-    let fit = crate::surface::SolidFit::of(&mesh, &solids).unwrap();
+    let fit = crate::SolidFit::of(&mesh, &solids).unwrap();
     assert!(fit.is_sound(), "{fit}");
     let top = solids.iter().map(|s| s.bounds().1.z).fold(0.0, f64::max);
     assert!((top - 0.08).abs() < 0.0015, "{top}");

@@ -5,9 +5,10 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::{geometry::Pose, surface::TriangleMesh};
+use crate::TriangleMesh;
+use geometry::Pose;
 
-/// A point this near a plane lies in it, meters.
+/// A point this near a plane lies in it, meters. chosen: above rounding, below any reading
 const ON_PLANE_M: f64 = 1e-9;
 
 /// The half space `normal . x <= offset_m`.
@@ -63,7 +64,7 @@ impl ConvexSolid {
     }
 
     /// The plane of a face; `None` of one without area.
-    pub(crate) fn plane(&self, face: &[u32]) -> Option<Plane> {
+    pub fn plane(&self, face: &[u32]) -> Option<Plane> {
         let normal = self.twice_area(face).try_normalize(1e-16)?;
         let heights = face.iter().map(|&i| normal.dot(&self.vertices[i as usize].coords));
         // Rounding leaves the corners of a cut face beside its plane: their mean is nearest to all.
@@ -72,7 +73,7 @@ impl ConvexSolid {
     }
 
     /// Unit normal and area of every face that has one, square meters.
-    pub(crate) fn areas(&self) -> impl Iterator<Item = (Vector3<f64>, f64)> + '_ {
+    pub fn areas(&self) -> impl Iterator<Item = (Vector3<f64>, f64)> + '_ {
         let of = |f: &Vec<u32>| Some((self.plane(f)?.normal, 0.5 * self.twice_area(f).norm()));
         self.faces.iter().filter_map(of)
     }
@@ -153,7 +154,7 @@ impl ConvexSolid {
     }
 
     /// Tetrahedra that fill it, from its first corner: volume and corners.
-    pub(crate) fn tetrahedra(&self) -> impl Iterator<Item = (f64, [Point3<f64>; 4])> + '_ {
+    pub fn tetrahedra(&self) -> impl Iterator<Item = (f64, [Point3<f64>; 4])> + '_ {
         let apex = self.vertices.first().copied().unwrap_or_else(Point3::origin);
         self.faces.iter().flat_map(move |f| {
             f.windows(2).skip(1).map(move |w| {

@@ -9,20 +9,18 @@ use super::{
     view_depth::ViewDepth,
 };
 use crate::{
-    capture::cell,
-    geometry::Grid3,
-    surface::{
-        rows::RowCamera,
-        tsdf_view::{FREE_WEIGHT, Said, behind_weight, said},
-    },
+    rows::RowCamera,
+    tsdf_view::{FREE_WEIGHT, Said, behind_weight, said},
 };
+use capture::cell;
+use geometry::Grid3;
 
 /// Nodes along a side of a block.
 pub(super) const SIDE: usize = 8;
 const NODES: usize = SIDE * SIDE * SIDE;
 /// A block whose surface is this part of a spacing away from what was last drawn of it, in the mean, is drawn
 /// again.
-/// derived: nodes are no finer than pixels of the views, and a quarter of a pixel is not seen
+/// chosen: nodes are no finer than pixels of the views, and a quarter of a pixel is not seen
 const VISIBLE: f32 = 0.25;
 
 /// Place of a block: its first node in sides of a block.
@@ -78,28 +76,28 @@ pub(super) struct BlockMap {
 
 impl BlockMap {
     /// An empty map.
-    pub fn new(spacing_m: f64, truncation_m: f64) -> Self {
+    pub(super) fn new(spacing_m: f64, truncation_m: f64) -> Self {
         Self { spacing_m, truncation_m, blocks: BTreeMap::new() }
     }
 
     /// Distance between nodes, meters.
-    pub fn spacing_m(&self) -> f64 {
+    pub(super) fn spacing_m(&self) -> f64 {
         self.spacing_m
     }
 
     /// Memory that so many blocks take, bytes.
-    pub fn bytes_of(blocks: usize) -> usize {
+    pub(super) fn bytes_of(blocks: usize) -> usize {
         // The second term: keys, pointers and what a tree leaves open.
         blocks * (size_of::<Block>() + 48)
     }
 
     /// Memory that it takes, bytes.
-    pub fn bytes(&self) -> usize {
+    pub(super) fn bytes(&self) -> usize {
         Self::bytes_of(self.blocks.len())
     }
 
     /// Places of the blocks about the surface that a view reads, sorted, and how many of them are new.
-    pub fn about(&self, view: &ViewDepth) -> (Vec<Key>, usize) {
+    pub(super) fn about(&self, view: &ViewDepth) -> (Vec<Key>, usize) {
         let k = &view.frame.intrinsics;
         let block_m = self.spacing_m * SIDE as f64;
         // Rays a third of a block apart miss none but corners, which other views hit.
@@ -129,14 +127,14 @@ impl BlockMap {
     }
 
     /// Makes blocks where there are none.
-    pub fn allocate(&mut self, keys: &[Key]) {
+    pub(super) fn allocate(&mut self, keys: &[Key]) {
         for key in keys {
             self.blocks.entry(*key).or_insert_with(Block::empty);
         }
     }
 
     /// Fuses a view into all blocks that it shows; those whose surface changed visibly, sorted.
-    pub fn integrate(&mut self, view: &ViewDepth, clearance: &Clearance) -> Vec<Key> {
+    pub(super) fn integrate(&mut self, view: &ViewDepth, clearance: &Clearance) -> Vec<Key> {
         let (spacing_m, truncation_m) = (self.spacing_m, self.truncation_m as f32);
         let half_m = 0.5 * (SIDE - 1) as f64 * spacing_m;
         let (radius_m, near_m) = ((3f64.sqrt() * half_m) as f32, 2.0 * spacing_m as f32);
@@ -180,7 +178,7 @@ impl BlockMap {
     }
 
     /// Doubles the spacing: every second node stays where it is, with what it holds.
-    pub fn coarsen(&mut self, truncation_m: f64) {
+    pub(super) fn coarsen(&mut self, truncation_m: f64) {
         let old = std::mem::take(&mut self.blocks);
         let old_m = self.spacing_m as f32;
         for (key, fine) in old {
@@ -211,13 +209,13 @@ impl BlockMap {
     }
 
     /// Places of all blocks, sorted.
-    pub fn keys(&self) -> impl Iterator<Item = &Key> {
+    pub(super) fn keys(&self) -> impl Iterator<Item = &Key> {
         self.blocks.keys()
     }
 
     /// Distances, NaN where nothing is known, and colors about the cells of some blocks, `side` along each
     /// axis from `first`; of every `stride`th node.
-    pub fn grid(&self, first: Key, side: usize, stride: usize) -> (Grid3<f32>, Vec<[u8; 4]>) {
+    pub(super) fn grid(&self, first: Key, side: usize, stride: usize) -> (Grid3<f32>, Vec<[u8; 4]>) {
         let nodes = side * SIDE / stride + 1;
         let count = nodes * nodes * nodes;
         let corner = Point3::from(first.map(|k| f64::from(k) * SIDE as f64 * self.spacing_m));

@@ -4,14 +4,15 @@
 use nalgebra::Vector3;
 
 use super::view_depth::{MAX_DEPTH_M, ViewDepth};
-use crate::{capture::PoseNoise, surface::depth_tiles::DepthTiles};
+use crate::depth_tiles::DepthTiles;
+use capture::PoseNoise;
 
 /// Standard deviations, of reading and pose together, that a cell lies before what is read, to be empty.
-/// derived: 0.13 % of normal readings, one-sided
+/// chosen: 0.13 % of normal readings, one-sided
 const GATE_SIGMAS: f64 = 3.0;
 
 /// Space further away than this many median depths of a view is not looked at.
-/// derived: the ball that fits into an image of 55 degrees ends at 1.46 distances
+/// chosen: the ball that fits into an image of 55 degrees ends at 1.46 distances
 const FARTHEST: f64 = 1.5;
 
 /// What a view says of a piece of space.
@@ -43,7 +44,7 @@ pub(super) struct Clearance {
 
 impl Clearance {
     /// For cells of a size.
-    pub fn new(view: &ViewDepth, cell_m: f64) -> Self {
+    pub(super) fn new(view: &ViewDepth, cell_m: f64) -> Self {
         let k = &view.frame.intrinsics;
         // Half a cell's diagonal.
         let half_m = 0.5 * 3f64.sqrt() * cell_m;
@@ -83,7 +84,7 @@ impl Clearance {
 
     /// Whether a point at a depth in a pixel is in space seen empty (`Some(false)`), or where something is
     /// (`Some(true)`).
-    pub fn is_filled(&self, pixel: usize, depth_m: f32) -> Option<bool> {
+    pub(super) fn is_filled(&self, pixel: usize, depth_m: f32) -> Option<bool> {
         match () {
             () if depth_m <= self.clear_m[pixel] => Some(false),
             () if depth_m <= self.reach_m[pixel] => Some(true),
@@ -93,7 +94,7 @@ impl Clearance {
 
     /// What the view says of a ball about a point in the optical frame; what lies up to `behind_m` behind
     /// what is seen is still looked at.
-    pub fn piece(&self, p: &Vector3<f32>, radius_m: f32, behind_m: f32) -> Piece {
+    pub(super) fn piece(&self, p: &Vector3<f32>, radius_m: f32, behind_m: f32) -> Piece {
         if p.z + radius_m <= 0.0 || p.z - radius_m > self.farthest_m + behind_m {
             return Piece::Nothing;
         }

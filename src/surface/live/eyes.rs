@@ -3,11 +3,9 @@
 use nalgebra::{Point3, Vector3};
 
 use super::view_depth::{MAX_DEPTH_M, ViewDepth};
-use crate::{
-    capture::common_focus,
-    geometry::{Intrinsics, Pose},
-    statistics::median,
-};
+use capture::common_focus;
+use geometry::{Intrinsics, Pose};
+use numeric::statistics::median;
 
 /// Views that are remembered at most; with more, every second one goes.
 const MOST: usize = 128;
@@ -38,12 +36,12 @@ pub(super) struct Focus {
 
 impl Eyes {
     /// With a camera.
-    pub fn new(intrinsics: Intrinsics) -> Self {
+    pub(super) fn new(intrinsics: Intrinsics) -> Self {
         Self { views: Vec::new(), every: 1, count: 0, intrinsics }
     }
 
     /// Remembers a view.
-    pub fn add(&mut self, view: &ViewDepth) {
+    pub(super) fn add(&mut self, view: &ViewDepth) {
         self.intrinsics = view.frame.intrinsics;
         if self.count.is_multiple_of(self.every) {
             self.views.push((view.frame.world_from_camera, view.median_m));
@@ -81,7 +79,7 @@ impl Eyes {
 
     /// A ball about what the views look at, as large as fits into the image from their median distance: its
     /// middle with all that goes with it, and its radius in meters.
-    pub fn ball(&self) -> Option<(Focus, f64)> {
+    pub(super) fn ball(&self) -> Option<(Focus, f64)> {
         let focus = self.focus()?;
         let k = &self.intrinsics;
         let half = (0.5 * k.width as f64 / k.fx).min(0.5 * k.height as f64 / k.fy);
@@ -90,7 +88,7 @@ impl Eyes {
     }
 
     /// Whether at least half of the views have a point in their image.
-    pub fn half_show(&self, point: &Point3<f64>) -> bool {
+    pub(super) fn half_show(&self, point: &Point3<f64>) -> bool {
         let shows =
             |(pose, _): &&(Pose, f64)| self.intrinsics.pixel(&pose.inverse_transform_point(point)).is_some();
         2 * self.views.iter().filter(shows).count() >= self.views.len()

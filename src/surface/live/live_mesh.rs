@@ -8,7 +8,7 @@ use std::{
 use nalgebra::Point3;
 
 use super::block_map::{self, BlockMap, Key};
-use crate::surface::{TriangleMesh, marching_cubes};
+use crate::{TriangleMesh, marching_cubes};
 
 /// Blocks along a side of a chunk.
 const BLOCKS: i32 = 2;
@@ -19,7 +19,7 @@ const MOST_TRIANGLES: usize = 30_000;
 /// derived: half the spacing makes four times the triangles, and noise some more
 const FEWER: usize = 6;
 /// The ball that the views look at is another one where it moved or grew by this part of its radius.
-/// derived: a tenth of an image
+/// chosen: a tenth of an image
 const OTHER_BALL: f64 = 0.1;
 /// Every so many nodes count at most.
 /// derived: behind a surface four spacings are known, which a cell must not be wider than
@@ -54,12 +54,12 @@ pub(super) struct LiveMesh {
 
 impl LiveMesh {
     /// Without a surface.
-    pub fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self { strides: [1, 1], ..Self::default() }
     }
 
     /// Says that the surface in some blocks changed.
-    pub fn mark(&mut self, blocks: &[Key]) {
+    pub(super) fn mark(&mut self, blocks: &[Key]) {
         for key in blocks {
             // A cell ends at the first nodes of the next block.
             for corner in 0..8 {
@@ -78,13 +78,13 @@ impl LiveMesh {
     }
 
     /// The same where the map's spacing doubled: as many nodes count as before, or more.
-    pub fn begin_coarser(&mut self, map: &BlockMap) {
+    pub(super) fn begin_coarser(&mut self, map: &BlockMap) {
         self.strides = self.strides.map(|s| (s / 2).max(1));
         self.begin_again(map);
     }
 
     /// Makes the stale chunks again; views look at a ball.
-    pub fn refresh(&mut self, map: &BlockMap, ball: Option<(Point3<f64>, f64)>) {
+    pub(super) fn refresh(&mut self, map: &BlockMap, ball: Option<(Point3<f64>, f64)>) {
         let is_other = match (self.ball, ball) {
             (Some((a, r)), Some((b, s))) => (a - b).norm().max((r - s).abs()) > OTHER_BALL * r,
             (a, b) => a.is_some() != b.is_some(),
@@ -163,12 +163,12 @@ impl LiveMesh {
     }
 
     /// All chunks by their place.
-    pub fn chunks(&self) -> impl Iterator<Item = &Arc<MeshChunk>> {
+    pub(super) fn chunks(&self) -> impl Iterator<Item = &Arc<MeshChunk>> {
         self.chunks.values()
     }
 
     /// Width of the cells about what the views look at, in spacings of the map.
-    pub fn stride(&self) -> usize {
+    pub(super) fn stride(&self) -> usize {
         self.strides[0]
     }
 }

@@ -14,19 +14,17 @@ use super::{
     unseen::{Unseen, unseen},
     view_depth::ViewDepth,
 };
-use crate::{
-    capture::{NoiseConfig, RgbdFrame},
-    surface::{TriangleMesh, merge},
-};
+use crate::{TriangleMesh, merge};
+use capture::{NoiseConfig, RgbdFrame};
 
 /// Least and largest first distance between nodes, meters.
-/// tuned: finer than 5 mm shows the eye no more of an object; with 20 mm a drawer still has its front
+/// chosen: finer than 5 mm shows the eye no more of an object; with 20 mm a drawer still has its front
 const SPACING_M: [f64; 2] = [0.005, 0.02];
 /// Truncation in spacings and in standard deviations of a reading, at least.
 /// derived: that of the pipeline's fusion (`SurfaceConfig::truncation_m`), and two cells on each side for
 /// marching cubes of every second node
 const TRUNCATION: f64 = 4.0;
-/// Side of a cell of seen space in spacings, at first.
+/// Side of a cell of seen space in spacings, at first. chosen: space needs no finer cells than surface
 const CELL: f64 = 2.0;
 
 /// Settings of a map.
@@ -187,7 +185,7 @@ impl LiveMap {
 
     /// What a view from a pose would add, square meters.
     #[cfg(test)]
-    pub(super) fn gain_m2(&self, world_from_camera: &crate::geometry::Pose) -> Option<f64> {
+    pub(super) fn gain_m2(&self, world_from_camera: &geometry::Pose) -> Option<f64> {
         let map = self.now.as_ref()?;
         Some(super::next_view::gain_m2(&Region::new(&map.eyes, &map.sight)?, world_from_camera))
     }

@@ -8,10 +8,8 @@ use std::collections::BTreeSet;
 use nalgebra::Point3;
 
 use super::{live_mesh::MeshChunk, sight_map::SightMap};
-use crate::{
-    capture::{CLEARLY, LEAST_PATCH, cell, clusters},
-    surface::{TriangleMesh, merge},
-};
+use crate::{TriangleMesh, merge};
+use capture::{CLEARLY, LEAST_PATCH, cell, clusters};
 
 /// Views of each state that must agree, as there.
 /// derived: one reading may be wrong

@@ -7,14 +7,14 @@ use super::{
     region::{Cell, Region},
     sight_map::SightMap,
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Places that are tried, all around.
 const PLACES: usize = 200;
 /// Rays along a side of the picture that is taken of the region from each.
 const RAYS: usize = 32;
 /// Least gain of a view that is worth it, as a share of all surface.
-/// derived: a hundred such views would be as much as all there is
+/// chosen: a hundred such views would be as much as all there is
 const LEAST_SHARE: f64 = 0.01;
 
 /// A place from which to look.

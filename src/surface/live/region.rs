@@ -42,7 +42,7 @@ pub(super) struct Region {
 
 impl Region {
     /// Of the views so far; `None` without any.
-    pub fn new(eyes: &Eyes, sight: &SightMap) -> Option<Self> {
+    pub(super) fn new(eyes: &Eyes, sight: &SightMap) -> Option<Self> {
         let (focus, radius_m) = eyes.ball()?;
         let fine_m = sight.cell_m();
         let per = (2.0 * radius_m / fine_m / MOST_CELLS as f64).ceil().max(1.0);
@@ -97,23 +97,23 @@ impl Region {
     }
 
     /// Middle of a cell.
-    pub fn middle(&self, at: [usize; 3]) -> Point3<f64> {
+    pub(super) fn middle(&self, at: [usize; 3]) -> Point3<f64> {
         self.origin + Vector3::from(at.map(|a| a as f64 + 0.5)) * self.cell_m
     }
 
     /// What is known of a cell.
-    pub fn cell(&self, at: [usize; 3]) -> Cell {
+    pub(super) fn cell(&self, at: [usize; 3]) -> Cell {
         self.cells[index(at, self.side)]
     }
 
     /// Whether a point is in the ball.
-    pub fn holds(&self, point: &Point3<f64>) -> bool {
+    pub(super) fn holds(&self, point: &Point3<f64>) -> bool {
         (point - self.focus.point).norm() <= self.radius_m
     }
 
     /// What a ray meets first in the region, and how far along in lengths of its direction; `None` where it
     /// meets nothing. Cells are walked one by one (Amanatides and Woo 1987).
-    pub fn first_met(&self, eye: &Point3<f64>, ray: &Vector3<f64>) -> Option<(Cell, f64)> {
+    pub(super) fn first_met(&self, eye: &Point3<f64>, ray: &Vector3<f64>) -> Option<(Cell, f64)> {
         let size_m = self.side as f64 * self.cell_m;
         let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
         for k in 0..3 {

@@ -9,7 +9,8 @@ use super::{
     clearance::{Clearance, Piece},
     view_depth::ViewDepth,
 };
-use crate::{capture::cell, surface::rows::RowCamera};
+use crate::rows::RowCamera;
+use capture::cell;
 
 /// Cells along a side of a block; a layer of them is the bits of a word.
 pub(super) const SIDE: usize = 8;
@@ -77,28 +78,28 @@ pub(super) struct Look {
 
 impl SightMap {
     /// Of nothing yet.
-    pub fn new(cell_m: f64) -> Self {
+    pub(super) fn new(cell_m: f64) -> Self {
         Self { cell_m, blocks: BTreeMap::new() }
     }
 
     /// Side of a cell, meters.
-    pub fn cell_m(&self) -> f64 {
+    pub(super) fn cell_m(&self) -> f64 {
         self.cell_m
     }
 
     /// Memory that so many blocks take, bytes.
-    pub fn bytes_of(blocks: usize) -> usize {
+    pub(super) fn bytes_of(blocks: usize) -> usize {
         // The second term: what a tree leaves open.
         blocks * (size_of::<(Key, Sight)>() * 3 / 2)
     }
 
     /// Memory that it takes, bytes.
-    pub fn bytes(&self) -> usize {
+    pub(super) fn bytes(&self) -> usize {
         Self::bytes_of(self.blocks.len())
     }
 
     /// What a view says, and how many blocks are new to the map.
-    pub fn looks(&self, view: &ViewDepth, clearance: &Clearance) -> (Vec<Look>, usize) {
+    pub(super) fn looks(&self, view: &ViewDepth, clearance: &Clearance) -> (Vec<Look>, usize) {
         let block_m = self.cell_m * SIDE as f64;
         let radius_m = (0.5 * 3f64.sqrt() * block_m) as f32;
         let [low, high] = self.bounds(view, f64::from(clearance.sight_m));
@@ -129,7 +130,7 @@ impl SightMap {
     }
 
     /// Takes what a view says.
-    pub fn take(&mut self, looks: &[Look]) {
+    pub(super) fn take(&mut self, looks: &[Look]) {
         for look in looks {
             let sight = self.blocks.entry(look.key).or_default();
             for z in 0..SIDE {
@@ -181,19 +182,19 @@ impl SightMap {
     }
 
     /// What was seen of the cell of a point.
-    pub fn at(&self, point: &Point3<f64>) -> Seen {
+    pub(super) fn at(&self, point: &Point3<f64>) -> Seen {
         cell(point, self.cell_m).map_or_else(Seen::default, |c| self.of(c))
     }
 
     /// What was seen of a cell.
-    pub fn of(&self, cell: [i32; 3]) -> Seen {
+    pub(super) fn of(&self, cell: [i32; 3]) -> Seen {
         let side = SIDE as i32;
         let Some(sight) = self.blocks.get(&cell.map(|c| c.div_euclid(side))) else { return Seen::default() };
         sight.at(cell.map(|c| c.rem_euclid(side) as usize))
     }
 
     /// Calls with every cell of the blocks from one to another of which something was seen.
-    pub fn each(&self, [low, high]: [[i32; 3]; 2], mut take: impl FnMut([i32; 3], Seen)) {
+    pub(super) fn each(&self, [low, high]: [[i32; 3]; 2], mut take: impl FnMut([i32; 3], Seen)) {
         let side = SIDE as i32;
         let [first, last] = [low, high].map(|c| c.map(|v| v.div_euclid(side)));
         for z in first[2]..=last[2] {
@@ -212,7 +213,7 @@ impl SightMap {
     }
 
     /// Doubles the cells: one was seen empty as often as all of its eight were, and filled as one was.
-    pub fn coarsen(&mut self) {
+    pub(super) fn coarsen(&mut self) {
         let old = std::mem::take(&mut self.blocks);
         for (key, fine) in old {
             let coarse = self.blocks.entry(key.map(|k| k.div_euclid(2))).or_default();

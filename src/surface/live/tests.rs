@@ -1,12 +1,10 @@
 use nalgebra::{Point3, Vector3};
 
 use super::{LiveMap, LiveSettings, Moved};
-use crate::{
-    capture::{NoiseConfig, PoseNoise, RgbdFrame},
-    geometry::{Intrinsics, Pose},
-    random::{isotropic, normal, stage_rng},
-    surface::shapes::{cuboid, looking_at_origin, orbit, sphere, view_of},
-};
+use crate::shapes::{cuboid, looking_at_origin, orbit, sphere, view_of};
+use capture::{NoiseConfig, PoseNoise, RgbdFrame};
+use geometry::{Intrinsics, Pose};
+use numeric::random::{isotropic, normal, stage_rng};
 
 const CAMERA: Intrinsics = Intrinsics { width: 200, height: 160, fx: 210.0, fy: 208.0, cx: 101.3, cy: 78.6 };
 
@@ -85,7 +83,7 @@ fn a_sphere_and_a_wall_lie_within_a_fraction_of_a_spacing() {
     let area_m2 = map.mesh().area_m2();
     assert!((area_m2 / (4.0 * std::f64::consts::PI * 0.04) - 1.0).abs() < 0.01, "{area_m2}");
     for (p, color) in map.mesh().vertices.iter().zip(&map.mesh().colors) {
-        let expected = crate::surface::shapes::color_of(&p.cast());
+        let expected = crate::shapes::color_of(&p.cast());
         assert!((0..3).all(|k| color[k].abs_diff(expected[k]) <= 8), "{color:?} {expected:?}");
     }
 

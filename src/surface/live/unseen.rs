@@ -10,7 +10,7 @@ use super::region::{Cell, PATCH, Region};
 /// Patches at most; the smallest are left out.
 const MOST_PATCHES: usize = 600;
 /// Faces of cells whose sum is a patch.
-/// derived: the noise of a cell's state takes or gives single faces
+/// chosen: the noise of a cell's state takes or gives single faces
 const LEAST_FACES: f64 = 2.0;
 
 /// A piece of the border of what was seen.

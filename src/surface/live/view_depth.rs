@@ -2,19 +2,18 @@
 
 use nalgebra::Point3;
 
-use crate::{
-    capture::{NoiseConfig, RgbdFrame, pixel_weights},
-    geometry::Pose,
-    statistics::median,
-    surface::tsdf_view::{Reading, TsdfView, object_roles},
-};
+use crate::tsdf_view::{Reading, TsdfView, object_roles};
+use capture::{NoiseConfig, RgbdFrame, pixel_weights};
+use geometry::Pose;
+use numeric::statistics::median;
 
 /// Beyond this depth a reading says only that space before it is empty, meters.
-/// derived: there three standard deviations of a reading are 7 cm, as much as many parts move
+/// chosen: there three standard deviations of a reading are 7 cm, as much as many parts move
 pub(super) const MAX_DEPTH_M: f32 = 3.0;
 /// Every so many pixels count for the median.
 const EVERY: usize = 97;
 /// Cameras further from the world's origin are errors of who says where they are, meters.
+/// chosen: no site is as wide
 const FARTHEST_M: f64 = 1e5;
 
 /// A view with its readings.
@@ -35,7 +34,7 @@ pub(super) struct ViewDepth<'a> {
 
 impl<'a> ViewDepth<'a> {
     /// The readings of a frame; `None` where it reads no surface, or its pose, camera or sizes make no sense.
-    pub fn new(frame: &'a RgbdFrame, noise: &NoiseConfig) -> Option<Self> {
+    pub(super) fn new(frame: &'a RgbdFrame, noise: &NoiseConfig) -> Option<Self> {
         if !is_sound(frame) {
             return None;
         }
@@ -58,12 +57,12 @@ impl<'a> ViewDepth<'a> {
     }
 
     /// Where the camera stands.
-    pub fn eye(&self) -> Point3<f64> {
+    pub(super) fn eye(&self) -> Point3<f64> {
         self.frame.world_from_camera.translation.vector.into()
     }
 
     /// Width of a pixel at a depth, meters.
-    pub fn pixel_m(&self, depth_m: f64) -> f64 {
+    pub(super) fn pixel_m(&self, depth_m: f64) -> f64 {
         depth_m / self.frame.intrinsics.fx.max(self.frame.intrinsics.fy)
     }
 }

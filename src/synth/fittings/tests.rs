@@ -3,11 +3,9 @@
 use nalgebra::Point3;
 
 use super::*;
-use crate::{
-    random::stage_rng,
-    surface::{is_watertight, sample_surface},
-    synth::{Family, Object, SynthConfig, generate},
-};
+use crate::{Family, Object, SynthConfig, generate};
+use numeric::random::stage_rng;
+use surface::{is_watertight, sample_surface};
 
 fn made(seed: u64, handles: Option<HandleStyle>) -> Object {
     let family = Some(Family::Cabinet);

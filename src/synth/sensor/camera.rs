@@ -8,11 +8,9 @@ use super::{
     flying_pixels, hand, highlights, lamp, motion_blur, pose_drift, pose_jitter, pose_lag, relocalization,
     vignetting,
 };
-use crate::{
-    geometry::{Intrinsics, Pose},
-    random::stage_rng,
-    synth::{DepthErrors, Light, Scene, Solid, View},
-};
+use crate::{DepthErrors, Light, Scene, Solid, View};
+use geometry::{Intrinsics, Pose};
+use numeric::random::stage_rng;
 
 /// A camera that a seed draws: what is fixed to it, for all of its recordings.
 #[derive(Clone, Debug, PartialEq)]
@@ -213,7 +211,7 @@ fn stream(seed: u64, of: &str, effect: Effect, step: usize) -> Pcg64Mcg {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synth::{Material, Object, Part, sensor::test_view::wall};
+    use crate::{Material, Object, Part, sensor::test_view::wall};
 
     fn box_on_floor() -> (Object, Material) {
         let material = Material::plain(Vector3::repeat(0.5));

@@ -5,20 +5,18 @@ use std::f64::consts::TAU;
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
-use crate::{
-    geometry::Pose,
-    random,
-    synth::{Material, Solid},
-};
+use crate::{Material, Solid};
+use geometry::Pose;
+use numeric::random;
 
 /// How many.
 const THINGS: usize = 5;
 /// Smallest and largest half side, in radii: of the box that the object needs, half its diagonal. The highest
-/// stays below the camera's way.
+/// stays below the camera's way. chosen: things that stand about an object
 const HALF_RADII: [f64; 2] = [0.08, 0.2];
-/// Smallest and largest gap to that box, in radii.
+/// Smallest and largest gap to that box, in radii. chosen: near enough to be seen with it
 const GAP_RADII: [f64; 2] = [0.05, 0.6];
-/// Share of dark things, and the reflectance of one.
+/// Share of dark things, and the reflectance of one. chosen: most, as these cost depth
 const DARK_SHARE: f64 = 0.6;
 const DARK: f64 = 0.03;
 
@@ -63,7 +61,7 @@ pub(super) fn things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut impl Rng
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn things_stand_on_the_floor_outside_the_box() {

@@ -6,10 +6,10 @@ use nalgebra::Vector3;
 use rand_core::Rng;
 
 use super::bilinear::bilinear;
-use crate::random;
+use numeric::random;
 
 /// Length of the shift, as a share of the image's width (1.5 of 640 pixels), in a direction of its own for
-/// each camera.
+/// each camera. chosen: of the order that calibrations leave
 const SHIFT_SHARE: f64 = 1.5 / 640.0;
 
 /// By how much the color of one camera lies off, pixels along u and v.
@@ -28,7 +28,7 @@ pub(super) fn shifted(colors: &[Vector3<f64>], width: usize, by_px: [f64; 2]) ->
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn colors_move_by_the_stated_length() {

@@ -7,17 +7,20 @@
 
 use rand_core::Rng;
 
-use crate::{random, synth::View};
+use crate::View;
+use numeric::random;
 
-/// Reflectance below which a surface is dark.
+/// Reflectance below which a surface is dark. chosen: black plastic
 const DARK: f64 = 0.1;
-/// Share of the pixels of a dark surface without a reading.
+/// Share of the pixels of a dark surface without a reading. chosen: more than half
 const DARK_SHARE: f64 = 0.6;
-/// Share of the pixels without a reading where a bulb is mirrored exactly.
+/// Share of the pixels without a reading where a bulb is mirrored exactly. chosen: nearly all
 const GLOSSY_SHARE: f64 = 0.8;
 /// Cosine between ray and normal below which readings begin to fail: 75 degrees.
+/// chosen: where stereo begins to fail
 const GRAZING_COSINE: f64 = 0.26;
 /// Share of the pixels without a reading at 90 degrees, beyond what the camera itself loses.
+/// chosen: nearly all
 const GRAZING_SHARE: f64 = 0.8;
 
 /// Pixels without a reading.
@@ -36,7 +39,8 @@ pub(super) fn lost(level: f64, view: &View, rng: &mut impl Rng) -> Vec<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{random::stage_rng, synth::sensor::test_view::wall};
+    use crate::sensor::test_view::wall;
+    use numeric::random::stage_rng;
 
     fn share(level: f64, reflectance: f64, gloss: f64, cosine: f64) -> f64 {
         let (mut view, _) = wall(1.0);

@@ -2,12 +2,14 @@
 
 use rand_core::Rng;
 
-use crate::{random, synth::smooth::smooth};
+use crate::smooth::smooth;
+use numeric::random;
 
 /// One standard deviation, pixels: with the 0.073 pixels of the camera itself it makes the 0.08 that Intel's
 /// guide to tuning its D400 cameras counts as good on a textured surface.
+/// derived: the root of the difference of these squares
 const SIGMA_PX: f64 = 0.033;
-/// Distance at which the correlation has fallen to 1/e, pixels.
+/// Distance at which the correlation has fallen to 1/e, pixels. chosen: of the order of a matching window
 const CORRELATION_PX: f64 = 3.0;
 
 /// What is added to the disparity of every pixel of a frame, pixels.
@@ -22,7 +24,7 @@ pub(super) fn field(level: f64, width: usize, height: usize, rng: &mut impl Rng)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn noise_has_its_size_and_is_shared_by_neighbors() {

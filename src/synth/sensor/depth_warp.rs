@@ -7,11 +7,14 @@
 
 use rand_core::Rng;
 
-use crate::{random, synth::smooth::smooth};
+use crate::smooth::smooth;
+use numeric::random;
 
 /// Root mean square over the pixels, of the range.
+/// chosen: of the order that calibrations leave (docs/method.md 2.11)
 const RMS: f64 = 0.004;
 /// Distance at which the correlation has fallen to 1/e, as a share of the image's width (90 of 640 pixels).
+/// chosen: as docs/method.md 2.11 expects it
 const CORRELATION_SHARE: f64 = 90.0 / 640.0;
 
 /// Relative error of depth of every pixel of one camera, row-major. Its mean over the image is zero, since
@@ -29,7 +32,7 @@ pub(super) fn field(level: f64, width: usize, height: usize, rng: &mut impl Rng)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn the_field_has_its_size_and_its_correlation() {

@@ -3,11 +3,12 @@
 use nalgebra::Vector3;
 use rand_core::Rng;
 
-use crate::random;
+use numeric::random;
 
-/// One standard deviation of the logarithm of the exposure.
+/// One standard deviation of the logarithm of the exposure. derived: that of `surface::lighting`
 const EXPOSURE: f64 = 0.15;
 /// One standard deviation of the logarithm of the gain of red and of blue against green.
+/// chosen: seldom seen by eye
 const WHITE_BALANCE: f64 = 0.03;
 
 /// Factor on linear red, green and blue of a view.
@@ -21,7 +22,7 @@ pub(super) fn gain(level: f64, rng: &mut impl Rng) -> Vector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn gains_vary_by_the_stated_deviations() {

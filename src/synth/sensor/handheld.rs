@@ -15,7 +15,7 @@ pub struct HandheldSensor {
 }
 
 impl HandheldSensor {
-    /// Largest level.
+    /// Largest level. chosen: beyond, nothing is reconstructed
     pub const MAX_LEVEL: f64 = 5.0;
 
     /// All effects at a level.
@@ -61,7 +61,7 @@ impl HandheldSensor {
     }
 
     /// Level of an effect; 0 when it is off.
-    pub(in crate::synth) fn of(&self, effect: Effect) -> f64 {
+    pub(crate) fn of(&self, effect: Effect) -> f64 {
         if self.has(effect) { self.level } else { 0.0 }
     }
 }

@@ -6,13 +6,15 @@
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
-use crate::{geometry::Pose, random, synth::Scene};
+use crate::Scene;
+use geometry::Pose;
+use numeric::random;
 
-/// Share of the views that show one.
+/// Share of the views that show one. chosen: half
 const SHARE: f64 = 0.5;
-/// Nearest and farthest distance of a bulb, in radii of the object.
+/// Nearest and farthest distance of a bulb, in radii of the object. chosen: within a room
 const DISTANCE_RADII: [f64; 2] = [1.5, 4.0];
-/// Brightness of a bulb's mirror image against that of a white surface.
+/// Brightness of a bulb's mirror image against that of a white surface. chosen: near white
 const SHINE: f64 = 0.7;
 /// Rays that look for a place of the object.
 const TRIES: usize = 20;
@@ -47,10 +49,8 @@ pub(super) fn shine(level: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        random::stage_rng,
-        synth::{Light, Material, SynthConfig, generate},
-    };
+    use crate::{Light, Material, SynthConfig, generate};
+    use numeric::random::stage_rng;
 
     #[test]
     fn half_of_the_views_mirror_a_bulb_in_the_object() {

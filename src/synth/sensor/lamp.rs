@@ -3,11 +3,13 @@
 use nalgebra::{Rotation3, Vector3};
 use rand_core::Rng;
 
-use crate::random;
+use numeric::random;
 
 /// Least and largest angle about the vertical by which the lamp turns, radians: 70 and 130 degrees.
+/// chosen: from the side to behind
 const TURN_RAD: [f64; 2] = [1.22, 2.27];
 /// One standard deviation of the logarithm of its red and of its blue against green.
+/// chosen: between two bulbs
 const TINT: f64 = 0.05;
 
 /// Direction and tint of the lamp of another take.
@@ -22,7 +24,7 @@ pub(super) fn turned(level: f64, lamp: &Vector3<f64>, rng: &mut impl Rng) -> (Ve
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn the_lamp_turns_about_the_vertical_by_the_level() {

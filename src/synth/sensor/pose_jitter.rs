@@ -3,11 +3,12 @@
 use nalgebra::Vector3;
 use rand_core::Rng;
 
-use crate::{geometry::Pose, random};
+use geometry::Pose;
+use numeric::random;
 
-/// One standard deviation along each axis, meters.
+/// One standard deviation along each axis, meters. chosen: of the order of good trackers
 const SHIFT_M: f64 = 0.001;
-/// One standard deviation about each axis, radians: 0.05 degrees.
+/// One standard deviation about each axis, radians: 0.05 degrees. chosen: of the order of good trackers
 const TURN_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
 
 /// Error of a pose in the camera's frame.
@@ -20,7 +21,7 @@ pub(super) fn draw(level: f64, rng: &mut impl Rng) -> Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn poses_jitter_by_the_stated_deviations() {

@@ -5,9 +5,10 @@
 
 use rand_core::Rng;
 
-use crate::random;
+use numeric::random;
 
 /// Mean over cameras, seconds; a camera has half to one and a half of it.
+/// chosen: clocks of two devices differ by milliseconds
 const LAG_S: f64 = 0.003;
 
 /// By how much the reported poses of one camera are older than its images, seconds.
@@ -18,7 +19,7 @@ pub(super) fn draw(level: f64, rng: &mut impl Rng) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn lags_lie_about_the_stated_one() {

@@ -2,11 +2,12 @@
 
 use rand_core::Rng;
 
-use crate::{geometry::Pose, random};
+use geometry::Pose;
+use numeric::random;
 
-/// Length of the shift, meters.
+/// Length of the shift, meters. chosen: a jump of millimeters
 const SHIFT_M: f64 = 0.0037;
-/// Angle of the turn, radians: 0.3 degrees.
+/// Angle of the turn, radians: 0.3 degrees. chosen: a jump of some tenths
 const TURN_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
 
 /// Where the world of state 0 stands in that of another take: the whole amount, in a random direction and
@@ -20,7 +21,7 @@ pub(super) fn draw(level: f64, rng: &mut impl Rng) -> Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::stage_rng;
+    use numeric::random::stage_rng;
 
     #[test]
     fn a_world_is_off_by_the_stated_amount() {

@@ -2,7 +2,8 @@
 
 use nalgebra::Vector3;
 
-use crate::{geometry::Intrinsics, synth::View};
+use crate::View;
+use geometry::Intrinsics;
 
 /// A white wall square to a camera.
 pub(super) fn wall(depth_m: f64) -> (View, Intrinsics) {

@@ -1,9 +1,10 @@
 //! Corners darker than the middle.
 
-use crate::geometry::Intrinsics;
+use geometry::Intrinsics;
 
 /// Share of the light that a corner of the image lacks. The fourth power of the cosine of the field angle,
 /// the law of an ideal lens, gives 0.4 at 36 degrees; drivers correct about half.
+/// chosen: half of what that law gives
 const CORNER: f64 = 0.2;
 
 /// Factor on the linear color of a pixel.

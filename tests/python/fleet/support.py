@@ -64,18 +64,18 @@ def write_rows(path, values):
 
 
 def log(folder):
-    """Lines of the fake program: what, key, process, time."""
+    """What the fake program did, but for estimates: what, key, process, time."""
     path = Path(folder) / "log"
-    lines = path.read_text().splitlines() if path.exists() else []
-    return [(what, key, int(pid), float(at)) for what, key, pid, at in (line.split() for line in lines)]
+    lines = [line.split() for line in path.read_text().splitlines()] if path.exists() else []
+    return [(what, key, int(pid), float(at)) for what, key, pid, at in lines if what != "look"]
 
 
 def once_each(lines):
-    """Every job wrote one manifest, and no attempt worked after the next one of the same key had begun."""
+    """Every job was done once, and no attempt worked after the next one of the same key had begun."""
     keys = {key for _, key, _, _ in lines}
     for key in keys:
         own = [line for line in lines if line[1] == key]
-        assert sum(what == "manifest" for what, *_ in own) <= 1, own
+        assert sum(what == "end" for what, *_ in own) <= 1, own
         begun = [(at, pid) for what, _, pid, at in own if what == "start"]
         for (_, pid), (at, _) in pairwise(begun):
             late = [line for line in own if line[2] == pid and line[3] > at]
@@ -144,9 +144,9 @@ def files_below(store, path=""):
 def whole(out):
     """Manifests of a store by key. Every file that one lists is there with its bytes, and there is no other file but the
     tables: nothing is half-written."""
-    from artitwin.fleet.store import Store
+    from artitwin.fleet.store import open_store
 
-    store = Store(out)
+    store = open_store(out)
     paths = set(files_below(store))
     manifests, listed = {}, set()
     for path in sorted(path for path in paths if "/" not in path and path.endswith(".json")):
@@ -181,10 +181,10 @@ def as_plain(manifest, folder):
 
 def whole_keys(out):
     """Keys of the manifests that stand, by the listing alone."""
-    from artitwin.fleet.store import Store, StoreError
+    from artitwin.fleet.store import StoreError, open_store
 
     try:
-        names = [name for name, is_folder in Store(out).children(1_000_000) if not is_folder]
+        names = [name for name, is_folder in open_store(out).children(1_000_000) if not is_folder]
     except StoreError:
         return []
     return [name[:-5] for name in names if name.endswith(".json")]
@@ -192,8 +192,8 @@ def whole_keys(out):
 
 def rows_of(out):
     """The table in a store, by name of the rows."""
-    from artitwin.fleet.store import Store
+    from artitwin.fleet.store import open_store
     from pyarrow import BufferReader, parquet
 
-    data = Store(out).read("fleet.parquet", 1 << 30)
+    data = open_store(out).read("fleet.parquet", 1 << 30)
     return {row["name"]: row for row in parquet.read_table(BufferReader(data)).to_pylist()}

@@ -3,9 +3,12 @@
 usage: units.py OUT
 """
 
+import contextlib
+import io
 import math
 import os
 import random
+import shlex
 import signal
 import subprocess
 import sys
@@ -17,12 +20,13 @@ from pyarrow import parquet
 
 from artitwin import ArtitwinError
 from artitwin.fleet import child
+from artitwin.fleet.cli import main
 from artitwin.fleet.engine import Size
 from artitwin.fleet.job import Estimate, Job, Look, Manifest, Outcome
 from artitwin.fleet.outputs import Outputs
 from artitwin.fleet.retries import MEMORY_STEP, demand, retry
 from artitwin.fleet.schedule import Schedule
-from artitwin.fleet.store import as_input, as_uri
+from artitwin.fleet.store import as_uri
 from artitwin.fleet.stragglers import bound, is_straggler, student
 from artitwin.fleet.table import Row, read_objects
 
@@ -46,7 +50,6 @@ def tables_are_read():
     assert rows[0].inputs == (f"file://{OUT}/x/state0", f"file://{OUT}/a%20b/y"), rows
     assert rows[0].options == ("--preset", "preview", "--parts", "3") and rows[0].name == "box"
     assert rows[1].inputs == ("s3://bucket/lamp",) and rows[1].label == "lamp" and rows[1].name is None
-    assert as_input(rows[0].inputs[1]) == f"{OUT}/a b/y"
     columns = {"inputs": [["p", "q"]], "options": [None]}
     parquet.write_table(pa.table(columns), OUT / "t.parquet")
     assert read_objects(str(OUT / "t.parquet"), "reconstruct", [])[0].inputs == (f"file://{OUT}/p", f"file://{OUT}/q")
@@ -74,7 +77,7 @@ def tables_are_refused():
     refused(table('{"twin": "t", "runs": "r", "time": "yesterday"}', "diagnose", "jsonl"), "is no time")
     refused(lambda: read_objects(str(OUT / "none.csv"), "reconstruct", []), "there is no such file")
     refused(lambda: read_objects("bags", "reconstruct", []), "is no table")
-    refused(lambda: read_objects("ftp://host/*", "reconstruct", []), "no store has the scheme `ftp`")
+    refused(lambda: read_objects("nope://host/*", "reconstruct", []), "`nope://host` cannot be used", "nope")
 
 
 def patterns_find_what_a_shell_does():
@@ -138,7 +141,7 @@ class Bench:
     def look(self, job):
         return ("look", job.row.number)
 
-    def submit(self, job, attempt, cores, memory):
+    def submit(self, job, known, attempt, cores, memory):
         self.asked.append((job.row.number, attempt, cores, memory >> 20))
         return ("work", job.row.number, attempt)
 
@@ -148,7 +151,7 @@ class Bench:
 
     def end(self, handle):
         if handle[0] == "look":
-            return Look(Estimate(f"key{handle[1]}", None, 2.0, 1 << 30, 10.0 + handle[1]), "")
+            return Look(Estimate(f"key{handle[1]}", 2.0, 1 << 30, 10.0 + handle[1]), "")
         return self.ends[handle[1]][handle[2] - 1]
 
     def starts(self):
@@ -176,6 +179,18 @@ def lost_jobs_ask_for_more_memory():
     assert [number for number, attempt, *_ in bench.asked if attempt == 1] == [3, 2, 1, 0], bench.asked
     assert [ask[3] for ask in bench.asked if ask[0] == 1] == [1024, 1536, 2048, 2048], bench.asked
     assert all(ask[2] == 2.0 for ask in bench.asked) and schedule.retried == 4
+
+
+def each_row_has_a_command_line():
+    (OUT / "jobs.csv").write_text("inputs\nx\ny\n")
+    call = ["--objects", str(OUT / "jobs.csv"), "--out", "s3://lab/twins"]
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        assert main([*call, "--print-jobs", "--", "--set", "a=b c"]) == 0
+    lines = [shlex.split(line) for line in printed.getvalue().splitlines()]
+    assert lines == [["artitwin", "fleet", f"--row={n}", *call, "--", "--set", "a=b c"] for n in (1, 2)], lines
+    with contextlib.redirect_stderr(printed):
+        assert main([*call, "--row", "3"]) == 1 and "there are 2 rows" in printed.getvalue()
 
 
 def a_child_dies_with_its_parent():
@@ -215,7 +230,7 @@ def what_a_child_did_is_known():
     assert child.run(["/bin/sh", "-c", "kill -9 $$"], {}, None, None).exit_code == -9
 
 
-def main():
+def all_parts():
     assert "ray" not in sys.modules, "ray is imported where a cluster is used"
     tables_are_read()
     tables_are_refused()
@@ -224,9 +239,10 @@ def main():
     retries_end_and_wait()
     stragglers_are_what_the_sample_allows()
     lost_jobs_ask_for_more_memory()
+    each_row_has_a_command_line()
     a_child_dies_with_its_parent()
     what_a_child_did_is_known()
 
 
 if __name__ == "__main__":
-    main()
+    all_parts()

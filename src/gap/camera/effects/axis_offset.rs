@@ -5,17 +5,18 @@
 //! the child's subtree that grows with the position (the line), or is the same rigid motion of it in every
 //! state (the frame).
 
-use crate::gap::{
+use crate::{
     camera::model::{
         parameter::Parameter,
         scales::MISPLACED,
         trial::{CameraEffect, Column, column, free_joints},
     },
-    judge::{finding::ParameterEstimate, simplify::HALF_WIDTH},
+    judge::finding::ParameterEstimate,
 };
+use numeric::statistics::HALF_WIDTH_95;
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "axis_offset",
     trials: |twin, _, scales| {
         let mut all = Vec::new();
@@ -62,7 +63,7 @@ pub const EFFECT: CameraEffect = CameraEffect {
 
 /// A length whose interval holds what the twin itself does not know, a standard deviation.
 fn widened(mut p: ParameterEstimate, own: f64) -> ParameterEstimate {
-    let own = HALF_WIDTH * own;
+    let own = HALF_WIDTH_95 * own;
     p.interval =
         (p.value - (p.value - p.interval.0).hypot(own), p.value + (p.interval.1 - p.value).hypot(own));
     p.interval.0 = p.interval.0.max(0.0);

@@ -3,7 +3,7 @@
 //!
 //! Signature: every state has a residual of the child's subtree of its own, small, that no axis explains.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     trial::{CameraEffect, STATEWISE, column, free_joints},
 };
@@ -14,7 +14,7 @@ use crate::gap::camera::model::{
 const PLAY: f64 = 0.01;
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "axis_play",
     trials: |twin, runs, scales| {
         let of = |j| {

@@ -4,14 +4,14 @@
 //! Signature: one rigid motion in the camera's frame explains the residuals of all views, from all sides, in
 //! all states; a wrong placement of the object would be one in the world's frame.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     scales::MISCALIBRATED,
     trial::{CameraEffect, column},
 };
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "camera_extrinsic_offset",
     trials: |_, _, scales| {
         let prior = |k| MISCALIBRATED * if k < 3 { scales.range_m } else { 1.0 };

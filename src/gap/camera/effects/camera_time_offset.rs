@@ -3,18 +3,18 @@
 //! Signature: a residual in proportion to the camera's velocity, none while it rests, of the other sign on
 //! the way back.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     trial::{CameraEffect, column},
 };
 
 /// Prior of the offset, seconds.
 ///
-/// derived: one frame at 30 Hz
+/// chosen: one frame at 30 Hz
 const FRAME_S: f64 = 1.0 / 30.0;
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "camera_time_offset",
     trials: |_, runs, _| {
         // Without the camera's velocities nothing shows a delay.

@@ -2,14 +2,14 @@
 //!
 //! Signature: the same residual along every ray, near and far, on every part, in every state.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     scales::MISCALIBRATED,
     trial::{CameraEffect, column},
 };
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "depth_bias",
     trials: |_, _, scales| vec![(None, vec![column(Parameter::DepthBias, MISCALIBRATED * scales.range_m)])],
     log_odds: 0.0,

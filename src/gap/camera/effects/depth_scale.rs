@@ -2,14 +2,14 @@
 //!
 //! Signature: a residual along the ray in proportion to the depth, on every part, in every state.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     scales::MISCALIBRATED,
     trial::{CameraEffect, column},
 };
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "depth_scale",
     trials: |_, _, _| vec![(None, vec![column(Parameter::DepthScale, MISCALIBRATED)])],
     log_odds: 0.0,

@@ -2,14 +2,14 @@
 //!
 //! Signature: the same residual of the child's subtree along its motion at every reported position.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     scales::MISPLACED,
     trial::{CameraEffect, column},
 };
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "encoder_bias",
     trials: |twin, runs, scales| {
         let reported = |j: &usize| runs.iter().all(|r| r.positions.contains_key(&twin.joints[*j].name));

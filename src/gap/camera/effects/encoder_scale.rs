@@ -2,14 +2,14 @@
 //!
 //! Signature: a residual of the child's subtree along its motion that grows with the reported position.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     scales::MISPLACED,
     trial::{CameraEffect, column},
 };
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "encoder_scale",
     trials: |twin, runs, _| {
         let reported = |j: &usize| runs.iter().all(|r| r.positions.contains_key(&twin.joints[*j].name));

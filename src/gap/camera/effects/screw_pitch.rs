@@ -3,7 +3,7 @@
 //! Signature: a residual of the child's subtree along the axis in proportion to the position. Reported as
 //! `wrong_joint_type`.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     scales::{GATE, MISPLACED},
     trial::{CameraEffect, column, free_joints},

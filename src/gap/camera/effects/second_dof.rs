@@ -4,7 +4,7 @@
 //! Signature: residuals of the child's subtree that are multiples of one rigid motion, unrelated to the
 //! position.
 
-use crate::gap::camera::model::{
+use crate::camera::model::{
     parameter::Parameter,
     trial::{CameraEffect, STATEWISE, column, free_joints},
 };
@@ -15,7 +15,7 @@ use crate::gap::camera::model::{
 const SECOND: f64 = 0.15;
 
 /// The effect.
-pub const EFFECT: CameraEffect = CameraEffect {
+pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "second_dof",
     trials: |twin, runs, scales| {
         let of = |j, k: usize| {

@@ -1,6 +1,6 @@
 //! The variance components: errors without names, of the twin, of the camera's poses, and what is left.
 
-use crate::gap::{
+use crate::{
     camera::model::scales::{GATE, Scales},
     record::off_axis::MAX_LEFT,
 };

@@ -1,6 +1,6 @@
 //! Mean cost of pixels, conflicts included: comparable between hypotheses of any kind.
 
-use crate::gap::camera::{
+use crate::camera::{
     fit::{components::VarianceComponents, problem::FrameProblem, sample::Sample},
     model::hypothesis::Hypothesis,
 };
@@ -30,7 +30,8 @@ pub fn costs(problem: &FrameProblem, hypothesis: &Hypothesis) -> Vec<f64> {
     for s in &samples {
         let (part, cost) = match &s.sample {
             Sample::Match { seen, residual_m, sigma_m, .. } => {
-                // (15.9): a match never costs more than a conflict, so no pose gains by losing matches.
+                // docs/method.md (15.9): a match never costs more than a conflict, so no pose gains by
+                // losing matches.
                 let variance = sigma_m * sigma_m + unnamed_m * unnamed_m;
                 (Some(seen.part), (0.5 * residual_m * residual_m / variance).min(CONFLICT_COST))
             }

@@ -3,7 +3,7 @@
 use nalgebra::DVector;
 use rayon::prelude::*;
 
-use crate::gap::camera::{
+use crate::camera::{
     fit::{
         components::VarianceComponents,
         mixed::System,

@@ -9,7 +9,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Vector3};
 use rayon::prelude::*;
 
-use crate::gap::camera::{
+use crate::camera::{
     fit::{
         components::VarianceComponents,
         patches::PatchMean,
@@ -17,7 +17,7 @@ use crate::gap::camera::{
     },
     model::{parameter::Parameter, trial::Column},
 };
-use crate::statistics::{SIGMAS_PER_MAD, median};
+use numeric::statistics::{SIGMAS_PER_MAD, median};
 
 /// Cells and the derivatives of their residuals.
 pub struct System {

@@ -5,15 +5,17 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 
-use crate::{
-    gap::camera::{
-        fit::sample::{PixelSample, Sample},
-        model::{posed::Seen, twin::SeenTwin},
-    },
-    geometry::Pose,
-    statistics::{SIGMAS_PER_MAD, median},
+use crate::camera::{
+    fit::sample::{PixelSample, Sample},
+    model::{posed::Seen, twin::SeenTwin},
 };
+use geometry::Pose;
+use numeric::statistics::{SIGMAS_PER_MAD, median};
 
+/// Least length of the mean of unit normals that is a direction.
+///
+/// chosen: far above rounding, far below any patch's
+const LEAST_NORMAL: f64 = 1e-6;
 /// Fewest pixels of a patch in a frame.
 const MIN_PIXELS: usize = 4;
 /// Side of a patch over the size of the object.
@@ -92,7 +94,7 @@ fn average(group: &[(Seen, f64, f64)]) -> Option<PatchMean> {
     let vector = |f: &dyn Fn(&Seen) -> Vector3<f64>| Vector3::from_fn(|k, _| mean(&|g| f(&g.0)[k]));
     let seen = Seen {
         point: Point3::from(vector(&|s| s.point.coords)),
-        normal: vector(&|s| s.normal).try_normalize(1e-6)?,
+        normal: vector(&|s| s.normal).try_normalize(LEAST_NORMAL)?,
         depth_m: mean(&|g| g.0.depth_m),
         slant: mean(&|g| g.0.slant),
         ..kept.first()?.0

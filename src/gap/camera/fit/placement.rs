@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 
 use rayon::prelude::*;
 
-use crate::gap::camera::{
+use crate::camera::{
     fit::predict::{predict, true_camera},
     model::{hypothesis::Hypothesis, scales::Scales, twin::SeenTwin},
     record::frames::{FrameRun, coarse},
@@ -23,12 +23,18 @@ const MINIMA: usize = 4;
 const HALVINGS: usize = 5;
 /// Rounds over all joints.
 const ROUNDS: usize = 3;
-/// A range is looked at this much beyond its limits, as a share of its width; twins have limits as they were
-/// observed.
+/// Mean cost of a pixel that a round must gain for another one.
 ///
-/// derived: two positions drawn evenly from a range are a third of it apart on average, which leaves as much
-/// on either side
-const BEYOND: f64 = 1.0;
+/// chosen: far below what one joint in a wrong place costs
+const LEAST_GAIN: f64 = 1e-4;
+/// A range is looked at beyond its limits by at least this share of what is possible.
+///
+/// chosen: a twin may hold a joint as fixed
+const LEAST_BEYOND: f64 = 0.1;
+/// First step of later rounds in steps of the first one.
+///
+/// chosen: they only follow what the other joints moved
+const LATER_STEP: f64 = 0.25;
 
 /// Coarse frames of a run.
 pub struct CoarseRun {
@@ -59,7 +65,7 @@ impl CoarseRun {
         }
     }
 
-    /// Mean cost of the pixels that the object or the twin covers, 0 to 1.
+    /// Mean cost of the pixels that the object or the twin covers, 0 to 1: docs/method.md (15.2).
     #[must_use]
     pub fn cost(&self, twin: &SeenTwin, hypothesis: &Hypothesis, run: usize) -> f64 {
         let poses = hypothesis.poses(twin, run).0;
@@ -109,7 +115,7 @@ pub fn find_positions(twin: &SeenTwin, coarse: &CoarseRun, hypothesis: &mut Hypo
             }
             best = search_joint(twin, coarse, hypothesis, (run, joint), best, round == 0);
         }
-        if before - best < 1e-4 {
+        if before - best < LEAST_GAIN {
             break;
         }
     }
@@ -140,7 +146,8 @@ fn search_joint(
     // A slide carries its part past its own length at most.
     let wide = if turns { PI } else { 2.0 * twin.parts[spec.child].radius_m };
     let (low, high) = spec.limit.map_or((-wide, wide), |(l, h)| {
-        let more = BEYOND * (h - l).max(0.1 * wide);
+        // Twins have limits as they were observed: the range is looked at its own width beyond them.
+        let more = (h - l).max(LEAST_BEYOND * wide);
         ((l - more).max(-wide + l.min(0.0)), (h + more).min(wide + h.max(0.0)))
     });
     let start = hypothesis.positions[run][joint];
@@ -168,8 +175,7 @@ fn search_joint(
         minima.sort_by(|a, b| a.0.total_cmp(&b.0));
         minima.truncate(MINIMA);
     } else {
-        // Later rounds only follow what the other joints moved.
-        step *= 0.25;
+        step *= LATER_STEP;
     }
     for _ in 0..HALVINGS {
         step *= 0.5;

@@ -1,13 +1,11 @@
 //! The twin as the true camera of a frame would see it.
 
-use crate::{
-    gap::camera::{
-        model::{hypothesis::CameraErrors, small_motion::twist_motion, twin::SeenTwin},
-        record::frames::FrameRun,
-    },
-    geometry::Pose,
-    surface::{Paint, RenderItem, Rendered, render},
+use crate::camera::{
+    model::{hypothesis::CameraErrors, small_motion::twist_motion, twin::SeenTwin},
+    record::frames::FrameRun,
 };
+use geometry::Pose;
+use surface::{Paint, RenderItem, Rendered, render};
 
 /// Pose of the true camera of a frame under a hypothesis of its errors.
 #[must_use]
@@ -24,7 +22,7 @@ pub fn true_camera(run: &FrameRun, frame: usize, camera: &CameraErrors) -> Pose 
 pub fn predict(
     twin: &SeenTwin,
     poses: &[Pose],
-    intrinsics: &crate::geometry::Intrinsics,
+    intrinsics: &geometry::Intrinsics,
     camera: &Pose,
     shading: bool,
 ) -> Rendered {

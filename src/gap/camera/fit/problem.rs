@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::gap::camera::{
+use crate::camera::{
     effects,
     fit::{residual::compare, sample::PixelSample},
     model::{

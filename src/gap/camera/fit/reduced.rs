@@ -3,7 +3,7 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-use crate::gap::camera::fit::components::VarianceComponents;
+use crate::camera::fit::components::VarianceComponents;
 
 /// A system without frames and patches.
 pub struct Reduced {

@@ -4,25 +4,23 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::{
-    gap::camera::{
-        fit::{
-            predict::{predict, true_camera},
-            sample::{Conflict, PixelSample, Sample},
-        },
-        model::{hypothesis::Hypothesis, posed::Seen, twin::SeenTwin},
-        record::{
-            frames::FrameRun,
-            pixels::{Pixels, around},
-        },
+use crate::camera::{
+    fit::{
+        predict::{predict, true_camera},
+        sample::{Conflict, PixelSample, Sample},
     },
-    geometry::Pose,
-    surface::Rendered,
+    model::{hypothesis::Hypothesis, posed::Seen, twin::SeenTwin},
+    record::{
+        frames::FrameRun,
+        pixels::{Pixels, around},
+    },
 };
+use geometry::Pose;
+use surface::Rendered;
 
 /// Bend of the surface across three pixels above which its normal is not used, in spacings of pixels there.
 ///
-/// derived: the slope between the outer two is off by half of it at most, so the normal by 0.15 rad, and the
+/// chosen: the slope between the outer two is off by half of it at most, so the normal by 0.15 rad, and the
 /// residual across the surface by 1 %
 const BEND: f64 = 0.3;
 /// Error of a pixel's place, pixels.
@@ -148,7 +146,7 @@ impl FrameView<'_> {
         if residual_m.abs() > self.gate_m {
             return Some(conflict(kind));
         }
-        // (15.4)
+        // docs/method.md (15.4).
         let sigma_m = {
             let across = slant * frame.sigma_m(i, &self.data.noise);
             let aside =

@@ -1,6 +1,6 @@
 //! A pixel compared with the twin: a residual, or a conflict.
 
-use crate::gap::camera::model::posed::Seen;
+use crate::camera::model::posed::Seen;
 
 /// How a measured pixel conflicts with the twin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! The diagnosis of a twin by frames: fit, selection, type of joint, missing geometry, verdict, proof.
 
-use crate::gap::camera::{
+use crate::camera::{
     fit::{
         cost::{SAME_COST, mean_cost},
         linear::State,

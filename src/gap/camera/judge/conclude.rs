@@ -1,28 +1,26 @@
 //! From a selection to a diagnosis: findings, verdict, proof, places.
 
 use crate::{
-    gap::{
-        camera::{
-            fit::{
-                components::{VarianceComponents, largest_m},
-                problem::FrameProblem,
-            },
-            judge::{
-                diagnosis::{FrameDiagnosis, Place},
-                effect_size::without_small,
-                missing_finding::missing_finding,
-                missing_geometry::missing_geometry,
-                proof::{PartResidual, by_part, frame_gap},
-                select::{Selected, with_set},
-                type_change::TypeChange,
-                weigh::findings_of,
-            },
-            model::{displacement::still, hypothesis::Hypothesis, twin::SeenTwin},
+    camera::{
+        fit::{
+            components::{VarianceComponents, largest_m},
+            problem::FrameProblem,
         },
-        judge::verdict::Verdict,
+        judge::{
+            diagnosis::{FrameDiagnosis, Place},
+            effect_size::without_small,
+            missing_finding::missing_finding,
+            missing_geometry::missing_geometry,
+            proof::{PartResidual, by_part, frame_gap},
+            select::{Selected, with_set},
+            type_change::TypeChange,
+            weigh::findings_of,
+        },
+        model::{displacement::still, hypothesis::Hypothesis, twin::SeenTwin},
     },
-    note::{Note, NoteCode},
+    judge::verdict::Verdict,
 };
+use common::note::{Note, NoteCode};
 
 /// Share of the area seen that may conflict under a verdict of agreement.
 ///

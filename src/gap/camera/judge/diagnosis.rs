@@ -1,15 +1,13 @@
 //! The diagnosis of a twin by frames.
 
 use crate::{
-    gap::{
-        camera::{
-            judge::{finding::CameraFinding, proof::FrameGap},
-            model::{hypothesis::Hypothesis, scales::Scales, twin::SeenTwin},
-        },
-        judge::verdict::Verdict,
+    camera::{
+        judge::{finding::CameraFinding, proof::FrameGap},
+        model::{hypothesis::Hypothesis, scales::Scales, twin::SeenTwin},
     },
-    note::Note,
+    judge::verdict::Verdict,
 };
+use common::note::Note;
 
 /// The diagnosis.
 pub struct FrameDiagnosis {

@@ -1,13 +1,11 @@
 //! How much effects move of what is seen; those within the errors of the twin are let go.
 
-use crate::{
-    gap::camera::{
-        fit::problem::FrameProblem,
-        judge::select::{Selected, with_set},
-        model::displacement::made_m,
-    },
-    note::{Note, NoteCode},
+use crate::camera::{
+    fit::problem::FrameProblem,
+    judge::select::{Selected, with_set},
+    model::displacement::made_m,
 };
+use common::note::{Note, NoteCode};
 
 /// Lets go of effects that move what they concern by less than the twin errs.
 pub(super) fn without_small(

@@ -1,6 +1,6 @@
 //! A finding of a diagnosis by frames.
 
-use crate::gap::{camera::model::twin::SeenTwin, judge::finding::Finding};
+use crate::{camera::model::twin::SeenTwin, judge::finding::Finding};
 
 /// Name of the camera where a report names a joint.
 pub const CAMERA: &str = "camera";

@@ -1,6 +1,6 @@
 //! The loops of Gauss-Newton steps.
 
-use crate::gap::camera::fit::{components::VarianceComponents, linear::State, problem::FrameProblem};
+use crate::camera::fit::{components::VarianceComponents, linear::State, problem::FrameProblem};
 
 /// Steps of the twin without effects, and from far off.
 pub(super) const FAR_STEPS: usize = 3;

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use crate::gap::camera::{
+use crate::camera::{
     effects::screw_pitch::{LEAST_PITCH, PITCHES},
     model::{
         parameter::normals_of,
@@ -10,6 +10,10 @@ use crate::gap::camera::{
     },
 };
 
+/// Sine below which two directions have no third one square to both.
+///
+/// chosen: above rounding; the two are square
+const PARALLEL: f64 = 1e-6;
 /// Cosine above which two directions are one.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
@@ -102,7 +106,7 @@ fn face_directions(twin: &SeenTwin, part: usize) -> Vec<Unit<Vector3<f64>>> {
         chosen.push(*best);
     }
     if let [a, b] = chosen[..]
-        && let Some(c) = Unit::try_new(a.cross(&b), 1e-6)
+        && let Some(c) = Unit::try_new(a.cross(&b), PARALLEL)
     {
         chosen.push(c);
     }

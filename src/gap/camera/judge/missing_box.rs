@@ -3,11 +3,11 @@
 use nalgebra::Point3;
 use rand_core::Rng;
 
-use crate::random::stage_rng;
+use numeric::random::stage_rng;
 
 /// Share of readings beyond each side of the box.
 ///
-/// derived: quantiles of one in a hundred, for outliers of the depth
+/// chosen: quantiles of one in a hundred, for outliers of the depth
 const OUTER: f64 = 0.01;
 /// Draws of the frames for the intervals.
 const DRAWS: usize = 120;

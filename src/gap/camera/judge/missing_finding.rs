@@ -1,6 +1,6 @@
 //! Missing geometry as a finding.
 
-use crate::gap::{
+use crate::{
     camera::{
         judge::finding::{CameraFinding, Subject},
         model::{missing::Missing, twin::SeenTwin},

@@ -7,28 +7,26 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Point3;
 
-use crate::gap::{
-    camera::{
-        fit::{
-            components::VarianceComponents,
-            problem::FrameProblem,
-            residual::compare,
-            sample::{Conflict, Sample},
-        },
-        judge::missing_box::{area, sides},
-        model::{
-            hypothesis::Hypothesis,
-            missing::{Missing, Voxel, voxel},
-            posed::PosedTwin,
-        },
-        record::pixels::BORDER,
+use crate::camera::{
+    fit::{
+        components::VarianceComponents,
+        problem::FrameProblem,
+        residual::compare,
+        sample::{Conflict, Sample},
     },
-    judge::simplify::HALF_WIDTH,
+    judge::missing_box::{area, sides},
+    model::{
+        hypothesis::Hypothesis,
+        missing::{Missing, Voxel, voxel},
+        posed::PosedTwin,
+    },
+    record::pixels::BORDER,
 };
+use numeric::statistics::HALF_WIDTH_95;
 
 /// Standard deviations, of readings and errors without names, from which a reading is off the surface.
 ///
-/// derived: one of 16 000 readings of a normal distribution
+/// chosen: one of 16 000 readings of a normal distribution
 const SIGMAS: f64 = 4.0;
 /// Side of a voxel over the size of the object: two spacings of the samples of a frame.
 ///
@@ -40,7 +38,7 @@ const VOXEL: f64 = 0.071;
 const LEAST_FACES: f64 = 2.25;
 /// Readings behind the twin for each before it, at most.
 ///
-/// derived: midway between none, of geometry that is missing, and as many, of a part in a wrong place
+/// chosen: midway between none, of geometry that is missing, and as many, of a part in a wrong place
 const OTHER_SIDE: f64 = 0.5;
 /// Share of the frames that must see a voxel.
 ///
@@ -125,7 +123,7 @@ fn gate_m(problem: &FrameProblem, hypothesis: &Hypothesis) -> f64 {
     sigmas.sort_unstable_by(f64::total_cmp);
     let high = sigmas.get(sigmas.len() * 9 / 10).copied().unwrap_or_default();
     let unnamed_m = VarianceComponents::middle(&problem.scales).total_m();
-    // (15.10)
+    // docs/method.md (15.10).
     SIGMAS * high.hypot(unnamed_m).hypot(problem.twin.own.surface_m)
 }
 
@@ -156,7 +154,7 @@ fn region(
     // Pixels this near the outline are not compared: the region may reach so much further.
     let border_m = (BORDER as f64 + 0.5) * mean(|r| r.pixel_m);
     let (areas, clouds): (Vec<f64>, Vec<_>) = views.into_values().unzip();
-    let (bounds, bounds_interval) = sides(&clouds, border_m, HALF_WIDTH * mean(|r| r.sigma_m))?;
+    let (bounds, bounds_interval) = sides(&clouds, border_m, HALF_WIDTH_95 * mean(|r| r.sigma_m))?;
     let (area_m2, area_interval) = area(&areas, border_m);
     Some(Missing { part, bounds, bounds_interval, area_m2, area_interval, voxels, voxel_m })
 }

@@ -6,7 +6,7 @@
 //! axis and along the part's edges, screws on the axis with a range of pitches. The best starts are refined
 //! with their axis, or their pitch, free.
 
-use crate::gap::camera::{
+use crate::camera::{
     fit::{
         components::VarianceComponents,
         cost::{costs, mean_cost},

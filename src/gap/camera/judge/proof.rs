@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use crate::gap::camera::{
+use crate::camera::{
     fit::{
         patches::patch_means,
         problem::FrameProblem,

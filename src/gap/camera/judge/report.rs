@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::gap::{
+use crate::{
     camera::{
         judge::{
             diagnosis::{FrameDiagnosis, Place},

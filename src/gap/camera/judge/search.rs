@@ -1,6 +1,6 @@
 //! Sets of trials, ranked by their evidence.
 
-use crate::gap::camera::fit::{linear::Linear, problem::FrameProblem, reduced::Reduced};
+use crate::camera::fit::{linear::Linear, problem::FrameProblem, reduced::Reduced};
 
 /// Gain of evidence that each further effect must bring, in nats.
 ///

@@ -1,6 +1,6 @@
 //! Which effects explain the residuals: sets of trials, judged by their evidence. See docs/method.md 15.7.
 
-use crate::gap::camera::{
+use crate::camera::{
     fit::{
         components::VarianceComponents,
         cost::{SAME_COST, mean_cost},

@@ -2,7 +2,7 @@
 
 use nalgebra::{DVector, Point3, Unit, Vector3};
 
-use crate::gap::{
+use crate::{
     camera::{
         fit::problem::FrameProblem,
         judge::{
@@ -15,8 +15,9 @@ use crate::gap::{
             twin::SeenMotion,
         },
     },
-    judge::{finding::Finding, simplify::HALF_WIDTH},
+    judge::finding::Finding,
 };
+use numeric::statistics::HALF_WIDTH_95;
 
 /// Index in reports, behind the catalogue.
 const INDEX: usize = 100;
@@ -59,7 +60,7 @@ impl TypeChange {
             for (w, c) in weights.iter_mut().skip(problem.nuisance.len()).zip(columns) {
                 *w = of(c.parameter);
             }
-            HALF_WIDTH * weights.dot(&(&freed.chosen.solution.covariance * &weights)).max(0.0).sqrt()
+            HALF_WIDTH_95 * weights.dot(&(&freed.chosen.solution.covariance * &weights)).max(0.0).sqrt()
         };
         let joint = self.joint;
         // A turn about one normal moves the axis along the other.

@@ -1,6 +1,6 @@
 //! Findings from a selection: their parameters, weights and rivals.
 
-use crate::gap::{
+use crate::{
     camera::{
         effects::CATALOGUE,
         fit::{linear::Chosen, problem::FrameProblem},

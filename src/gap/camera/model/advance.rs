@@ -2,15 +2,13 @@
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
-use crate::{
-    gap::camera::model::{
-        hypothesis::{Hypothesis, Law},
-        parameter::{Parameter, component, normals_of},
-        small_motion::small_motion,
-        twin::{SeenMotion, SeenTwin},
-    },
-    geometry::Pose,
+use crate::camera::model::{
+    hypothesis::{Hypothesis, Law},
+    parameter::{Parameter, component, normals_of},
+    small_motion::small_motion,
+    twin::{SeenMotion, SeenTwin},
 };
+use geometry::Pose;
 
 /// Adds increments to a hypothesis. All are taken about the poses before the first.
 pub fn advance(hypothesis: &mut Hypothesis, twin: &SeenTwin, steps: &[(Parameter, f64)]) {

@@ -1,10 +1,10 @@
 //! How far joints and their errors move what is seen.
 
-use crate::gap::camera::model::{hypothesis::Hypothesis, twin::SeenTwin};
+use crate::camera::model::{hypothesis::Hypothesis, twin::SeenTwin};
 
 /// Standard deviations of a joint within which an effect counts as the twin's own error.
 ///
-/// derived: 99.7 % of a normal distribution
+/// chosen: 99.7 % of a normal distribution
 const SIGMAS: f64 = 3.0;
 
 /// What a twin's own errors can move of what is seen, meters: of the parts behind a joint, or of everything
@@ -48,15 +48,13 @@ mod tests {
     use nalgebra::{Point3, Vector3};
 
     use super::*;
-    use crate::{
-        gap::camera::model::{
-            hypothesis::Hypothesis,
-            own_error::{JointError, OwnErrors},
-            twin::{SeenJoint, SeenMotion, SeenPart},
-        },
-        geometry::Pose,
-        surface::TriangleMesh,
+    use crate::camera::model::{
+        hypothesis::Hypothesis,
+        own_error::{JointError, OwnErrors},
+        twin::{SeenJoint, SeenMotion, SeenPart},
     };
+    use geometry::Pose;
+    use surface::TriangleMesh;
 
     fn door() -> SeenTwin {
         let part = |name: &str, joint, center: Point3<f64>| SeenPart {

@@ -2,10 +2,8 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use crate::{
-    gap::camera::model::twin::{SeenJoint, SeenMotion, SeenTwin},
-    geometry::{Pose, Screw},
-};
+use crate::camera::model::twin::{SeenJoint, SeenMotion, SeenTwin};
+use geometry::{Pose, Screw};
 
 /// The motion law of a joint, as a hypothesis has it.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::geometry::Pose;
+use geometry::Pose;
 use nalgebra::Point3;
 
 /// PatchMean of a grid in a part's frame.

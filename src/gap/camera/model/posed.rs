@@ -2,17 +2,15 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::{
-    gap::camera::{
-        model::{
-            hypothesis::Hypothesis,
-            parameter::{Parameter, component, normals_of},
-            twin::{SeenMotion, SeenTwin},
-        },
-        record::frames::FrameRun,
+use crate::camera::{
+    model::{
+        hypothesis::Hypothesis,
+        parameter::{Parameter, component, normals_of},
+        twin::{SeenMotion, SeenTwin},
     },
-    geometry::Pose,
+    record::frames::FrameRun,
 };
+use geometry::Pose;
 
 /// Poses under a hypothesis that derivatives are taken at.
 pub struct PosedTwin<'a> {
@@ -184,7 +182,7 @@ impl<'a> PosedTwin<'a> {
         let x = frame.inverse_transform_point(&seen.point);
         let before = motion.inverse_transform_point(&x);
         let by = |p: &Point3<f64>| if turns { e.cross(&(p - self.axis_point(joint))) } else { e };
-        // (15.8) to first order.
+        // docs/method.md (15.8) to first order.
         frame.rotation * (by(&x) - motion.rotation * by(&before))
     }
 

@@ -2,7 +2,8 @@
 //! See docs/method.md (15.1).
 
 use super::twin::SeenTwin;
-use crate::{gap::camera::record::frames::FrameRun, statistics::median};
+use crate::camera::record::frames::FrameRun;
+use numeric::statistics::median;
 
 /// One standard deviation of where a joint or a part may stand off, as a share of its part's size.
 ///
@@ -11,16 +12,16 @@ pub const MISPLACED: f64 = 0.03;
 /// One standard deviation of what a camera may be off, as a share of its range: in depth, in the place of its
 /// mount, in radians.
 ///
-/// derived: the depth accuracy that data sheets of stereo cameras state, 2 % of the range; a mount is
+/// chosen: the depth accuracy that data sheets of stereo cameras state, 2 % of the range; a mount is
 /// calibrated by that depth.
 pub const MISCALIBRATED: f64 = 0.02;
 /// Standard deviations of what effects may move that a residual may have and still belong to the surface.
 ///
-/// derived: 95 % of a normal distribution
+/// chosen: a round number; 95 % of a normal distribution
 pub const GATE: f64 = 2.0;
 /// Least lever of a turn, as a share of the object's size: a part without a mesh has none.
 ///
-/// derived: such a part is smaller than the gate, which is 0.06 of the object and more
+/// chosen: such a part is smaller than the gate, which is 0.06 of the object and more
 const LEAST_LEVER: f64 = 0.02;
 
 /// What the twin and the recordings set. Lengths in meters.

@@ -2,7 +2,7 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// A motion at a constant twist: velocities of the origin and of rotation in the moving frame, for a time.
 #[must_use]

@@ -4,15 +4,13 @@ use std::collections::BTreeMap;
 
 use nalgebra::Point3;
 
-use crate::{
-    gap::camera::model::{
-        own_error::OwnErrors,
-        twin::{SeenJoint, SeenMotion, SeenPart, SeenTwin},
-    },
-    geometry::Pose,
-    model::{JointType, Tree},
-    surface::{TriangleMesh, merge},
+use crate::camera::model::{
+    own_error::OwnErrors,
+    twin::{SeenJoint, SeenMotion, SeenPart, SeenTwin},
 };
+use geometry::Pose;
+use model::{JointType, Tree};
+use surface::{TriangleMesh, merge};
 
 /// What a tree does not hold of a joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -51,7 +49,7 @@ impl SeenTwin {
         let mut members: Vec<Vec<(usize, Pose)>> = vec![vec![(tree.root, Pose::identity())]];
         let mut carriers: Vec<Option<usize>> = vec![None];
         let mut joints: Vec<SeenJoint> = Vec::new();
-        let mut mimics: Vec<Option<&crate::model::Mimic>> = Vec::new();
+        let mut mimics: Vec<Option<&model::Mimic>> = Vec::new();
         let mut open = vec![tree.root];
         while let Some(link) = open.pop() {
             let Some((part, part_from_link)) = part_of[link] else { continue };

@@ -2,16 +2,14 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::gap::{
+use crate::{
     camera::{
-        model::{
-            hypothesis::Hypothesis, interval::CHI_SQUARE_95, parameter::Parameter, scales::Scales,
-            twin::SeenTwin,
-        },
+        model::{hypothesis::Hypothesis, parameter::Parameter, scales::Scales, twin::SeenTwin},
         record::frames::FrameRun,
     },
-    judge::{finding::ParameterEstimate, simplify::HALF_WIDTH},
+    judge::finding::ParameterEstimate,
 };
+use numeric::statistics::{CHI_SQUARE_95, HALF_WIDTH_95};
 
 /// A parameter with the standard deviation of its prior.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,7 +68,7 @@ impl Fitted<'_> {
     /// A linear combination of the columns with its interval.
     #[must_use]
     pub fn linear(&self, name: &str, unit: &str, weights: &DVector<f64>) -> ParameterEstimate {
-        let half = HALF_WIDTH * weights.dot(&(self.covariance * weights)).max(0.0).sqrt();
+        let half = HALF_WIDTH_95 * weights.dot(&(self.covariance * weights)).max(0.0).sqrt();
         let value = weights.dot(self.values);
         ParameterEstimate {
             name: name.to_owned(),

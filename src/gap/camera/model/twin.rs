@@ -2,7 +2,9 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use crate::{gap::camera::model::own_error::OwnErrors, geometry::Pose, surface::TriangleMesh};
+use crate::camera::model::own_error::OwnErrors;
+use geometry::Pose;
+use surface::TriangleMesh;
 
 /// How a joint moves its child.
 #[derive(Clone, Copy, Debug, PartialEq)]

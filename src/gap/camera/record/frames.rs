@@ -4,10 +4,8 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
-use crate::{
-    capture::{NoiseConfig, RgbdFrame},
-    geometry::Intrinsics,
-};
+use capture::{NoiseConfig, RgbdFrame};
+use geometry::Intrinsics;
 
 /// One recording of the object at rest.
 #[derive(Clone, Debug)]

@@ -2,7 +2,8 @@
 
 use rayon::prelude::*;
 
-use crate::{capture::pixel_weights, gap::camera::record::frames::FrameRun};
+use crate::camera::record::frames::FrameRun;
+use capture::pixel_weights;
 
 /// Pixels of the object that are looked at in a frame, about.
 const SAMPLES: usize = 2500;
@@ -46,7 +47,7 @@ impl Pixels {
     }
 }
 
-fn choose(frame: &crate::capture::RgbdFrame, run: &FrameRun) -> (Vec<usize>, Vec<usize>, usize) {
+fn choose(frame: &capture::RgbdFrame, run: &FrameRun) -> (Vec<usize>, Vec<usize>, usize) {
     let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
     let weights = pixel_weights(frame, &run.noise);
     let usable = |i: usize| weights[i] > 0.0 && frame.is_object(i);

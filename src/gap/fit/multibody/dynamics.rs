@@ -2,8 +2,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::gap::{
-    fit::acting::{Acting, MAX_COLUMNS, bound_at_turn},
+use crate::{
+    fit::{
+        acting::{Acting, MAX_COLUMNS, bound_at_turn},
+        rollout::LEAST_INERTIA,
+    },
     model::{
         effect::At,
         effect::Place,
@@ -16,7 +19,7 @@ use crate::gap::{
 /// Most sweeps over the joints for the friction that holds some of them.
 const MAX_SWEEPS: usize = 50;
 /// Change of a velocity, as a share of the largest, that ends them.
-/// derived: well above the rounding of a double.
+/// chosen: well above the rounding of a double.
 const SETTLED: f64 = 1e-12;
 
 /// One joint with what is looked up once for many steps.
@@ -103,7 +106,7 @@ impl<'a> Dynamics<'a> {
         for (i, driven) in self.driven.iter().enumerate() {
             // As for a joint by itself: the sum stays above zero.
             let own: f64 = mass[(i, i)];
-            mass[(i, i)] = (own + driven.added).max(1e-3 * own);
+            mass[(i, i)] = (own + driven.added).max(LEAST_INERTIA * own);
         }
         mass
     }

@@ -1,6 +1,6 @@
 //! Joints of a chain that were recorded together, prepared, and what their models predict of them.
 
-use crate::gap::{
+use crate::{
     fit::{
         multibody::dynamics::{Dynamics, Inputs},
         problem::{Problem, window_length_s},

@@ -4,8 +4,9 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::gap::{
+use crate::{
     fit::{
+        damping,
         multibody::{
             joints::Joints,
             normal::{Block, covariance, step},
@@ -22,7 +23,7 @@ use crate::gap::{
 };
 
 /// Step of a difference quotient, as a share of what a parameter or state typically is.
-/// derived: rounding over it and its square are both far below what a window shows.
+/// chosen: rounding over it and its square are both far below what a window shows.
 const DIFFERENCE: f64 = 1e-4;
 /// How long a fit goes on.
 #[derive(Clone, Copy, Debug)]
@@ -41,7 +42,7 @@ impl Pace {
 }
 
 /// Share of the cost that a step must gain to be followed by another one.
-/// derived: far below what a parameter's deviation costs among some hundred independent numbers.
+/// chosen: far below what a parameter's deviation costs among some hundred independent numbers.
 const ENOUGH: f64 = 1e-4;
 
 /// Models of the joints with all that was fitted beside them.
@@ -132,7 +133,7 @@ fn sizes(joints: &Joints, at: &At) -> Vec<f64> {
 }
 
 fn iterate(joints: &Joints, at: &mut At, size: &[f64], frozen: &[bool], steps: usize) {
-    let mut damping = 1e-3;
+    let mut damping = damping::LEAST_RISEN;
     let mut now = blocks(joints, at, size, frozen);
     for _ in 0..steps {
         let Some(step) = step(&now, frozen, damping) else {
@@ -144,13 +145,13 @@ fn iterate(joints: &Joints, at: &mut At, size: &[f64], frozen: &[bool], steps: u
         let after = costs(joints, &trial, size).iter().sum::<f64>();
         if after < cost {
             *at = trial;
-            damping = (damping * 0.2).max(1e-7);
+            damping = (damping * damping::FALL).max(damping::LEAST);
             if cost - after < ENOUGH * cost {
                 break;
             }
             now = blocks(joints, at, size, frozen);
         } else {
-            damping = (damping * 12.0).max(1e-3);
+            damping = (damping * damping::RISE).max(damping::LEAST_RISEN);
             if damping > 1e5 {
                 break;
             }
@@ -178,7 +179,7 @@ fn moved_by(joints: &Joints, at: &At, parameters: &DVector<f64>, states: &[DVect
 }
 
 /// Residual, in units of its size, of a rollout that left all bounds.
-/// derived: larger than any of one that did not; its square over a recording is still a number.
+/// chosen: larger than any of one that did not; its square over a recording is still a number.
 const LOST: f64 = 1e100;
 
 /// Residuals of a window in units of their size.
@@ -260,21 +261,26 @@ fn scales(problem: &Problem, model: &JointModel) -> Vec<f64> {
     std::iter::once(coverage.interval_s).chain(of_terms).chain(of_actuator.into_iter().flatten()).collect()
 }
 
-/// A tenth of what a number of a dimension is where it makes the motion alone.
+/// What a number typically is, as a share of what it is where it makes the motion alone.
+/// chosen: several act together.
+const TYPICAL: f64 = 0.1;
+
+/// [`TYPICAL`] of what a number of a dimension is where it makes the motion alone.
 fn typical(dimension: Dimension, coverage: &Coverage) -> f64 {
     let (effort, way, speed) =
         (coverage.effort_rms.max(1e-9), coverage.travel.max(1e-9), coverage.speed.1.max(1e-9));
-    0.1 * match dimension {
-        Dimension::Position => way,
-        Dimension::Velocity => speed,
-        Dimension::Effort => effort,
-        Dimension::Damping => effort / speed,
-        Dimension::Drag => effort / speed.powi(2),
-        Dimension::Stiffness => effort / way,
-        Dimension::CubicStiffness => effort / way.powi(3),
-        Dimension::Inertia => coverage.inertia,
-        Dimension::Time => coverage.interval_s,
-        Dimension::WaveNumber => 1.0 / way,
-        Dimension::Ratio => 1.0,
-    }
+    TYPICAL
+        * match dimension {
+            Dimension::Position => way,
+            Dimension::Velocity => speed,
+            Dimension::Effort => effort,
+            Dimension::Damping => effort / speed,
+            Dimension::Drag => effort / speed.powi(2),
+            Dimension::Stiffness => effort / way,
+            Dimension::CubicStiffness => effort / way.powi(3),
+            Dimension::Inertia => coverage.inertia,
+            Dimension::Time => coverage.interval_s,
+            Dimension::WaveNumber => 1.0 / way,
+            Dimension::Ratio => 1.0,
+        }
 }

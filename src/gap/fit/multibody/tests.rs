@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, Unit, Vector3};
 
-use crate::gap::{
+use crate::{
     fit::{
         multibody::{
             dynamics::{Dynamics, Inputs},
@@ -22,7 +22,7 @@ use crate::gap::{
     record::{drive::Hold, log::JointLog},
     twin_tree::{Motion, TwinJoint, TwinLink, TwinTree},
 };
-use crate::geometry::Pose;
+use geometry::Pose;
 
 /// Two arms that hang on hinges about y, one below the other, with a damping at each, N m s/rad.
 fn arms(damping: f64) -> TwinTree {

@@ -1,12 +1,12 @@
 //! Coulomb friction with another bound each way.
 
-use crate::gap::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
-use crate::gap::model::format::{Expression, Format, Nearest};
-use crate::gap::model::plant::Plant;
+use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
+use crate::model::format::{Expression, Format, Nearest};
+use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct AsymmetricFriction;
+pub(super) struct AsymmetricFriction;
 
 const PARAMETERS: &[Parameter] = &[
     amplitude("friction_positive", Dimension::Effort, false),

@@ -1,16 +1,16 @@
 //! Gravity that the twin does not have, from a tilted axis or another center of mass: `effort = s sin(q) + c
 //! cos(q)`.
 
-use crate::gap::model::format::{Expression, Format, JointNumbers, Nearest};
-use crate::gap::model::plant::Plant;
-use crate::gap::{
+use crate::model::format::{Expression, Format, JointNumbers, Nearest};
+use crate::model::plant::Plant;
+use crate::{
     model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude},
     trig::sin_cos,
 };
 
 /// See the module.
 #[derive(Debug)]
-pub struct AxisTilt;
+pub(super) struct AxisTilt;
 
 const PARAMETERS: &[Parameter] =
     &[amplitude("sine", Dimension::Effort, true), amplitude("cosine", Dimension::Effort, true)];
@@ -24,7 +24,7 @@ const SPEC: Spec = Spec {
 };
 
 /// Share of the load of a flat axis that a turn is still found for.
-/// derived: at the load itself the derivative by the turn is zero, and rounding leaves no turn.
+/// chosen: at the load itself the derivative by the turn is zero, and rounding leaves no turn.
 const FLAT: f64 = 1.0 - 1e-6;
 
 impl Effect for AxisTilt {

@@ -1,10 +1,24 @@
 //! Play between the joint and what measures it: the recorded position follows within half a gap either side.
 
-use crate::gap::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
+use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
+
+/// Least gap in deviations of the position's noise: one within the noise cannot be seen.
+/// chosen: many reversals show a little less than one deviation.
+const LEAST_NOISES: f64 = 0.7;
+/// Largest gap that is looked for, as a share of the range.
+/// chosen: a larger one leaves no motion to explain.
+const LARGEST: f64 = 0.15;
+/// First gap that is looked for, as a share of the range, and the ratio of two.
+/// chosen: from any encoder's step on, and fine enough for a fit to follow.
+const FIRST: f64 = 3e-4;
+const RATIO: f64 = 1.6;
+/// Largest gap that a fit may reach, as a share of the range.
+/// chosen: twice [`LARGEST`].
+const BOUND: f64 = 0.3;
 
 /// See the module.
 #[derive(Debug)]
-pub struct Backlash;
+pub(super) struct Backlash;
 
 const PARAMETERS: &[Parameter] = &[amplitude("half_gap", Dimension::Position, false)];
 
@@ -23,13 +37,11 @@ impl Effect for Backlash {
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let range = coverage.position.1 - coverage.position.0;
-        // A gap within the noise cannot be seen, and one of much of the range leaves no motion to
-        // explain.
-        let fit = |g: &f64| *g > 0.7 * coverage.position_noise && *g < 0.15 * range;
-        (0..14).map(|i| 3e-4 * range * 1.6f64.powi(i)).filter(fit).map(|g| vec![g]).collect()
+        let fit = |g: &f64| *g > LEAST_NOISES * coverage.position_noise && *g < LARGEST * range;
+        (0..14).map(|i| FIRST * range * RATIO.powi(i)).filter(fit).map(|g| vec![g]).collect()
     }
 
     fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
-        (0.0, 0.3 * (coverage.position.1 - coverage.position.0))
+        (0.0, BOUND * (coverage.position.1 - coverage.position.0))
     }
 }

@@ -1,13 +1,17 @@
 //! A ripple over the position: `effort = s sin(n q) + c cos(n q)`.
 
-use crate::gap::{
+use crate::{
     model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape},
     trig::sin_cos,
 };
 
+/// Least and largest number of periods over the range that a fit may reach.
+/// chosen: a little beyond those that are looked for, from two to a hundred.
+const PERIODS: [f64; 2] = [1.5, 110.0];
+
 /// See the module.
 #[derive(Debug)]
-pub struct Cogging;
+pub(super) struct Cogging;
 
 const PARAMETERS: &[Parameter] = &[
     amplitude("sine", Dimension::Effort, true),
@@ -51,6 +55,6 @@ impl Effect for Cogging {
 
     fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
         let turn = std::f64::consts::TAU / (coverage.position.1 - coverage.position.0);
-        if index == 2 { (1.5 * turn, 110.0 * turn) } else { (-1e9, 1e9) }
+        if index == 2 { (PERIODS[0] * turn, PERIODS[1] * turn) } else { (-1e9, 1e9) }
     }
 }

@@ -1,12 +1,12 @@
 //! A constant effort: `effort = e`.
 
-use crate::gap::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
-use crate::gap::model::format::{Expression, Format, JointNumbers};
-use crate::gap::model::plant::Plant;
+use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
+use crate::model::format::{Expression, Format, JointNumbers};
+use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct ConstantBias;
+pub(super) struct ConstantBias;
 
 const PARAMETERS: &[Parameter] = &[amplitude("effort", Dimension::Effort, true)];
 

@@ -1,12 +1,12 @@
 //! Coulomb friction: `|friction| <= F`, against the motion; sticks exactly.
 
-use crate::gap::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
-use crate::gap::model::format::{Expression, Format, JointNumbers};
-use crate::gap::model::plant::Plant;
+use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
+use crate::model::format::{Expression, Format, JointNumbers};
+use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct CoulombFriction;
+pub(super) struct CoulombFriction;
 
 const PARAMETERS: &[Parameter] = &[amplitude("friction", Dimension::Effort, false)];
 

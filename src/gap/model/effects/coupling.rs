@@ -1,12 +1,10 @@
 //! A spring to another joint: `effort = e - k q + m q_other`; the ratio of the coupling is `m / k`.
 
-use crate::gap::model::effect::{
-    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude,
-};
+use crate::model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
 
 /// See the module.
 #[derive(Debug)]
-pub struct Coupling {
+pub(super) struct Coupling {
     /// Index of the other joint, among those that the log holds beside this one.
     pub other: usize,
 }

@@ -1,12 +1,19 @@
 //! The effort acts, or the position is recorded, later than stamped.
 
-use crate::gap::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
-use crate::gap::model::format::{Expression, Format, JointNumbers};
-use crate::gap::model::plant::Plant;
+use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
+use crate::model::format::{Expression, Format, JointNumbers};
+use crate::model::plant::Plant;
+
+/// Delays that are looked for, in sample intervals.
+/// chosen: a fit follows from one to the next.
+const DELAYS: [f64; 10] = [0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0];
+/// Largest delay that a fit may reach, in sample intervals.
+/// chosen: three times those that are looked for.
+const LARGEST: f64 = 60.0;
 
 /// See the module.
 #[derive(Debug)]
-pub struct Delay;
+pub(super) struct Delay;
 
 const PARAMETERS: &[Parameter] = &[amplitude("delay", Dimension::Time, true)];
 
@@ -24,15 +31,12 @@ impl Effect for Delay {
     }
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
-        [0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0]
-            .iter()
-            .map(|n| vec![n * coverage.interval_s])
-            .collect()
+        DELAYS.iter().map(|n| vec![n * coverage.interval_s]).collect()
     }
 
     fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
         // A little below zero: efforts may be stamped after they act.
-        (-2.0 * coverage.interval_s, 60.0 * coverage.interval_s)
+        (-2.0 * coverage.interval_s, LARGEST * coverage.interval_s)
     }
 
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {

@@ -1,14 +1,14 @@
 //! A catch at one position: `effort = -A x exp((1 - x^2) / 2)` with `x = (q - c) / w`; largest at one width
 //! from it.
 
-use crate::gap::model::{
+use crate::model::{
     bump::{bump, bump_bounds, bump_meets, bumps},
     effect::{At, Coverage, Effect, Extent, Parameter, Place, Response, Spec},
 };
 
 /// See the module.
 #[derive(Debug)]
-pub struct Detent;
+pub(super) struct Detent;
 
 const PARAMETERS: &[Parameter] = &bump("effort");
 
@@ -21,7 +21,7 @@ const SPEC: Spec = Spec {
 };
 
 /// Widths from the middle beyond which nothing is left.
-/// derived: 1.5e-7 of the effort.
+/// chosen: 1.5e-7 of the effort.
 const REACH: f64 = 6.0;
 
 impl Effect for Detent {

@@ -1,14 +1,14 @@
 //! A push that happened once: `effort = D exp(-((t - t0) / w)^2 / 2)`. It belongs to a recording and is never
 //! exported.
 
-use crate::gap::model::effect::{
+use crate::model::effect::{
     At, Coverage, Dimension, Effect, Extent, Parameter, Place, RUN_SPACING_S, Response, Spec, amplitude,
     shape,
 };
 
 /// See the module.
 #[derive(Debug)]
-pub struct Disturbance;
+pub(super) struct Disturbance;
 
 const PARAMETERS: &[Parameter] = &[
     amplitude("effort", Dimension::Effort, true),
@@ -25,8 +25,14 @@ const SPEC: Spec = Spec {
 };
 
 /// Widths from the middle beyond which nothing is left.
-/// derived: 3.7e-6 of the effort.
+/// chosen: 3.7e-6 of the effort.
 const REACH: f64 = 5.0;
+/// Widths of pushes that are looked for, and the time between two starts, seconds.
+/// chosen: starts lie less than two widths apart, so that a push between two of them still shows.
+const PUSHES_S: [(f64, f64); 2] = [(0.06, 0.1), (0.2, 0.25)];
+/// Least and largest width of a push, seconds.
+/// chosen: a few samples, and what is no push any more.
+const WIDTHS_S: [f64; 2] = [0.01, 1.0];
 
 impl Effect for Disturbance {
     fn spec(&self) -> &'static Spec {
@@ -48,8 +54,7 @@ impl Effect for Disturbance {
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let mut shapes = Vec::new();
         for (run, duration_s) in coverage.durations_s.iter().enumerate() {
-            // Starts lie less than two widths apart, so that a push between two of them still shows.
-            for (width_s, step_s) in [(0.06, 0.1), (0.2, 0.25)] {
+            for (width_s, step_s) in PUSHES_S {
                 let count = (duration_s / step_s) as usize;
                 shapes.extend(
                     (0..count)
@@ -65,7 +70,7 @@ impl Effect for Disturbance {
     }
 
     fn bounds(&self, index: usize, _coverage: &Coverage) -> (f64, f64) {
-        if index == 2 { (0.01, 1.0) } else { (-1e9, 1e9) }
+        if index == 2 { (WIDTHS_S[0], WIDTHS_S[1]) } else { (-1e9, 1e9) }
     }
 
     fn is_of_one_run(&self) -> bool {

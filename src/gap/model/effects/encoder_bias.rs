@@ -1,12 +1,12 @@
 //! The recorded position is the true one plus an offset. Only loads that depend on the position show it.
 
-use crate::gap::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
-use crate::gap::model::format::{Expression, Format, JointNumbers};
-use crate::gap::model::plant::Plant;
+use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
+use crate::model::format::{Expression, Format, JointNumbers};
+use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct EncoderBias;
+pub(super) struct EncoderBias;
 
 const PARAMETERS: &[Parameter] = &[amplitude("offset", Dimension::Position, true)];
 

@@ -1,15 +1,15 @@
 //! The recorded position is `s` times the true one.
 
-use crate::gap::model::effect::{Coverage, Effect, Parameter, Place, Spec, ratio};
+use crate::model::effect::{Coverage, Effect, Parameter, Place, Spec, ratio};
 
 /// See the module.
 #[derive(Debug)]
-pub struct EncoderScale;
+pub(super) struct EncoderScale;
 
 const PARAMETERS: &[Parameter] = &[ratio("scale")];
 
 /// Largest ratio of a recorded to a true position, and one over the smallest.
-/// derived: the next whole ratio of a gear or a belt; what lies beyond is a unit, not a scale.
+/// chosen: the next whole ratio of a gear or a belt; what lies beyond is a unit, not a scale.
 const LARGEST: f64 = 2.0;
 
 const SPEC: Spec = Spec {

@@ -2,11 +2,11 @@
 //! share of what else drives it into the stop, never pulled. The share is that of a rigid stop behind a soft
 //! one: under a steady effort the joint sinks in less than `k` alone would let it.
 
-use crate::gap::model::effect::{
+use crate::model::effect::{
     At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape,
 };
-use crate::gap::model::format::{Expression, Format, JointNumbers, Nearest, Stop};
-use crate::gap::model::plant::Plant;
+use crate::model::format::{Expression, Format, JointNumbers, Nearest, Stop};
+use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
@@ -36,6 +36,16 @@ const STIFF_RATE: f64 = 200.0;
 /// Largest share of the other efforts that a stop takes off.
 /// derived: the largest impedance that MuJoCo takes (mjMAXIMP).
 pub const MAX_IMPEDANCE: f64 = 0.9999;
+/// How far inside the covered range a contact is looked for, as shares of it.
+/// chosen: a fit follows from one to the next.
+const DEPTHS: [f64; 9] = [0.003, 0.008, 0.015, 0.03, 0.05, 0.08, 0.12, 0.17, 0.23];
+/// Rates, 1/s, and impedances that a fit is started again from: the cost has several minima over them, and a
+/// fit ends in the one that it starts near.
+/// chosen: from a soft stop to one of half [`STIFF_RATE`].
+const RESTARTS: [(f64, f64); 5] = [(12.0, 0.0), (35.0, 0.0), (90.0, 0.0), (35.0, 0.9), (90.0, 0.9)];
+/// Damping of such a start over inertia and rate.
+/// chosen: a damping ratio of 0.2, far from both no bounce and no loss.
+const DAMPING: f64 = 0.4;
 
 impl Effect for EndStop {
     fn spec(&self) -> &'static Spec {
@@ -68,10 +78,7 @@ impl Effect for EndStop {
         let range = high - low;
         // A soft stop lets the joint past it: the contact begins inside the covered range.
         let (edge, inward) = if self.upper { (high, -1.0) } else { (low, 1.0) };
-        [0.003, 0.008, 0.015, 0.03, 0.05, 0.08, 0.12, 0.17, 0.23]
-            .iter()
-            .map(|f| vec![0.0, 0.0, edge + inward * f * range, 0.0])
-            .collect()
+        DEPTHS.iter().map(|f| vec![0.0, 0.0, edge + inward * f * range, 0.0]).collect()
     }
 
     fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
@@ -86,12 +93,9 @@ impl Effect for EndStop {
 
     fn restarts(&self, p: &[f64], coverage: &Coverage) -> Vec<Vec<f64>> {
         let at_rate = |(rate, impedance): (f64, f64)| {
-            // Damping ratio 0.2, far from both no bounce and no loss.
-            vec![coverage.inertia * rate * rate, 0.4 * coverage.inertia * rate, p[2], impedance]
+            vec![coverage.inertia * rate * rate, DAMPING * coverage.inertia * rate, p[2], impedance]
         };
-        // The cost has several minima over stiffness and impedance; a fit ends in the one that it starts
-        // near.
-        [(12.0, 0.0), (35.0, 0.0), (90.0, 0.0), (35.0, 0.9), (90.0, 0.9)].into_iter().map(at_rate).collect()
+        RESTARTS.into_iter().map(at_rate).collect()
     }
 
     fn is_upper(&self) -> bool {

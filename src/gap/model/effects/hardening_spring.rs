@@ -1,14 +1,14 @@
 //! A spring that hardens: `effort = -k x - h x^3` with `x = q - r`.
 
-use crate::gap::model::effect::{
+use crate::model::effect::{
     At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape,
 };
-use crate::gap::model::format::{Expression, Format, JointNumbers, Nearest, Spring};
-use crate::gap::model::plant::Plant;
+use crate::model::format::{Expression, Format, JointNumbers, Nearest, Spring};
+use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct HardeningSpring;
+pub(super) struct HardeningSpring;
 
 const PARAMETERS: &[Parameter] = &[
     amplitude("stiffness", Dimension::Stiffness, false),

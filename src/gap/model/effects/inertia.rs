@@ -1,12 +1,16 @@
 //! More inertia than the twin has.
 
-use crate::gap::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
-use crate::gap::model::format::{Expression, Format, JointNumbers};
-use crate::gap::model::plant::Plant;
+use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
+use crate::model::format::{Expression, Format, JointNumbers};
+use crate::model::plant::Plant;
+
+/// Most of the twin's inertia that may be taken away, as a share.
+/// chosen: a tenth stays; without inertia there is no motion to integrate.
+const MOST_TAKEN: f64 = 0.9;
 
 /// See the module.
 #[derive(Debug)]
-pub struct Inertia;
+pub(super) struct Inertia;
 
 const PARAMETERS: &[Parameter] = &[amplitude("added_inertia", Dimension::Inertia, true)];
 
@@ -24,8 +28,7 @@ impl Effect for Inertia {
     }
 
     fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {
-        // A tenth stays: without inertia there is no motion to integrate.
-        (-0.9 * coverage.inertia, 1e9)
+        (-MOST_TAKEN * coverage.inertia, 1e9)
     }
 
     fn in_twin(&self, _index: usize, plant: &Plant) -> f64 {

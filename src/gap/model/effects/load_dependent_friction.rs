@@ -1,12 +1,14 @@
 //! Friction in proportion to the effort that the joint carries: `|friction| <= mu |u|`.
 
-use crate::gap::model::effect::{
-    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude,
-};
+use crate::model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
+
+/// Largest share of the load.
+/// chosen: near 1, from which on no effort could ever move the joint.
+const LARGEST: f64 = 0.95;
 
 /// See the module.
 #[derive(Debug)]
-pub struct LoadDependentFriction;
+pub(super) struct LoadDependentFriction;
 
 const PARAMETERS: &[Parameter] = &[amplitude("coefficient", Dimension::Ratio, false)];
 
@@ -30,7 +32,6 @@ impl Effect for LoadDependentFriction {
     }
 
     fn bounds(&self, _index: usize, _coverage: &Coverage) -> (f64, f64) {
-        // From 1 on no effort could ever move the joint.
-        (0.0, 0.95)
+        (0.0, LARGEST)
     }
 }

@@ -1,13 +1,13 @@
 //! Friction about one position: `|friction| <= F exp(-((q - c) / w)^2)`.
 
-use crate::gap::model::{
+use crate::model::{
     bump::{bump, bump_bounds, bump_meets, bumps},
     effect::{At, Coverage, Effect, Extent, Parameter, Place, Response, Spec},
 };
 
 /// See the module.
 #[derive(Debug)]
-pub struct LocalFriction;
+pub(super) struct LocalFriction;
 
 const PARAMETERS: &[Parameter] = &bump("friction");
 
@@ -20,7 +20,7 @@ const SPEC: Spec = Spec {
 };
 
 /// Widths from the middle beyond which nothing is left.
-/// derived: 1.6e-9 of the friction.
+/// chosen: 1.6e-9 of the friction.
 const REACH: f64 = 4.5;
 
 impl Effect for LocalFriction {

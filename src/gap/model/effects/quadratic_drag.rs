@@ -1,12 +1,12 @@
 //! Drag that grows with the square of the speed: `effort = -c v |v|`.
 
-use crate::gap::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
-use crate::gap::model::format::{Expression, Format, JointNumbers};
-use crate::gap::model::plant::Plant;
+use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
+use crate::model::format::{Expression, Format, JointNumbers};
+use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct QuadraticDrag;
+pub(super) struct QuadraticDrag;
 
 const PARAMETERS: &[Parameter] = &[amplitude("drag", Dimension::Drag, false)];
 

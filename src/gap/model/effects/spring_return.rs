@@ -1,14 +1,14 @@
 //! A spring: `effort = e - k q`, at rest where `q = e / k`.
 
-use crate::gap::model::effect::{
+use crate::model::effect::{
     At, Dimension, Effect, MAX_PARAMETERS, Parameter, Place, Reported, Response, Spec, amplitude,
 };
-use crate::gap::model::format::{Expression, Format, JointNumbers, Spring};
-use crate::gap::model::plant::Plant;
+use crate::model::format::{Expression, Format, JointNumbers, Spring};
+use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct SpringReturn;
+pub(super) struct SpringReturn;
 
 const PARAMETERS: &[Parameter] =
     &[amplitude("stiffness", Dimension::Stiffness, false), amplitude("offset", Dimension::Effort, true)];

@@ -1,14 +1,14 @@
 //! Friction that falls with speed from breakaway to sliding: `F + D exp(-(v / s)^2)`.
 
-use crate::gap::model::effect::{
+use crate::model::effect::{
     At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape,
 };
-use crate::gap::model::format::{Expression, Format, JointNumbers, Nearest};
-use crate::gap::model::plant::Plant;
+use crate::model::format::{Expression, Format, JointNumbers, Nearest};
+use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct StribeckFriction;
+pub(super) struct StribeckFriction;
 
 const PARAMETERS: &[Parameter] = &[
     amplitude("friction", Dimension::Effort, false),
@@ -25,8 +25,14 @@ const SPEC: Spec = Spec {
 };
 
 /// Stribeck velocity of a breakaway that is gone at once, rad/s or m/s.
-/// derived: below the resolution of any rollout.
+/// chosen: below the resolution of any rollout.
 const AT_ONCE: f64 = 1e-9;
+/// Stribeck velocities that are looked for, as shares of the top speed.
+/// chosen: a fit follows from one to the next.
+const SPEEDS: [f64; 4] = [0.01, 0.03, 0.08, 0.2];
+/// Least Stribeck velocity of a fit, as a share of the top speed.
+/// chosen: less is passed within a sample.
+const LEAST_SPEED: f64 = 0.002;
 
 impl Effect for StribeckFriction {
     fn spec(&self) -> &'static Spec {
@@ -44,11 +50,11 @@ impl Effect for StribeckFriction {
     }
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
-        [0.01, 0.03, 0.08, 0.2].iter().map(|f| vec![0.0, 0.0, f * coverage.speed.1]).collect()
+        SPEEDS.iter().map(|f| vec![0.0, 0.0, f * coverage.speed.1]).collect()
     }
 
     fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
-        if index == 2 { (0.002 * coverage.speed.1, 0.5 * coverage.speed.1) } else { (0.0, 1e9) }
+        if index == 2 { (LEAST_SPEED * coverage.speed.1, 0.5 * coverage.speed.1) } else { (0.0, 1e9) }
     }
 
     fn fall(&self, p: &[f64]) -> f64 {

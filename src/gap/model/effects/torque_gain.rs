@@ -1,12 +1,12 @@
 //! The effort that acts is `g` times the recorded one.
 
-use crate::gap::model::effect::{Coverage, Effect, LARGEST_RATIO, Parameter, Place, Spec, ratio};
-use crate::gap::model::format::{Expression, Format, JointNumbers};
-use crate::gap::model::plant::Plant;
+use crate::model::effect::{Coverage, Effect, LARGEST_RATIO, Parameter, Place, Spec, ratio};
+use crate::model::format::{Expression, Format, JointNumbers};
+use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct TorqueGain;
+pub(super) struct TorqueGain;
 
 const PARAMETERS: &[Parameter] = &[ratio("gain")];
 

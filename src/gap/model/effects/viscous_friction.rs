@@ -1,14 +1,12 @@
 //! Viscous friction: `effort = -b v`.
 
-use crate::gap::model::effect::{
-    At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude,
-};
-use crate::gap::model::format::{Expression, Format, JointNumbers};
-use crate::gap::model::plant::Plant;
+use crate::model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
+use crate::model::format::{Expression, Format, JointNumbers};
+use crate::model::plant::Plant;
 
 /// See the module.
 #[derive(Debug)]
-pub struct ViscousFriction;
+pub(super) struct ViscousFriction;
 
 const PARAMETERS: &[Parameter] = &[amplitude("damping", Dimension::Damping, true)];
 

@@ -1,0 +1,69 @@
+//! RGB-D frames of one object in two states: pure data and selection; no file or network.
+//!
+//! ```
+//! // Stamps in nanoseconds: a depth image belongs to the color image next to it, at most 10 ms away.
+//! let [color, depth] = [[0, 33_000_000, 66_000_000], [4_000_000, 70_000_000, 120_000_000]];
+//! assert_eq!(capture::pair(&color, &depth, 10_000_000), [Some(0), None, Some(1)]);
+//! ```
+
+#[doc(hidden)]
+pub mod analytic;
+mod board;
+mod config;
+mod coverage;
+mod denoise;
+mod error;
+mod features;
+mod frame;
+mod isolate;
+mod mask;
+mod noise;
+mod noise_estimate;
+mod pixel_weights;
+mod poses;
+mod recording;
+mod scene;
+mod select;
+mod state;
+mod stereo;
+mod sync;
+mod tf;
+mod tracking;
+mod undistort;
+mod window;
+
+pub use board::{
+    BoardInView, BoardInWorld, BoardLayout, BoardPlace, BoardSighting, ColorTurn, Paper, UNREAD_BOARD,
+    UseBoard, board_scale, find_board, stretched,
+};
+pub use config::{At, CaptureConfig, TopicConfig};
+pub use coverage::{Coverage, SECTORS, coverage};
+pub use denoise::{denoise, smoothing_m};
+pub use error::{CaptureError, quoted, stamp_secs};
+pub use features::luma;
+pub use features::{
+    Correspondence, KnownFeatures, MatchConfig, PixelMatch, frame_pairs, match_states, on_object,
+};
+pub use frame::{RgbdFrame, cameras, median_over_object};
+pub use isolate::isolate;
+pub use isolate::{CLEARLY, LEAST_PATCH, cell, clusters};
+pub use mask::dilated;
+pub use noise::{GRAZING_COSINE, NoiseConfig};
+pub use noise_estimate::noise_factor;
+pub use pixel_weights::{object_weights, pixel_weights};
+pub use poses::{
+    ErrorDraw, PoseAgreement, PoseCorrection, PoseFindings, PoseNoise, RefinePoses, SensorCalibration,
+    align_worlds, refine_poses,
+};
+pub use recording::{Capture, MAX_STATES};
+pub use scene::scene_box;
+pub use select::{common_focus, spread_views};
+pub use state::Split;
+pub use stereo::{UseColorDepth, fill_from_color};
+pub use sync::{nearest, pair};
+pub use tf::{MAX_TF_FRAMES, TfBuffer};
+pub use tracking::{
+    Accelerometer, LiveTracker, LiveView, Lost, Observation, Track, TrackCamera, Tracker, TrackingFindings,
+    Unaligned, UpBy, Upright, align_tracks,
+};
+pub use undistort::{Distortion, UndistortMap};

@@ -1,0 +1,88 @@
+//! `reconstruct --estimate` and `diagnose --estimate`.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use serde_json::{Value, json};
+use sha2::{Digest as _, Sha256};
+
+use super::{
+    args::{DiagnoseArgs, ReconstructArgs},
+    diagnose::request,
+    exit::{CliError, Exit},
+    terminal,
+};
+use capture::CaptureError;
+use io::{hex, name_of, sha256};
+use run::Estimate;
+
+/// The line that is printed.
+#[derive(Serialize)]
+struct Line<'a> {
+    format: &'static str,
+    version: &'static str,
+    /// Name of the result.
+    name: &'a str,
+    /// A digest of all that beside inputs and name determines the result.
+    settings: String,
+    #[serde(flatten)]
+    estimate: Estimate,
+}
+
+/// Prints what a reconstruction will need.
+///
+/// # Errors
+/// Settings that cannot be used; inputs that are not there.
+pub(super) fn reconstruct(args: &ReconstructArgs) -> Result<Exit, CliError> {
+    let config = args.resolve()?.config;
+    require(&args.bags)?;
+    let mut settings = serde_json::to_value(&config).unwrap_or_default();
+    if let Some(matcher) = &config.matching.onnx {
+        // Its content counts, not where it lies.
+        let read = |source| CaptureError::Read { path: matcher.clone(), source };
+        settings["matching"]["onnx"] = sha256(matcher).map_err(read)?.into();
+    }
+    let name = args.output.name.clone().unwrap_or_else(|| name_of(&args.bags));
+    print("reconstruct", &name, &settings, Estimate::of_reconstruction(&args.bags, &config))
+}
+
+/// Prints what a diagnosis will need.
+///
+/// # Errors
+/// Inputs that are not there.
+pub(super) fn diagnose(args: &DiagnoseArgs) -> Result<Exit, CliError> {
+    let request = request(args);
+    require(&[std::slice::from_ref(&args.twin), &args.runs, &args.held_out, &args.frames].concat())?;
+    let settings = json!({
+        "runs": [args.runs.len(), args.held_out.len(), args.frames.len()],
+        // Held-out runs that are among the runs are read once.
+        "held_out": args.held_out.iter().map(|h| args.runs.iter().position(|r| r == h)).collect::<Vec<_>>(),
+        "gravity": request.gravity,
+        "effort_hold": args.effort_hold,
+        "seed": request.seed,
+        "effects": request.effects,
+        "streams": format!("{:?}", request.streams),
+        "actuators": format!("{:?}", request.told),
+        "accuracy": args.accuracy,
+    });
+    let name = args.output.name.as_deref().unwrap_or("diagnosis");
+    print("diagnose", name, &settings, Estimate::of_diagnosis(&request, &args.frames))
+}
+
+/// Refuses inputs that are not there.
+fn require(inputs: &[PathBuf]) -> Result<(), CaptureError> {
+    match inputs.iter().find(|path| !path.exists()) {
+        Some(path) => Err(CaptureError::Missing { path: path.clone() }),
+        None => Ok(()),
+    }
+}
+
+fn print(command: &str, name: &str, settings: &Value, estimate: Estimate) -> Result<Exit, CliError> {
+    let version = env!("CARGO_PKG_VERSION");
+    // Keys of a JSON object are sorted.
+    let all = json!({ "command": command, "version": version, "settings": settings }).to_string();
+    let settings = hex(&Sha256::digest(all));
+    let line = Line { format: "artitwin-estimate/2", version, name, settings, estimate };
+    terminal::print(&format!("{}\n", serde_json::to_string(&line).unwrap_or_default()))?;
+    Ok(Exit::Done)
+}

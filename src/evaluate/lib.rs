@@ -1,0 +1,123 @@
+//! Metrics of a finished run against ground truth (docs/method.md 13), from the files that a simulator gets.
+//!
+//! Beside the published metrics stand plain ones: the joint type is taken from the file and may be wrong,
+//! lines keep their distance also where they are parallel, surfaces are measured in millimeters, and each
+//! Chamfer distance comes with the floor that sampling alone gives.
+//!
+//! ```no_run
+//! use evaluate::EvaluateOptions;
+//!
+//! let report = evaluate::run(&["runs/drawer".into()], "bags/drawer".as_ref(), &EvaluateOptions::default())?;
+//! println!("{:?}", report.trials[0].joints);
+//! # Ok::<(), evaluate::EvaluateError>(())
+//! ```
+
+mod compare;
+mod components;
+mod distance;
+mod error;
+mod joint_metrics;
+mod matching;
+mod published;
+mod published_truth;
+mod report;
+mod run_files;
+mod surface_metrics;
+mod trial_table;
+mod truth;
+
+use std::path::{Path, PathBuf};
+
+pub use compare::{Evaluation, compare};
+pub use error::{EvaluateError, MAX_SAMPLES};
+pub use published::Published;
+pub use report::EvaluationReport;
+pub use run_files::RunFiles;
+pub use trial_table::{TrialCost, TrialTable};
+pub use truth::Truth;
+
+/// Share of the largest component below which the published evaluation drops components.
+/// derived: the published one
+pub const PUBLISHED_MIN_COMPONENT: f64 = 0.1;
+
+/// How to measure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EvaluateOptions {
+    /// Samples per surface; 10,000 are the published number.
+    pub samples: usize,
+    /// Seed of the samples.
+    pub seed: u64,
+    /// Drop components of the found meshes with less than this share of the largest one's area, e.g.
+    /// [`PUBLISHED_MIN_COMPONENT`].
+    pub min_component: Option<f64>,
+}
+
+impl Default for EvaluateOptions {
+    fn default() -> Self {
+        Self { samples: 10_000, seed: 0, min_component: None }
+    }
+}
+
+/// The truth in a folder: a `truth.json`, or a published dataset's `trans.json`.
+///
+/// # Errors
+/// A file that is missing or damaged, named in the error.
+pub fn read_truth(folder: &Path) -> Result<Truth, EvaluateError> {
+    match published_truth::find(folder).filter(|_| !folder.join("truth.json").exists()) {
+        Some(path) => published_truth::read(&path),
+        None => Truth::read(folder),
+    }
+}
+
+/// Measures runs (trials) of one object against its truth: a folder with `truth.json` and `truth/state{0,1}`,
+/// or a published dataset with its `trans.json`.
+///
+/// # Errors
+/// No run; a file of the truth, or of every run, that is missing, damaged or beyond a limit, named in the
+/// error. Of several runs those that cannot be read are trials that failed.
+pub fn run(
+    runs: &[PathBuf],
+    truth: &Path,
+    options: &EvaluateOptions,
+) -> Result<EvaluationReport, EvaluateError> {
+    if runs.is_empty() {
+        return Err(EvaluateError::NoRun);
+    }
+    if !(1..=MAX_SAMPLES).contains(&options.samples) {
+        return Err(EvaluateError::Samples(options.samples));
+    }
+    // Once for all trials.
+    let known = read_truth(truth)?;
+    let measured = runs.iter().map(|folder| measure(folder, &known, options)).collect::<Vec<_>>();
+    let trials = if measured.iter().any(Result::is_ok) {
+        measured.into_iter().zip(runs).map(|(trial, folder)| or_failed(trial, folder, &known)).collect()
+    } else {
+        measured.into_iter().collect::<Result<Vec<_>, _>>()?
+    };
+    let published = Published::of(&trials);
+    let &EvaluateOptions { samples, seed, min_component } = options;
+    Ok(EvaluationReport {
+        truth: truth.display().to_string(),
+        samples,
+        seed,
+        min_component,
+        trials,
+        published,
+    })
+}
+
+/// Measures trials of one object; one that cannot be read is a trial that failed.
+#[must_use]
+pub fn trials(runs: &[PathBuf], truth: &Truth, options: &EvaluateOptions) -> Vec<Evaluation> {
+    runs.iter().map(|folder| or_failed(measure(folder, truth, options), folder, truth)).collect()
+}
+
+/// One run against the truth; only its numbers stay in memory.
+fn measure(folder: &Path, truth: &Truth, options: &EvaluateOptions) -> Result<Evaluation, EvaluateError> {
+    let files = RunFiles::read(folder, options.min_component)?;
+    compare(&folder.display().to_string(), truth, &files, options)
+}
+
+fn or_failed(trial: Result<Evaluation, EvaluateError>, folder: &Path, truth: &Truth) -> Evaluation {
+    trial.unwrap_or_else(|error| Evaluation::failed(&folder.display().to_string(), truth, error.to_string()))
+}

@@ -1,0 +1,132 @@
+//! Everything that touches a disk: bags, datasets, run folders.
+//!
+//! ```no_run
+//! use capture::CaptureConfig;
+//!
+//! // Both states of a recording, decoded.
+//! let capture = io::open(&["bags/drawer".into()], &CaptureConfig::default(), 0)?;
+//! println!("{} views of the closed drawer", capture.states[0].len());
+//! # Ok::<(), capture::CaptureError>(())
+//! ```
+
+mod disk;
+mod frame_run;
+mod gallery;
+mod gap_report;
+mod joint_commands;
+mod joint_log;
+mod locked_file;
+mod manifest;
+mod mesh_faces;
+mod mesh_files;
+mod model_folder;
+mod npy;
+mod obj;
+mod place;
+mod plain_file;
+mod ply;
+mod robot;
+mod run_dir;
+mod run_dir_error;
+mod run_summary;
+mod seen_twin;
+mod sibling;
+mod twin_file;
+mod urdf;
+mod urdf_fault;
+
+pub use disk::free_bytes;
+pub use frame_run::read_frame_run;
+pub use gallery::read_gallery;
+pub use gap_report::{GapReportError, read_gap_report};
+pub use joint_log::read_joint_log;
+pub use locked_file::LockedFile;
+pub use manifest::{ResultKind, hex, sha256};
+pub use mesh_files::{MeshFileError, read_mesh};
+pub use model_folder::{ModelFolderError, read_model, read_model_folder};
+pub use npy::{NpyError, read_npy};
+pub use place::Place;
+pub use plain_file::{create_plain, open_plain, write_new};
+pub use run_dir::{Committed, RunDir};
+pub use run_dir_error::RunDirError;
+pub use run_summary::{RunSummary, RunSummaryError, SummaryJoint, read_result_fingerprint, read_run_summary};
+pub use seen_twin::read_seen_twin;
+pub use twin_file::{read_twin, twin_files, twin_of, twin_path};
+pub use urdf::{UrdfError, read_urdf};
+pub mod image_codec;
+pub mod ros2msg;
+pub mod rvl;
+
+mod ahead;
+mod bag;
+mod bag_index;
+mod bag_metadata;
+mod bag_writer;
+mod board_look;
+mod board_world;
+mod camera;
+#[cfg(test)]
+mod conformance_tests;
+mod dataset;
+mod depth_noise;
+mod expansion;
+mod file_ranges;
+mod glimpse;
+mod growing;
+mod image_files;
+mod imu;
+mod inspect;
+mod inspect_motion;
+mod live_view;
+mod mcap_file;
+mod mcap_record;
+mod mcap_summary;
+mod offered_qos;
+mod onnx;
+#[cfg(feature = "onnx")]
+mod onnx_matcher;
+mod picture_size;
+mod pixels;
+mod posed_states;
+mod poses;
+mod recording;
+#[cfg(feature = "rerun")]
+mod rerun;
+mod source;
+mod synth_bag;
+mod synth_dataset;
+mod synth_error;
+mod synth_folder;
+mod synth_matrix;
+mod synth_sensor;
+mod synth_twin;
+mod topics;
+mod tracked_state;
+mod tracking;
+mod upright;
+#[cfg(test)]
+mod urdf_conformance_tests;
+mod views;
+
+pub use ahead::Ahead;
+pub use bag_writer::{BagWriteError, BagWriter};
+pub use camera::pinhole;
+pub use dataset::{JointTransform, JointTransforms, STATES};
+pub use glimpse::{Glimpse, count_joint_messages, glimpse_views};
+pub use growing::GrowingState;
+pub use inspect::{inspect, inspect_with, printable};
+pub use live_view::LiveEye;
+pub use offered_qos::OfferedQos;
+#[cfg(not(feature = "onnx"))]
+pub use onnx::OnnxMatcher;
+pub use onnx::{MAX_MODEL_BYTES, OnnxError};
+#[cfg(feature = "onnx")]
+pub use onnx_matcher::OnnxMatcher;
+pub use recording::{object_name, open, open_ahead, state_count, track_camera};
+#[cfg(feature = "rerun")]
+pub use rerun::{Seen, write_rerun};
+pub use source::{is_recording, name_of};
+pub use synth_dataset::{DatasetLayout, write_synth_dataset};
+pub use synth_error::SynthError;
+pub use synth_folder::{write_synth, write_synth_bag, write_true_twin};
+pub use views::check_size;

@@ -1,0 +1,279 @@
+//! From joints and part surfaces to links in a tree.
+
+use nalgebra::Translation3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    ArticulatedModel, Inertial, Joint, JointDynamics, JointEvidence, JointKind, Limit, LimitSource, Link,
+    Material, assumed_dynamics, clear_paths, grasps, seat, swept_interval,
+};
+use geometry::{Grid3, Pose};
+use surface::{ConvexConfig, Hidden, ShellInertia, TriangleMesh, Walls, few_triangles, merge};
+
+/// Assumptions that no camera measures, and what is made of them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ModelConfig {
+    /// What the object is made of; gives the density and its range.
+    pub material: Material,
+    /// Materials of single parts, in the order of the parts, the static one first; parts beyond its end:
+    /// `material`.
+    pub part_materials: Vec<Material>,
+    /// Density of the walls, kg/m^3; null: that of the material.
+    pub density_kg_m3: Option<f64>,
+    /// Thickness of walls whose other side was not seen, meters.
+    pub wall_thickness_m: f64,
+    /// Whether walls that no view saw are drawn, in meshes of their own.
+    pub draw_assumed: bool,
+    /// Largest joint effort, N m or N.
+    pub effort: f64,
+    /// Largest joint speed, rad/s or m/s.
+    pub velocity: f64,
+    /// Which interval the joint limits take.
+    pub limits: LimitPolicy,
+    /// Collision solids.
+    pub collision: ConvexConfig,
+}
+
+/// Margin of a limit around the observed positions, in standard deviations of these.
+/// chosen: 95 % of a normal distribution
+const MARGIN_STD: f64 = 2.0;
+/// Least margin as a share of the observed motion: at a limit itself solvers push.
+/// chosen: too little to be seen
+const LEAST_MARGIN_SHARE: f64 = 0.005;
+
+/// Which interval the joint limits take.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LimitPolicy {
+    /// What was observed with a margin, and the closed end where a face meets its seat.
+    #[default]
+    Seated,
+    /// What was observed: the inner bound.
+    Observed,
+    /// What the solids allow: the outer bound.
+    Swept,
+}
+
+impl Default for ModelConfig {
+    fn default() -> Self {
+        Self {
+            material: Material::default(),
+            part_materials: Vec::new(),
+            density_kg_m3: None,
+            wall_thickness_m: 0.008,
+            draw_assumed: true,
+            effort: 100.0,
+            velocity: 2.0,
+            limits: LimitPolicy::default(),
+            collision: ConvexConfig::default(),
+        }
+    }
+}
+
+impl ModelConfig {
+    /// Density of a part in kg/m^3 (usual, lowest, highest) and a few words about it.
+    fn density(&self, part: usize) -> ([f64; 3], String) {
+        let material = self.part_materials.get(part).copied().unwrap_or(self.material);
+        match self.density_kg_m3 {
+            Some(d) => ([d; 3], format!("{d} kg/m^3 (given)")),
+            None => (
+                material.density_kg_m3(),
+                format!("{} kg/m^3 ({}, assumed)", material.density_kg_m3()[0], material.name()),
+            ),
+        }
+    }
+}
+
+/// Name of the link of a part; 0 is the static one.
+#[must_use]
+pub fn link_name(part: usize) -> String {
+    if part == 0 { "base".to_owned() } else { format!("part_{part}") }
+}
+
+/// One moving part: its joint as it stands in state 0 (world frame) and its surface there.
+pub struct MovingPart {
+    /// Part that carries it: 0 is the static one, k the k-th moving part. Parents form a tree.
+    pub parent: usize,
+    /// What the joint does.
+    pub kind: JointKind,
+    /// Unit axis, world.
+    pub axis: nalgebra::Unit<nalgebra::Vector3<f64>>,
+    /// Point of the axis, world, meters; becomes the link's origin.
+    pub point: nalgebra::Point3<f64>,
+    /// Position in every state after state 0, where it is 0, radians or meters; the one farthest from there
+    /// is positive.
+    pub positions: Vec<f64>,
+    /// What it rests on.
+    pub evidence: JointEvidence,
+    /// Surface in the world in state 0.
+    pub surface: TriangleMesh,
+    /// Signed distance around it in the world in state 0, NaN where no view saw anything; none where all was
+    /// seen.
+    pub field: Option<Grid3<f32>>,
+}
+
+/// Builds the model: the moving parts in a tree from the static one. Position 0 is state 0. Collision solids
+/// follow the surfaces and leave the paths within the limits free; masses come from the surfaces; the limits
+/// are those of the policy. Grasps are found last, from solids and limits.
+#[must_use]
+pub fn build(
+    name: &str,
+    base: TriangleMesh,
+    mut parts: Vec<MovingPart>,
+    config: &ModelConfig,
+) -> ArticulatedModel {
+    // Of moving parts only: what the static one hides, a moving part may need.
+    let fields: Vec<_> = std::iter::once(None)
+        .chain(parts.iter_mut().map(|p| p.field.take().map(|f| (f, p.point.coords))))
+        .collect();
+    let mut model = tree(name, base, parts, config);
+    let hidden = |k: usize| {
+        let (field, origin) = fields[k].as_ref()?;
+        Some(move |p: &nalgebra::Point3<f64>| {
+            field.nearest(&(p + origin)).is_some_and(|i| field.values[i].is_nan())
+        })
+    };
+    let hidden: Vec<_> = (0..model.links.len()).map(hidden).collect();
+    let hidden: Vec<_> = hidden.iter().map(|h| h.as_ref().map(|h| h as Hidden<'_>)).collect();
+    let walls = walls(&model, &hidden, config);
+    for (i, walls) in walls.into_iter().enumerate() {
+        model.links[i].collision = walls.solids();
+        if config.draw_assumed {
+            model.links[i].assumed = walls.assumed().clone();
+        }
+        model.links[i].inertial = inertial(&model.links[i], &walls, i, config);
+    }
+    let of_joint = |j| seat(&model, j, config.collision.gap_m);
+    let seats: Vec<_> = (0..model.joints.len()).into_par_iter().map(of_joint).collect();
+    for (j, seat) in seats.into_iter().enumerate() {
+        model.joints[j].limit.closed = seat;
+        if config.limits == LimitPolicy::Seated {
+            seated(&mut model, j);
+        }
+    }
+    // Before the sweep, which whatever touches at rest would end at once.
+    clear_paths(&mut model, &config.collision);
+    let swept: Vec<[f64; 2]> =
+        (0..model.joints.len()).into_par_iter().map(|j| swept_interval(&model, j)).collect();
+    for (j, swept) in swept.into_iter().enumerate() {
+        let limit = &mut model.joints[j].limit;
+        limit.swept = Some(swept);
+        if config.limits == LimitPolicy::Swept {
+            ([limit.lower, limit.upper], limit.source) = (swept, LimitSource::Swept);
+        }
+        model.joints[j].dynamics = assumed_dynamics(&model, j);
+    }
+    let found: Vec<_> = (0..model.joints.len()).into_par_iter().map(|j| grasps(&model, j)).collect();
+    for (j, found) in found.into_iter().enumerate() {
+        model.links[model.joints[j].child].grasps = found;
+    }
+    model
+}
+
+/// Limits with a margin around what was observed, but for the closed end, which is the seat.
+fn seated(model: &mut ArticulatedModel, j: usize) {
+    let [lower, upper] = model.observed_interval(j);
+    let joint = &mut model.joints[j];
+    let std = joint.evidence.position_std.iter().copied().filter(|s| s.is_finite()).fold(0.0, f64::max);
+    let margin = (MARGIN_STD * std).max(LEAST_MARGIN_SHARE * (upper - lower));
+    let limit = &mut joint.limit;
+    (limit.lower, limit.upper, limit.source) = (lower - margin, upper + margin, LimitSource::Seated);
+    match limit.closed {
+        // A position that was seen is within the limits, also where the seat is a little short of it.
+        Some(seat) if seat.above => limit.upper = seat.position.max(upper),
+        Some(seat) => limit.lower = seat.position.min(lower),
+        None => {}
+    }
+}
+
+/// The walls of every link, with what no view saw of them.
+fn walls(model: &ArticulatedModel, hidden: &[Option<Hidden<'_>>], config: &ModelConfig) -> Vec<Walls> {
+    let few: Vec<TriangleMesh> =
+        model.links.par_iter().map(|l| few_triangles(&l.visual, &config.collision)).collect();
+    let of = |i: usize| {
+        let others = model.states.iter().flat_map(|state| {
+            let link_from_world = model.world_from_link(i, state).inverse();
+            let others = (0..few.len()).filter(|&k| k != i).collect::<Vec<_>>();
+            others.into_iter().map(move |k| (k, link_from_world * model.world_from_link(k, state)))
+        });
+        let others: Vec<TriangleMesh> = others.map(|(k, pose)| few[k].transformed(&pose)).collect();
+        let others = merge(&others.iter().collect::<Vec<_>>());
+        Walls::of(&few[i], &others, config.wall_thickness_m, hidden[i], &config.collision)
+    };
+    (0..few.len()).into_par_iter().map(of).collect()
+}
+
+/// Links and joints, without solids and masses.
+fn tree(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &ModelConfig) -> ArticulatedModel {
+    let mut links = vec![link(link_name(0), base)];
+    // In state 0 all frames stand as the world's, each in the point of its joint.
+    let origins: Vec<_> =
+        std::iter::once(nalgebra::Vector3::zeros()).chain(parts.iter().map(|p| p.point.coords)).collect();
+    let mut joints = Vec::new();
+    // There are two states, even of an object of one part.
+    let count = parts.iter().map(|p| p.positions.len()).max().unwrap_or(1);
+    let of_state = |k: usize| parts.iter().map(|p| p.positions.get(k).copied().unwrap_or_default()).collect();
+    let states: Vec<Vec<f64>> =
+        std::iter::once(vec![0.0; parts.len()]).chain((0..count).map(of_state)).collect();
+    for (i, part) in parts.into_iter().enumerate() {
+        let shift = |v: nalgebra::Vector3<f64>| {
+            Pose::from_parts(Translation3::from(v), nalgebra::UnitQuaternion::identity())
+        };
+        let parent_from_joint = shift(part.point.coords - origins[part.parent]);
+        links.push(link(link_name(i + 1), part.surface.transformed(&shift(-part.point.coords))));
+        joints.push(Joint {
+            name: format!("joint_{}", i + 1),
+            kind: part.kind,
+            parent: part.parent,
+            child: i + 1,
+            parent_from_joint,
+            axis: part.axis,
+            limit: Limit {
+                // From 0, the position in state 0, which is not among these.
+                lower: part.positions.iter().copied().fold(0.0, f64::min),
+                upper: part.positions.iter().copied().fold(0.0, f64::max),
+                effort: config.effort,
+                velocity: config.velocity,
+                source: LimitSource::Observed,
+                swept: None,
+                closed: None,
+            },
+            dynamics: JointDynamics::default(),
+            evidence: part.evidence,
+        });
+    }
+    ArticulatedModel { name: name.to_owned(), links, joints, states }
+}
+
+fn link(name: String, visual: TriangleMesh) -> Link {
+    let inertial = Inertial {
+        mass_kg: 0.0,
+        center_of_mass: nalgebra::Point3::origin(),
+        inertia: nalgebra::Matrix3::zeros(),
+        assumption: String::new(),
+        mass_range_kg: [0.0; 2],
+    };
+    let assumed = TriangleMesh::default();
+    Link { name, visual, assumed_m2: 0.0, assumed, collision: Vec::new(), inertial, grasps: Vec::new() }
+}
+
+/// Mass properties of a link's walls. Without area the mass stays 0, which validation refuses.
+fn inertial(link: &Link, walls: &Walls, part: usize, config: &ModelConfig) -> Inertial {
+    let ([usual, lowest, highest], density) = config.density(part);
+    let Some(ShellInertia { mass_kg, center_of_mass, inertia }) = walls.inertia(usual) else {
+        return link.inertial.clone();
+    };
+    let wall_mm = 1e3 * config.wall_thickness_m;
+    let assumed = walls.assumed_share();
+    let assumption = format!(
+        "walls of the seen surface ({wall_mm} mm where the other side was not seen, {:.0} % of the mass; \
+         flat walls of moving parts go on where no view looked), {density}",
+        100.0 * assumed
+    );
+    // Half to twice the assumed walls, lightest to heaviest kind of the material.
+    let mass_range_kg =
+        [mass_kg * (1.0 - 0.5 * assumed) * lowest / usual, mass_kg * (1.0 + assumed) * highest / usual];
+    Inertial { mass_kg, center_of_mass, inertia, assumption, mass_range_kg }
+}

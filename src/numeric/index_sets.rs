@@ -1,0 +1,29 @@
+//! Sets of indices that are joined pairwise.
+
+/// Disjoint sets of indices; the smallest index of a set is its root, so the result does not depend on the
+/// order of joins.
+pub struct IndexSets(Vec<usize>);
+
+impl IndexSets {
+    /// Every index below `count` in a set of its own.
+    pub fn new(count: usize) -> Self {
+        Self((0..count).collect())
+    }
+
+    /// The smallest index of the set that holds `i`.
+    pub fn root(&mut self, mut i: usize) -> usize {
+        while self.0[i] != i {
+            // Halves the path for the next search.
+            self.0[i] = self.0[self.0[i]];
+            i = self.0[i];
+        }
+        i
+    }
+
+    /// Makes the sets of two indices one.
+    pub fn join(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.root(a), self.root(b));
+        // The smallest index is the root, so that a set's name does not depend on the order of joining.
+        self.0[a.max(b)] = a.min(b);
+    }
+}

@@ -1,0 +1,64 @@
+//! Made objects: parametric articulated objects, ray-cast by a moving depth camera, with all truth known.
+//!
+//! ```
+//! use synth::{Family, SynthConfig, generate};
+//!
+//! let object = generate(&SynthConfig { family: Family::Clamshell, ..SynthConfig::default() })?;
+//! assert_eq!(object.parts.len(), 2);
+//! # Ok::<(), synth::NoShape>(())
+//! ```
+
+mod board;
+mod bvh;
+mod cabinet;
+mod cabinet_front;
+mod carcass;
+mod chain;
+mod clearance;
+mod config;
+mod depth_camera;
+mod depth_errors;
+mod edge;
+mod fittings;
+mod further;
+mod generate;
+mod handle;
+mod imu;
+mod lacquer;
+mod lattice_noise;
+mod light;
+mod look;
+mod material;
+mod object;
+mod observable;
+mod path;
+mod recording;
+mod scene;
+mod sensor;
+mod smooth;
+mod solid;
+mod tabletop;
+mod truth;
+mod view;
+mod workspace;
+
+pub use board::Board;
+pub use config::{Family, PoseSpread, SynthConfig, SynthConfigError};
+pub use depth_camera::DepthCamera;
+pub use depth_errors::DepthErrors;
+pub use further::{NoPositions, further_states};
+pub use generate::{NoShape, generate};
+pub use handle::{Handle, HandleKind, HandleStyle};
+pub use imu::{ImuReading, imu_bias, optical_from_imu};
+pub use lacquer::Lacquer;
+pub use light::Light;
+pub use material::Material;
+pub use object::{Object, Part, PartJoint, PartJointKind};
+pub use path::CameraPath;
+pub use recording::{SynthFrame, SynthState, film, handheld_camera, record};
+pub use scene::Scene;
+pub use sensor::{Effect, HandheldCamera, HandheldSensor, TakePoses};
+pub use solid::{Shape, Solid};
+pub use truth::{SeenSample, seen_points};
+pub use view::View;
+pub use workspace::workspace;
