@@ -204,7 +204,7 @@ mod tests {
     #[test]
     fn defaults_and_presets_are_usable() {
         Config::default().check().unwrap();
-        for (name, _) in crate::PRESETS {
+        for (name, _) in crate::preset::PRESETS {
             let mut layers = Layers::new(&Config::default()).unwrap();
             layers.preset(name).unwrap();
             layers.resolve::<Config>().unwrap().config.check().unwrap();

@@ -505,7 +505,7 @@ mod tests {
 
     #[test]
     fn every_preset_is_valid_and_changes_only_what_it_names() {
-        for (name, text) in super::super::PRESETS {
+        for (name, text) in crate::preset::PRESETS {
             assert!(text.lines().count() <= 32, "{name}");
             let mut layers = Layers::new(&crate::Config::default()).unwrap();
             layers.preset(name).unwrap();

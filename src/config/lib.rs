@@ -29,8 +29,6 @@ pub use ablation::ABLATIONS;
 pub use error::ConfigError;
 pub use layers::{Layers, Resolved};
 pub use origins::Origins;
-#[cfg(test)]
-pub use preset::PRESETS;
 pub use preset::preset_cost;
 pub use run::{Engine, Init, Method, RunConfig};
 
