@@ -53,7 +53,7 @@ pub fn run(arguments: &[String]) -> Result<(), NodeError> {
     in_runtime(live(&start))
 }
 
-/// Reads arguments and the parameter files that they name as [`run`] does, and starts nothing. Gives the
+/// Reads arguments and the parameter files that they name as [`run()`] does, and starts nothing. Gives the
 /// names of parameters that mean nothing here.
 ///
 /// # Errors
