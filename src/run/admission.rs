@@ -77,7 +77,8 @@ mod tests {
         let folder = common::temp::Temp::new("rerun");
         let taken = folder.0.join("mine.rrd");
         std::fs::write(&taken, "mine").unwrap();
-        let mut request = ReconstructRequest::new(["bags/drawer"], folder.0.join("runs"));
+        let bag = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/drawer");
+        let mut request = ReconstructRequest::new([bag], folder.0.join("runs"));
         request.rerun = Some(folder.0.join("new.rrd"));
         assert_eq!(checked_name(&request).unwrap(), "drawer");
         request.rerun = Some(taken);
