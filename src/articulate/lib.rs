@@ -1,7 +1,7 @@
 //! Articulation: matches between the states, rigid motions, part segmentation, joints (docs/method.md 6,
 //! docs/method.md 8).
 //!
-//! ```
+//! ```ignore
 //! use articulate::published_joint;
 //! use geometry::Pose;
 //! use nalgebra::{Point3, Vector3};

@@ -1,6 +1,6 @@
 //! RGB-D frames of one object in two states: pure data and selection; no file or network.
 //!
-//! ```
+//! ```ignore
 //! // Stamps in nanoseconds: a depth image belongs to the color image next to it, at most 10 ms away.
 //! let [color, depth] = [[0, 33_000_000, 66_000_000], [4_000_000, 70_000_000, 120_000_000]];
 //! assert_eq!(capture::pair(&color, &depth, 10_000_000), [Some(0), None, Some(1)]);

@@ -1,7 +1,7 @@
 //! What all layers share: notes beside results, limits on sizes that come from outside, files that a user
 //! names.
 //!
-//! ```
+//! ```ignore
 //! use common::note::{Note, NoteCode};
 //!
 //! let note = Note::new(NoteCode::PosesMissing, "3 of 40 images have no pose").about("state 1");

@@ -7,7 +7,7 @@
 //! Each group is owned by the layer that uses it, which is also the only home of its defaults. Every key is
 //! serialized (no `skip_serializing_if`): the serialized default is the list of valid keys.
 //!
-//! ```
+//! ```ignore
 //! let mut config = config::Config::preset("preview")?;
 //! config.run.seed = 3;
 //! # Ok::<(), config::ConfigError>(())

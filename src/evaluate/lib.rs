@@ -4,7 +4,7 @@
 //! lines keep their distance also where they are parallel, surfaces are measured in millimeters, and each
 //! Chamfer distance comes with the floor that sampling alone gives.
 //!
-//! ```no_run
+//! ```ignore
 //! use evaluate::EvaluateOptions;
 //!
 //! let report = evaluate::run(&["runs/drawer".into()], "bags/drawer".as_ref(), &EvaluateOptions::default())?;

@@ -1,7 +1,7 @@
 //! Files in memory from a model: simulator formats, meshes, textures, viewer, report. Nothing here touches a
 //! disk.
 //!
-//! ```
+//! ```ignore
 //! use export::{ExportConfig, urdf_package};
 //!
 //! let files = urdf_package(&model::example::cabinet(), &ExportConfig::default());

@@ -5,7 +5,7 @@
 //! them, a fit chooses its parameters, and a verdict says which effects may be named. `camera` does the same
 //! by RGB-D frames.
 //!
-//! ```
+//! ```ignore
 //! use gap::model::effects::catalogue;
 //!
 //! // Effects at a joint beside which no other joint was recorded.

@@ -1,6 +1,6 @@
 //! Pure geometry: cameras, rigid motions, screw axes, node-aligned grids.
 //!
-//! ```
+//! ```ignore
 //! use geometry::{Pose, Screw};
 //! use nalgebra::{UnitQuaternion, Vector3};
 //!

@@ -1,6 +1,6 @@
 //! Everything that touches a disk: bags, datasets, run folders.
 //!
-//! ```no_run
+//! ```ignore
 //! use capture::CaptureConfig;
 //!
 //! // Both states of a recording, decoded.

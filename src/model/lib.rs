@@ -1,7 +1,7 @@
 //! The articulated model: the waist of the program. Reconstruction ends in it; every export is a function of
 //! it.
 //!
-//! ```
+//! ```ignore
 //! use model::validate;
 //!
 //! let cabinet = model::example::cabinet();

@@ -1,6 +1,6 @@
 //! Surfaces: meshes, marching cubes, TSDF fusion, distance fields, visibility, rendering, shell inertia.
 //!
-//! ```
+//! ```ignore
 //! use capture::analytic::sphere;
 //! use geometry::Grid3;
 //! use nalgebra::Point3;

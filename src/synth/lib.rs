@@ -1,6 +1,6 @@
 //! Made objects: parametric articulated objects, ray-cast by a moving depth camera, with all truth known.
 //!
-//! ```
+//! ```ignore
 //! use synth::{Family, SynthConfig, generate};
 //!
 //! let object = generate(&SynthConfig { family: Family::Clamshell, ..SynthConfig::default() })?;
