@@ -12,12 +12,13 @@ use std::{
     process::Command,
 };
 
-use common::{BagWriter, START, TempDir};
+use common::{BagWriter, START};
 use io::{
     Place, ResultKind, RunDir,
     ros2msg::{CompressedImage, Image, TfMessage, decode, encode},
 };
 use program::{Ended, Message, change_picture, drawer, end, reconstruct, rewrite, shipped};
+use tempfile::TempDir;
 
 const COLOR: &str = "/color/image_raw/compressed";
 const DEPTH: &str = "/aligned_depth_to_color/image_raw/compressedDepth";
@@ -34,7 +35,7 @@ fn says(ended: &Ended, words: &[&str]) {
 
 /// Runs on sources that must be refused; `out` is not there before and must not be there after.
 fn refused(folder: &TempDir, sources: &[&Path], options: &[&str], code: i32, words: &[&str]) -> Ended {
-    let out = folder.join("runs");
+    let out = folder.path().join("runs");
     let ended = end(&mut reconstruct(sources, &out, options));
     assert_eq!(ended.code, code, "{}", ended.stderr);
     says(&ended, words);
@@ -48,15 +49,15 @@ fn refused(folder: &TempDir, sources: &[&Path], options: &[&str], code: i32, wor
 }
 
 /// A drawer whose messages went through `change` must be refused with code 1.
-fn refused_drawer(name: &str, words: &[&str], change: impl FnMut(usize, &mut Message) -> bool) -> Ended {
-    let folder = TempDir::new(name);
+fn refused_drawer(words: &[&str], change: impl FnMut(usize, &mut Message) -> bool) -> Ended {
+    let folder = tempfile::tempdir().unwrap();
     let bag = drawer(&folder, change);
     refused(&folder, &[&bag], &["--parts", "2"], 1, words)
 }
 
 /// A drawer that must give a degraded result that tells all words in its warnings too.
 fn degraded(folder: &TempDir, bag: &Path, words: &[&str]) {
-    let out = folder.join("runs");
+    let out = folder.path().join("runs");
     let ended = end(&mut reconstruct(&[bag], &out, &["--parts", "2"]));
     assert_eq!(ended.code, 3, "{}", ended.stderr);
     assert!(ended.stdout.contains("degraded: "), "{}", ended.stdout);
@@ -83,12 +84,12 @@ fn no_depth_topic() {
         "align_depth",
         "--topic depth=TOPIC",
     ];
-    refused_drawer("no-depth", &words, |_, m| !m.topic.contains("depth"));
+    refused_drawer(&words, |_, m| !m.topic.contains("depth"));
 }
 
 #[test]
 fn a_gap_in_the_transforms_costs_the_frames_in_it() {
-    let folder = TempDir::new("tf-gap");
+    let folder = tempfile::tempdir().unwrap();
     let bag = drawer(&folder, |state, m| !(state == 0 && m.is("/tf") && (12..20).contains(&m.ordinal)));
     let words = ["state 0: 4 of 16 frames have no camera pose", "a gap of ", "capture.tf_max_gap_secs = 0.5"];
     degraded(&folder, &bag, &words);
@@ -96,7 +97,7 @@ fn a_gap_in_the_transforms_costs_the_frames_in_it() {
 
 #[test]
 fn no_transforms_at_all() {
-    let folder = TempDir::new("no-tf");
+    let folder = tempfile::tempdir().unwrap();
     let bag = drawer(&folder, |_, m| !m.is("/tf"));
     let words = ["comes from static transforms alone", "camera_color_optical_frame", "--topic pose=TOPIC"];
     refused(&folder, &[&bag], &["--parts", "2", "--set", "capture.tracking=never"], 1, &words);
@@ -107,7 +108,7 @@ fn no_transforms_at_all() {
         "begin at",
         "before the first to after the last image",
     ];
-    refused_drawer("late-tf", &words, |state, m| {
+    refused_drawer(&words, |state, m| {
         let late = |tf: &mut TfMessage| tf.transforms.iter_mut().for_each(|t| t.header.stamp.sec += 100);
         if state == 1 && m.is("/tf") {
             change_tf(m, late);
@@ -123,7 +124,7 @@ fn states_without_overlap() {
         "the static part must stand still",
         "check the camera poses",
     ];
-    refused_drawer("apart", &words, |state, m| {
+    refused_drawer(&words, |state, m| {
         if state == 1 && m.is("/tf") {
             change_tf(m, |tf| tf.transforms[0].transform.translation.x += 1.0);
         }
@@ -133,12 +134,14 @@ fn states_without_overlap() {
 
 #[test]
 fn one_state_only() {
-    let folder = TempDir::new("one-state");
-    rewrite(&shipped("drawer/state0"), &folder.join("drawer/state0"), |_| true);
+    let folder = tempfile::tempdir().unwrap();
+    rewrite(&shipped("drawer/state0"), &folder.path().join("drawer/state0"), |_| true);
     let words = ["two states are needed", "folder with `state0` and `state1`", "--split"];
-    for path in
-        [folder.join("drawer"), folder.join("drawer/state0"), folder.join("drawer/state0/state0.mcap")]
-    {
+    for path in [
+        folder.path().join("drawer"),
+        folder.path().join("drawer/state0"),
+        folder.path().join("drawer/state0/state0.mcap"),
+    ] {
         let told = path.display().to_string();
         let words = [&words[..], &[&*told]].concat();
         refused(&folder, &[&path], &["--parts", "2"], 1, &words);
@@ -147,7 +150,7 @@ fn one_state_only() {
 
 #[test]
 fn one_recording_given_twice() {
-    let folder = TempDir::new("twice");
+    let folder = tempfile::tempdir().unwrap();
     let state = shipped("drawer/state0");
     refused(
         &folder,
@@ -161,8 +164,8 @@ fn one_recording_given_twice() {
 #[test]
 fn no_motion_between_the_states() {
     // The even and the odd images of one state: other views and other noise, but nothing moved.
-    let folder = TempDir::new("no-motion");
-    let bag = folder.join("drawer");
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("drawer");
     for state in 0..2 {
         let keep = |m: &mut Message| {
             !(m.topic.contains("image_raw") || m.is("/object_mask")) || m.ordinal % 2 == state
@@ -179,28 +182,28 @@ fn no_motion_between_the_states() {
 
 #[test]
 fn a_number_of_parts_that_no_run_can_have() {
-    let folder = TempDir::new("parts");
+    let folder = tempfile::tempdir().unwrap();
     let bag = shipped("drawer");
     for parts in ["0", "1", "17"] {
         let reason = format!("run.parts: {parts} parts; give 2 to 16, the static part included (--parts)");
         let ended = refused(&folder, &[&bag], &["--parts", parts], 2, &[&reason]);
         assert!(!ended.stderr.contains(BEGUN), "{}", ended.stderr);
     }
-    let ended = end(&mut reconstruct(&[&bag], &folder.join("runs"), &["--parts", "two"]));
+    let ended = end(&mut reconstruct(&[&bag], &folder.path().join("runs"), &["--parts", "two"]));
     assert_eq!(ended.code, 2);
     says(&ended, &["'two'", "--parts <N>"]);
 }
 
 #[test]
 fn more_parts_than_the_recording_carries() {
-    let folder = TempDir::new("more-parts");
+    let folder = tempfile::tempdir().unwrap();
     let words = ["9 parts were asked for, but 2 are supported", "ask for 2 parts"];
     refused(&folder, &[&shipped("drawer")], &["--parts", "9"], 1, &words);
 }
 
 #[test]
 fn what_radiance_fields_cannot_do_is_refused_before_the_work() {
-    let folder = TempDir::new("radiance");
+    let folder = tempfile::tempdir().unwrap();
     let radiance = ["--set", "run.method=radiance"];
     let many = [&radiance[..], &["--init", "identity", "--set", "radiance.many_parts=true"]].concat();
     let ended = refused(&folder, &[&shipped("drawer")], &many, 1, &["give it with --parts N"]);
@@ -215,7 +218,7 @@ fn all_depth_invalid() {
     let words = ["state 0: all depth is invalid", "10 frames", "16UC1 is millimeters", "capture.depth_max_m"];
     // Twelve bytes stand before the picture of a compressedDepth message.
     let blacken = |picture: &mut image::DynamicImage| picture.as_mut_luma16().unwrap().fill(0);
-    refused_drawer("no-readings", &words, |_, m| {
+    refused_drawer(&words, |_, m| {
         if m.is(DEPTH) {
             change_picture(m, 12, image::ImageFormat::Png, blacken);
         }
@@ -226,7 +229,7 @@ fn all_depth_invalid() {
 #[test]
 fn masks_that_hold_nothing() {
     let words = ["in state 0 only 0 pixels with depth are left as the object", "check masks"];
-    refused_drawer("no-mask", &words, |_, m| {
+    refused_drawer(&words, |_, m| {
         if m.is("/object_mask") {
             let mut mask: Image = decode(&m.data).unwrap();
             mask.data.fill(0);
@@ -243,7 +246,7 @@ fn nan(tf: &mut TfMessage) {
 #[test]
 fn poses_that_are_not_a_number() {
     let words = ["camera poses on `/tf` are invalid", "NaN", "check the odometry or robot driver"];
-    refused_drawer("nan", &words, |_, m| {
+    refused_drawer(&words, |_, m| {
         if m.is("/tf") {
             change_tf(m, nan);
         }
@@ -253,7 +256,7 @@ fn poses_that_are_not_a_number() {
 
 #[test]
 fn some_poses_that_are_not_a_number() {
-    let folder = TempDir::new("some-nan");
+    let folder = tempfile::tempdir().unwrap();
     let bag = drawer(&folder, |state, m| {
         // The last images have no pose after them then.
         if state == 1 && m.is("/tf") && m.ordinal >= 28 {
@@ -280,14 +283,14 @@ fn damaged(folder: &TempDir, change: impl FnOnce(&mut Vec<u8>)) -> PathBuf {
 
 #[test]
 fn a_truncated_bag_is_used_as_far_as_it_goes() {
-    let folder = TempDir::new("truncated");
+    let folder = tempfile::tempdir().unwrap();
     let bag = damaged(&folder, |bytes| bytes.truncate(bytes.len() * 7 / 10));
     degraded(&folder, &bag, &["state0.mcap` is damaged: reading stopped early", "messages were read"]);
 }
 
 #[test]
 fn a_corrupt_bag_is_used_but_for_its_damaged_chunks() {
-    let folder = TempDir::new("corrupt");
+    let folder = tempfile::tempdir().unwrap();
     let bag = damaged(&folder, |bytes| {
         let middle = bytes.len() / 2;
         bytes[middle..middle + 40].iter_mut().for_each(|b| *b ^= 0xa5);
@@ -301,7 +304,7 @@ fn a_corrupt_bag_is_used_but_for_its_damaged_chunks() {
 
 #[test]
 fn a_bag_of_which_nothing_can_be_read() {
-    let folder = TempDir::new("unreadable");
+    let folder = tempfile::tempdir().unwrap();
     for length in [0, 20] {
         let bag = damaged(&folder, |bytes| bytes.truncate(length));
         let words = ["state0/state0.mcap` is damaged and nothing in it could be read", "copy the file again"];
@@ -312,7 +315,7 @@ fn a_bag_of_which_nothing_can_be_read() {
 #[test]
 fn color_of_16_bits() {
     let words = ["/camera/camera/color/image_raw: encoding `rgb16` is not supported", "rgb8"];
-    refused_drawer("rgb16", &words, |_, m| {
+    refused_drawer(&words, |_, m| {
         if m.is(COLOR) {
             let compressed: CompressedImage = decode(&m.data).unwrap();
             let (width, height) = (320, 240);
@@ -331,7 +334,7 @@ fn color_of_16_bits() {
 #[test]
 fn images_of_changing_size() {
     let words = ["image of 160x120", "320x240", "one size", "record again with a fixed profile"];
-    refused_drawer("sizes", &words, |state, m| {
+    refused_drawer(&words, |state, m| {
         if state == 1 && m.is(COLOR) && m.ordinal >= 5 {
             change_picture(m, 0, image::ImageFormat::Jpeg, |picture| {
                 *picture = picture.crop_imm(0, 0, 160, 120)
@@ -343,8 +346,8 @@ fn images_of_changing_size() {
 
 #[test]
 fn a_bag_of_another_type() {
-    let folder = TempDir::new("strings");
-    let bag = folder.join("chat");
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("chat");
     for state in 0..2 {
         std::fs::create_dir_all(&bag).unwrap();
         let mut writer = BagWriter::create(&bag.join(format!("state{state}.mcap")), None, 1000);
@@ -361,20 +364,20 @@ fn a_bag_of_another_type() {
 
 #[test]
 fn a_bag_in_sqlite3_storage() {
-    let folder = TempDir::new("sqlite");
+    let folder = tempfile::tempdir().unwrap();
     for state in 0..2 {
-        let bag = folder.join(&format!("old/state{state}"));
+        let bag = folder.path().join(&format!("old/state{state}"));
         std::fs::create_dir_all(&bag).unwrap();
         std::fs::write(bag.join(format!("state{state}_0.db3")), b"SQLite format 3\0").unwrap();
     }
     // By what it begins with, whatever its name is.
-    std::fs::write(folder.join("renamed.mcap"), b"SQLite format 3\0and its pages").unwrap();
-    std::fs::create_dir_all(folder.join("listed")).unwrap();
-    std::fs::write(folder.join("listed/a.bag"), b"SQLite format 3\0").unwrap();
+    std::fs::write(folder.path().join("renamed.mcap"), b"SQLite format 3\0and its pages").unwrap();
+    std::fs::create_dir_all(folder.path().join("listed")).unwrap();
+    std::fs::write(folder.path().join("listed/a.bag"), b"SQLite format 3\0").unwrap();
     let metadata = "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: ''\n  \
                     relative_file_paths: [a.bag]\n";
-    std::fs::write(folder.join("listed/metadata.yaml"), metadata).unwrap();
-    let twin = folder.join("twin.urdf");
+    std::fs::write(folder.path().join("listed/metadata.yaml"), metadata).unwrap();
+    let twin = folder.path().join("twin.urdf");
     let robot = "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='continuous'>\
                  <parent link='a'/><child link='b'/></joint></robot>";
     std::fs::write(&twin, robot).unwrap();
@@ -387,7 +390,7 @@ fn a_bag_in_sqlite3_storage() {
         "storage_id: mcap, all: true}]`",
     ];
     for name in ["old", "old/state0", "old/state0/state0_0.db3", "renamed.mcap", "listed"] {
-        let path = folder.join(name);
+        let path = folder.path().join(name);
         refused(&folder, &[&path], &["--parts", "2"], 1, &words);
         let ended = end(Command::new(PROGRAM).arg("inspect").arg(&path));
         assert_eq!(ended.code, 1, "{name}: {}", ended.stderr);
@@ -398,7 +401,7 @@ fn a_bag_in_sqlite3_storage() {
                 .arg(&twin)
                 .args([&path, &path, &path])
                 .arg("--out")
-                .arg(folder.join("gap")));
+                .arg(folder.path().join("gap")));
             assert_eq!(ended.code, 1, "{name}: {}", ended.stderr);
             says(&ended, &words);
         }
@@ -407,8 +410,8 @@ fn a_bag_in_sqlite3_storage() {
 
 #[test]
 fn a_folder_without_bags() {
-    let folder = TempDir::new("no-bags");
-    let papers = folder.join("papers");
+    let folder = tempfile::tempdir().unwrap();
+    let papers = folder.path().join("papers");
     std::fs::create_dir_all(&papers).unwrap();
     let words = ["papers` is not a recording: the folder is empty", "give a rosbag2 folder, an .mcap file"];
     refused(&folder, &[&papers], &["--parts", "2"], 1, &words);
@@ -423,7 +426,7 @@ fn a_folder_without_bags() {
     refused(&folder, &[&papers.join("notes.txt")], &["--parts", "2"], 1, &["does not begin as an MCAP file"]);
     let ended = refused(
         &folder,
-        &[&folder.join("gone")],
+        &[&folder.path().join("gone")],
         &["--parts", "2"],
         1,
         &["cannot read `", "gone`", "No such file"],
@@ -433,8 +436,8 @@ fn a_folder_without_bags() {
 
 #[test]
 fn an_out_that_cannot_be_written_is_refused_before_any_work() {
-    let folder = TempDir::new("out");
-    let file = folder.join("notes.txt");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("notes.txt");
     std::fs::write(&file, "mine").unwrap();
     let mut outs = vec![file.clone(), file.join("runs")];
     if cfg!(target_os = "linux") {
@@ -452,8 +455,8 @@ fn an_out_that_cannot_be_written_is_refused_before_any_work() {
 
 #[test]
 fn what_stands_under_the_final_name_is_never_harmed() {
-    let folder = TempDir::new("existing");
-    let (out, mine) = (folder.join("runs"), folder.join("runs/drawer/notes.txt"));
+    let folder = tempfile::tempdir().unwrap();
+    let (out, mine) = (folder.path().join("runs"), folder.path().join("runs/drawer/notes.txt"));
     std::fs::create_dir_all(mine.parent().unwrap()).unwrap();
     std::fs::write(&mine, "mine").unwrap();
     let ended = end(&mut reconstruct(&[&shipped("drawer")], &out, &["--parts", "2"]));
@@ -484,7 +487,7 @@ fn what_stands_under_the_final_name_is_never_harmed() {
 
 #[test]
 fn settings_that_no_run_can_use_are_refused_before_any_work() {
-    let folder = TempDir::new("settings");
+    let folder = tempfile::tempdir().unwrap();
     for (setting, key) in [
         ("train.rays=0", "train.rays: 0;"),
         ("surface.nodes=2", "surface.nodes: 2;"),

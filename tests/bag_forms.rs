@@ -21,7 +21,7 @@ use std::{
 };
 
 use capture::{Capture, CaptureConfig, CaptureError};
-use common::{COUNT, Options, TempDir, write_states};
+use common::{COUNT, Options, write_states};
 use harness::{Missing, tests};
 use io::{inspect, open};
 use mcap::Compression::{self, Lz4, Zstd};
@@ -237,19 +237,19 @@ fn peak_bytes() -> Option<u64> {
 
 fn every_damage_has_its_outcome() {
     for row in ROWS {
-        let folder = TempDir::new("damage-row");
+        let folder = tempfile::tempdir().unwrap();
         // Color is not compressed, so that most bytes of a chunk are pixels.
         write_states(
-            &folder.0,
+            folder.path(),
             &Options { chunk_bytes: 60_000, compression: row.compression, ..Options::default() },
         );
-        let file = folder.join("state0/state0.mcap");
+        let file = folder.path().join("state0/state0.mcap");
         let mut bytes = std::fs::read(&file).unwrap();
         (row.damage)(&mut bytes);
         std::fs::write(&file, &bytes).unwrap();
         let name = row.name;
-        let told = inspect(&folder.0).map_or_else(|e| e.to_string(), |i| i.to_text());
-        match (open(std::slice::from_ref(&folder.0), &config(), 0), &row.outcome) {
+        let told = inspect(folder.path()).map_or_else(|e| e.to_string(), |i| i.to_text());
+        match (open(std::slice::from_ref(&folder.path().to_owned()), &config(), 0), &row.outcome) {
             (Ok(capture), Outcome::Whole(words)) => {
                 assert_eq!(capture.states[0].len(), COUNT, "{name}");
                 assert!(warned(&capture, words), "{name}: {:?}", capture.warnings);
@@ -306,20 +306,20 @@ fn same_frames(name: &str, found: &Capture, expected: &Capture) {
 
 fn bags_that_others_wrote_give_the_same_frames() -> Result<(), Missing> {
     let python = venv::ros_python()?;
-    let folder = TempDir::new("forms");
+    let folder = tempfile::tempdir().unwrap();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/ros/bags.py");
     let output = Command::new(&python)
         .arg(script)
         .arg("copies")
         .arg(shipped("drawer/state0"))
-        .arg(&folder.0)
+        .arg(folder.path())
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let names = String::from_utf8(output.stdout).unwrap();
     let expected = drawer(&shipped("drawer/state0")).unwrap();
     for name in names.split_whitespace() {
-        let bag = folder.join(name);
+        let bag = folder.path().join(name);
         match (name.starts_with("sqlite3"), drawer(&bag)) {
             (false, found) => same_frames(name, &found.unwrap(), &expected),
             (true, found) => {

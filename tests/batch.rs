@@ -8,14 +8,13 @@ mod program;
 
 use std::path::{Path, PathBuf};
 
-use common::TempDir;
 use program::{end, reconstruct, shipped};
 
 #[test]
 fn one_bad_recording_does_not_stop_the_rest() {
-    let folder = TempDir::new("batch");
-    let (together, alone) = (folder.join("together"), folder.join("alone"));
-    let bags = [shipped("drawer"), folder.join("missing"), shipped("laptop")];
+    let folder = tempfile::tempdir().unwrap();
+    let (together, alone) = (folder.path().join("together"), folder.path().join("alone"));
+    let bags = [shipped("drawer"), folder.path().join("missing"), shipped("laptop")];
     let ended = end(&mut reconstruct(
         &bags.each_ref().map(PathBuf::as_path),
         &together,
@@ -39,10 +38,11 @@ fn one_bad_recording_does_not_stop_the_rest() {
 
 #[test]
 fn two_objects_of_one_name_are_refused_before_any_work() {
-    let folder = TempDir::new("batch-names");
+    let folder = tempfile::tempdir().unwrap();
     let bag = shipped("drawer");
-    let ended = end(&mut reconstruct(&[&bag, &bag], &folder.join("runs"), &["--parts", "2", "--jobs", "1"]));
+    let ended =
+        end(&mut reconstruct(&[&bag, &bag], &folder.path().join("runs"), &["--parts", "2", "--jobs", "1"]));
     assert_eq!(ended.code, 2, "{}", ended.stderr);
     assert!(ended.stderr.contains("both be named drawer"), "{}", ended.stderr);
-    assert!(!folder.join("runs").exists());
+    assert!(!folder.path().join("runs").exists());
 }

@@ -18,9 +18,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use common::{BagWriter, TempDir, write_keyframes, write_metadata};
+use common::{BagWriter, write_keyframes, write_metadata};
 use io::ros2msg::{CameraInfo, CompressedImage, TfMessage, decode, encode};
 use program::{Message, messages, rewrite, shipped};
+use tempfile::TempDir;
 
 /// Address space of the program, MiB.
 const MEMORY: u64 = 1500;
@@ -78,14 +79,14 @@ fn text(path: &Path) -> &str {
 fn refuses(folder: &TempDir, source: &Path, words: &[&str]) {
     ends(
         1,
-        &["reconstruct", text(source), "--out", text(&folder.join("runs")), "--preset", "preview"],
+        &["reconstruct", text(source), "--out", text(&folder.path().join("runs")), "--preset", "preview"],
         words,
     );
 }
 
 /// A state of the drawer with its messages changed.
 fn state(folder: &TempDir, name: &str, change: impl FnMut(&mut Message) -> bool) -> PathBuf {
-    let bag = folder.join(name);
+    let bag = folder.path().join(name);
     rewrite(&shipped("drawer/state0"), &bag, change);
     bag
 }
@@ -123,8 +124,8 @@ fn npy(pickle: &[u8]) -> Vec<u8> {
 
 #[test]
 fn archives_of_matches() {
-    let folder = TempDir::new("costly-npz");
-    let data = folder.join("data");
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
     write_keyframes(&data);
     let matches = data.join("correspondence_loftr/no_filter");
     std::fs::create_dir_all(&matches).unwrap();
@@ -187,13 +188,13 @@ fn with_image(message: &mut Message, format: &str, file: &[u8]) {
 
 #[test]
 fn images_of_many_pixels() {
-    let folder = TempDir::new("costly-pixels");
+    let folder = tempfile::tempdir().unwrap();
     const SIDE: u32 = 8192;
     let gray = png(SIDE, 0, &[]);
     // RVL: all zeros, told by one number.
     let number = [0x89, 0x88, 0x88, 0x88, 0x10, 0, 0, 0];
     let rvl = [&[0; 12][..], &SIDE.to_le_bytes(), &SIDE.to_le_bytes(), &number].concat();
-    let bag = folder.join("large");
+    let bag = folder.path().join("large");
     for state in 0..2 {
         rewrite(&shipped(&format!("drawer/state{state}")), &bag.join(format!("state{state}")), |m| {
             match m.type_name.as_str() {
@@ -218,7 +219,7 @@ fn images_of_many_pixels() {
     ];
     refuses(&folder, &bag, &words);
     // Where the camera is small, a large image is not even decoded.
-    let small = folder.join("small");
+    let small = folder.path().join("small");
     for state in 0..2 {
         rewrite(&shipped(&format!("drawer/state{state}")), &small.join(format!("state{state}")), |m| {
             if m.is("color/image_raw/compressed") {
@@ -236,8 +237,8 @@ fn images_of_many_pixels() {
 
 #[test]
 fn chunks_of_a_png_that_unpack_to_much() {
-    let folder = TempDir::new("costly-png");
-    let data = folder.join("data");
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
     write_keyframes(&data);
     let packed = [&b"a\0\0"[..], &deflated(1 << 30)].concat();
     let before = [chunk(b"iCCP", &packed), chunk(b"zTXt", &packed)].concat();
@@ -268,7 +269,7 @@ fn record(opcode: u8, body: &[u8]) -> Vec<u8> {
 
 #[test]
 fn lengths_and_chunks_of_a_bag() {
-    let folder = TempDir::new("costly-mcap");
+    let folder = tempfile::tempdir().unwrap();
     let schema = [&[9, 0][..], &4u32.to_le_bytes(), b"name", &[0; 4], &u32::MAX.to_le_bytes()].concat();
     let bag = with_records(&folder, "schema", &record(3, &schema));
     ends(1, &["inspect", text(&bag)], &["a record names a field of 4294967295 bytes"]);
@@ -290,10 +291,10 @@ fn lengths_and_chunks_of_a_bag() {
 
 #[test]
 fn brackets_in_yaml() {
-    let folder = TempDir::new("costly-yaml");
+    let folder = tempfile::tempdir().unwrap();
     let nested =
         ["[".repeat(DEEP) + &"]".repeat(DEEP), "{a: ".repeat(DEEP), "- ".repeat(DEEP), "? ".repeat(DEEP)];
-    let config = folder.join("config.yaml");
+    let config = folder.path().join("config.yaml");
     for text_of in &nested {
         std::fs::write(&config, format!("surface: {text_of}\n")).unwrap();
         ends(2, &["config", "show", "--config", text(&config)], &["error"]);
@@ -308,7 +309,7 @@ fn brackets_in_yaml() {
     let bag = state(&folder, "bag", |_| true);
     std::fs::write(bag.join("metadata.yaml"), format!("x: {}\n", nested[0])).unwrap();
     ends(1, &["inspect", text(&bag)], &["nested deeper than 128", "posed RGB-D views: 16"]);
-    let data = folder.join("data");
+    let data = folder.path().join("data");
     write_keyframes(&data);
     std::fs::write(data.join("init_keyframes.yml"), format!("x: {}\n", nested[0])).unwrap();
     ends(1, &["inspect", text(&data)], &["nested deeper than 128"]);
@@ -316,7 +317,7 @@ fn brackets_in_yaml() {
 
 /// A folder with a URDF of this text.
 fn model(folder: &TempDir, name: &str, urdf: &str) -> PathBuf {
-    let path = folder.join(name);
+    let path = folder.path().join(name);
     std::fs::create_dir_all(&path).unwrap();
     std::fs::write(path.join("t.urdf"), urdf).unwrap();
     path
@@ -338,13 +339,13 @@ fn examined(folder: &Path, code: i32, checked: &[&str], diagnosed: &[&str]) {
 
 /// `diagnose` of the URDF by frames, which reads its meshes.
 fn seen(folder: &TempDir, twin: &Path, words: &[&str]) {
-    let (urdf, bag, out) = (twin.join("t.urdf"), shipped("drawer/state0"), folder.join("out"));
+    let (urdf, bag, out) = (twin.join("t.urdf"), shipped("drawer/state0"), folder.path().join("out"));
     ends(1, &["diagnose", text(&urdf), "--frames", text(&bag), "--out", text(&out)], words);
 }
 
 #[test]
 fn nested_xml_elements() {
-    let folder = TempDir::new("costly-xml");
+    let folder = tempfile::tempdir().unwrap();
     for depth in [20_000, DEEP] {
         let inner = "<x>".repeat(depth) + &"</x>".repeat(depth);
         let twin = model(&folder, "deep", &format!("<robot name='r'><link name='a'/>{inner}</robot>"));
@@ -361,7 +362,7 @@ fn nested_xml_elements() {
 
 #[test]
 fn long_chains_of_links() {
-    let folder = TempDir::new("costly-chain");
+    let folder = tempfile::tempdir().unwrap();
     let link = |i: usize, solid: bool| {
         let solid = if solid {
             "<collision name='c'><geometry><box size='0.01 0.01 0.01'/></geometry></collision>"
@@ -395,11 +396,11 @@ fn long_chains_of_links() {
 
 #[test]
 fn many_messages() {
-    let folder = TempDir::new("costly-messages");
+    let folder = tempfile::tempdir().unwrap();
     // Camera parameters that are not equal to themselves.
     let (mut info, mut tf) = (None, None);
     let flood = |name: &str, count: usize, add: &dyn Fn(&mut BagWriter, usize, i64)| {
-        let bag = folder.join(name);
+        let bag = folder.path().join(name);
         std::fs::create_dir_all(&bag).unwrap();
         let mut writer = BagWriter::create(&bag.join("0.mcap"), Some(mcap::Compression::Zstd), 768_000);
         let mut last = 0;
@@ -454,7 +455,7 @@ fn many_messages() {
 
 #[test]
 fn names_do_not_steer_the_terminal() {
-    let folder = TempDir::new("costly-names");
+    let folder = tempfile::tempdir().unwrap();
     let evil = "\u{1b}[2J\u{9b}2J\u{7}";
     let bag = state(&folder, "topic", |m| {
         if m.is("/object_mask") {
@@ -481,19 +482,19 @@ fn names_do_not_steer_the_terminal() {
     };
     tell(1, &["inspect", text(&bag)]);
     tell(1, &["inspect", text(&frame)]);
-    tell(1, &["reconstruct", text(&frame), text(&bag), "--out", text(&folder.join("runs"))]);
+    tell(1, &["reconstruct", text(&frame), text(&bag), "--out", text(&folder.path().join("runs"))]);
     tell(1, &["check", text(&twin)]);
     tell(1, &["inspect", &format!("/nowhere{evil}")]);
 }
 
 #[test]
 fn devices_and_pipes_in_place_of_files() {
-    let folder = TempDir::new("costly-devices");
-    let pipe = folder.join("pipe");
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("pipe");
     assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     let told = "device, pipe or socket";
     for (kind, odd) in [("zero", Path::new("/dev/zero")), ("pipe", &pipe)] {
-        let data = folder.join(&format!("data_{kind}"));
+        let data = folder.path().join(&format!("data_{kind}"));
         write_keyframes(&data);
         for file in ["cam_K.txt", "init_keyframes.yml", "depth_filtered/0_0001.png"] {
             let path = data.join(file);
@@ -507,7 +508,13 @@ fn devices_and_pipes_in_place_of_files() {
         ends(2, &["config", "show", "--config", text(odd)], &["cannot read", told]);
         ends(
             1,
-            &["diagnose", text(odd), text(&shipped("drawer/state0")), "--out", text(&folder.join("out"))],
+            &[
+                "diagnose",
+                text(odd),
+                text(&shipped("drawer/state0")),
+                "--out",
+                text(&folder.path().join("out")),
+            ],
             &[told],
         );
         ends(1, &["inspect", text(odd)], &["is not a recording"]);
@@ -532,7 +539,7 @@ fn devices_and_pipes_in_place_of_files() {
                 "reconstruct",
                 text(&shipped("drawer")),
                 "--out",
-                text(&folder.join("runs")),
+                text(&folder.path().join("runs")),
                 "--matcher",
                 text(odd),
             ],
@@ -543,7 +550,7 @@ fn devices_and_pipes_in_place_of_files() {
 
 #[test]
 fn meshes_that_claim_much() {
-    let folder = TempDir::new("costly-mesh");
+    let folder = tempfile::tempdir().unwrap();
     let mesh = "<visual name='v'><geometry><mesh filename='m.ply'/></geometry></visual>";
     let twin =
         model(&folder, "twin", &format!("<robot name='r'><link name='a'>{INERTIAL}{mesh}</link></robot>"));

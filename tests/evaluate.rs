@@ -19,7 +19,8 @@ use geometry::Pose;
 use harness::{Missing, tests};
 use model::ArticulatedModel;
 use nalgebra::{UnitQuaternion, Vector3};
-use objects::{Temp, desk, true_drawer, write_run, write_truth};
+use objects::{desk, true_drawer, write_run, write_truth};
+use tempfile::TempDir;
 
 fn main() -> ExitCode {
     harness::main(tests![
@@ -39,8 +40,8 @@ fn truth_of_drawer() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("bags/drawer")
 }
 
-fn evaluate(model: &ArticulatedModel, truth: &Path, temp: &Temp) -> EvaluationReport {
-    run(&[write_run(model, &temp.0)], truth, &EvaluateOptions::default()).expect("an evaluation")
+fn evaluate(model: &ArticulatedModel, truth: &Path, temp: &TempDir) -> EvaluationReport {
+    run(&[write_run(model, temp.path())], truth, &EvaluateOptions::default()).expect("an evaluation")
 }
 
 fn close(value: Option<f64>, expected: f64, tolerance: f64) {
@@ -49,7 +50,7 @@ fn close(value: Option<f64>, expected: f64, tolerance: f64) {
 }
 
 fn the_truth_itself_scores_nothing_but_the_floor() {
-    let temp = Temp::new("perfect");
+    let temp = tempfile::tempdir().unwrap();
     let report = evaluate(&true_drawer(), &truth_of_drawer(), &temp);
     let trial = &report.trials[0];
     assert_eq!((trial.parts_true, trial.parts_found, trial.joints.len()), (2, 2, 1));
@@ -84,9 +85,9 @@ fn perturbed_desk() -> ArticulatedModel {
 }
 
 fn known_errors_are_measured() {
-    let temp = Temp::new("perturbed");
-    write_truth(&desk(), &temp.0.join("truth"));
-    let report = evaluate(&perturbed_desk(), &temp.0.join("truth"), &temp);
+    let temp = tempfile::tempdir().unwrap();
+    write_truth(&desk(), &temp.path().join("truth"));
+    let report = evaluate(&perturbed_desk(), &temp.path().join("truth"), &temp);
     let rows = &report.trials[0].joints;
     assert!(rows.iter().all(|r| r.type_right == Some(true)), "{rows:?}");
     close(rows[0].axis_deg, 2.0, 1e-6);
@@ -106,8 +107,8 @@ fn known_errors_are_measured() {
 }
 
 fn a_wrong_type_and_a_missing_part_are_told() {
-    let temp = Temp::new("missing");
-    write_truth(&desk(), &temp.0.join("truth"));
+    let temp = tempfile::tempdir().unwrap();
+    write_truth(&desk(), &temp.path().join("truth"));
     let mut model = desk();
     model.links.remove(2);
     model.joints.remove(1);
@@ -115,7 +116,7 @@ fn a_wrong_type_and_a_missing_part_are_told() {
         s.remove(1);
     });
     (model.joints[1].child, model.joints[1].kind) = (2, model::JointKind::Revolute);
-    let report = evaluate(&model, &temp.0.join("truth"), &temp);
+    let report = evaluate(&model, &temp.path().join("truth"), &temp);
     let rows = &report.trials[0].joints;
     assert_eq!(
         (rows[0].type_right, rows[2].type_right, rows[2].kind.as_deref()),
@@ -128,10 +129,11 @@ fn a_wrong_type_and_a_missing_part_are_told() {
 }
 
 fn trials_are_summed_up_and_the_best_is_named() {
-    let temp = Temp::new("trials");
-    write_truth(&desk(), &temp.0.join("truth"));
-    let runs = [write_run(&perturbed_desk(), &temp.0.join("a")), write_run(&desk(), &temp.0.join("b"))];
-    let report = run(&runs, &temp.0.join("truth"), &EvaluateOptions::default()).expect("an evaluation");
+    let temp = tempfile::tempdir().unwrap();
+    write_truth(&desk(), &temp.path().join("truth"));
+    let runs =
+        [write_run(&perturbed_desk(), &temp.path().join("a")), write_run(&desk(), &temp.path().join("b"))];
+    let report = run(&runs, &temp.path().join("truth"), &EvaluateOptions::default()).expect("an evaluation");
     let published = report.published.as_ref().expect("published metrics");
     assert_eq!((published.best_trial, published.failed_trials), (1, 0));
     let row = published.rows.iter().find(|r| r.metric == "Part Motion (drawer)").expect("a metric");
@@ -142,22 +144,22 @@ fn trials_are_summed_up_and_the_best_is_named() {
 }
 
 fn a_run_without_a_twin_is_a_trial_that_failed() {
-    let temp = Temp::new("failed");
-    write_truth(&desk(), &temp.0.join("truth"));
-    let runs = [write_run(&desk(), &temp.0.join("a")), temp.0.join("no such run")];
-    let report = run(&runs, &temp.0.join("truth"), &EvaluateOptions::default()).expect("an evaluation");
+    let temp = tempfile::tempdir().unwrap();
+    write_truth(&desk(), &temp.path().join("truth"));
+    let runs = [write_run(&desk(), &temp.path().join("a")), temp.path().join("no such run")];
+    let report = run(&runs, &temp.path().join("truth"), &EvaluateOptions::default()).expect("an evaluation");
     let published = report.published.as_ref().expect("published metrics");
     assert_eq!((published.best_trial, published.failed_trials), (0, 1));
     assert!(published.rows.iter().all(|r| r.failed == 1 && r.trials[1].is_none() && r.mean.is_some()));
     let text = report.to_text();
     assert!(text.contains("no such run failed:") && text.contains("1 of 2"), "{text}");
-    assert!(run(&runs[1..], &temp.0.join("truth"), &EvaluateOptions::default()).is_err());
+    assert!(run(&runs[1..], &temp.path().join("truth"), &EvaluateOptions::default()).is_err());
 }
 
 fn the_component_filter_drops_floaters() {
-    let temp = Temp::new("filter");
-    write_truth(&desk(), &temp.0.join("truth"));
-    let folder = write_run(&desk(), &temp.0);
+    let temp = tempfile::tempdir().unwrap();
+    write_truth(&desk(), &temp.path().join("truth"));
+    let folder = write_run(&desk(), temp.path());
     // The writer drops floaters itself; others may not.
     let file = folder.join(format!("meshes/visual/{}.obj", desk().links[0].name));
     let mut text = std::fs::read_to_string(&file).expect("a mesh");
@@ -167,7 +169,7 @@ fn the_component_filter_drops_floaters() {
     let accuracy = |min_component| {
         let options = EvaluateOptions { min_component, ..EvaluateOptions::default() };
         let report =
-            run(std::slice::from_ref(&folder), &temp.0.join("truth"), &options).expect("an evaluation");
+            run(std::slice::from_ref(&folder), &temp.path().join("truth"), &options).expect("an evaluation");
         report.trials[0].mesh["state0/static"].accuracy_mm.expect("a value")
     };
     let (with, without) = (accuracy(None), accuracy(Some(0.5)));
@@ -175,14 +177,17 @@ fn the_component_filter_drops_floaters() {
 }
 
 fn a_folder_that_is_no_run_is_refused() {
-    let temp = Temp::new("no-run");
+    let temp = tempfile::tempdir().unwrap();
     let error = |runs: &[PathBuf], truth: &Path| {
         run(runs, truth, &EvaluateOptions::default()).expect_err("an error").to_string()
     };
     assert!(error(&[], &truth_of_drawer()).contains("no run"));
-    assert!(error(std::slice::from_ref(&temp.0), &truth_of_drawer()).contains("holds 0 .urdf files"));
-    assert!(error(std::slice::from_ref(&temp.0), &temp.0).contains("truth.json"));
-    let folder = write_run(&true_drawer(), &temp.0);
+    assert!(
+        error(std::slice::from_ref(&temp.path().to_owned()), &truth_of_drawer())
+            .contains("holds 0 .urdf files")
+    );
+    assert!(error(std::slice::from_ref(&temp.path().to_owned()), temp.path()).contains("truth.json"));
+    let folder = write_run(&true_drawer(), temp.path());
     std::fs::write(folder.join("report.json"), r#"{"states": [{"joints": {}}]}"#).expect("a written file");
     assert!(error(&[folder], &truth_of_drawer()).contains("1 states; two are needed"));
 }
@@ -190,15 +195,15 @@ fn a_folder_that_is_no_run_is_refused() {
 /// Compares every number with those of `tests/python/evaluate.py`, which shares no code with the crate.
 fn agrees_with_the_python_scorer() -> Result<(), Missing> {
     let python = venv::python()?;
-    let temp = Temp::new("python");
-    write_truth(&desk(), &temp.0.join("truth"));
+    let temp = tempfile::tempdir().unwrap();
+    write_truth(&desk(), &temp.path().join("truth"));
     let mut drawer = true_drawer();
     drawer.joints[0].parent_from_joint *= Pose::from_parts(
         Vector3::new(0.01, 0.0, 0.0).into(),
         UnitQuaternion::from_euler_angles(0.02, 0.0, 0.0),
     );
-    for (model, truth) in [(perturbed_desk(), temp.0.join("truth")), (drawer, truth_of_drawer())] {
-        let folder = write_run(&model, &temp.0);
+    for (model, truth) in [(perturbed_desk(), temp.path().join("truth")), (drawer, truth_of_drawer())] {
+        let folder = write_run(&model, temp.path());
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/evaluate.py");
         let output = std::process::Command::new(&python)
             .args([&script, &truth, &folder])
@@ -254,14 +259,14 @@ fn assert_same(ours: &Evaluation, theirs: &serde_json::Value) {
 
 /// Trials by the program itself: tables, a failure as a trial, and nothing done twice.
 fn trials_are_run_once_and_failures_stand_in_the_table() {
-    let temp = Temp::new("trials-run");
+    let temp = tempfile::tempdir().unwrap();
     let program = || std::process::Command::new(env!("CARGO_BIN_EXE_artitwin"));
-    let object = temp.0.join("clamshell");
+    let object = temp.path().join("clamshell");
     let options = "--seed 5 --parts 2 --family clamshell --textured --views 12 --width 240 --height 180";
     let made =
         program().args(["synth", "--out"]).arg(&object).args(options.split(' ')).output().expect("synth");
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-    let out = temp.0.join("out");
+    let out = temp.path().join("out");
     let run = |extra: &[&str]| {
         let mut command = program();
         command.arg("trials").arg(&object).args([
@@ -307,7 +312,7 @@ fn trials_are_run_once_and_failures_stand_in_the_table() {
     std::fs::write(out.join("trials.json"), "{}").expect("a file");
     let (code, _, log) = run(&[]);
     assert!(code == Some(1) && log.contains("was not written by trials"), "{log}");
-    let other = temp.0.join("other");
+    let other = temp.path().join("other");
     let mut command = program();
     command
         .arg("trials")

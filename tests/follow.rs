@@ -15,7 +15,6 @@ use std::{
     time::Duration,
 };
 
-use common::TempDir;
 use program::{end, reconstruct, shipped};
 use serde_json::Value;
 
@@ -44,12 +43,12 @@ fn files(out: &Path) -> Vec<(String, Vec<u8>)> {
 
 #[test]
 fn a_recording_that_is_followed_gives_the_files_of_one_that_is_read() {
-    let folder = TempDir::new("followed");
-    let plain = folder.join("plain");
+    let folder = tempfile::tempdir().unwrap();
+    let plain = folder.path().join("plain");
     let ended = end(&mut reconstruct(&[&shipped("drawer")], &plain, &["--json"]));
     assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
     // Not there yet when the program begins.
-    let session = folder.join("drawer");
+    let session = folder.path().join("drawer");
     let writer = {
         let session = session.clone();
         thread::spawn(move || {
@@ -59,7 +58,7 @@ fn a_recording_that_is_followed_gives_the_files_of_one_that_is_read() {
             }
         })
     };
-    let followed = folder.join("followed");
+    let followed = folder.path().join("followed");
     let ended = end(&mut reconstruct(&[&session], &followed, &["--json", "--follow"]));
     assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
     writer.join().unwrap();
@@ -82,17 +81,21 @@ fn a_recording_that_is_followed_gives_the_files_of_one_that_is_read() {
 
 #[test]
 fn what_is_closed_is_not_waited_for_and_who_waits_may_be_stopped() {
-    let folder = TempDir::new("closed");
+    let folder = tempfile::tempdir().unwrap();
     let bags = states("drawer");
-    let ended = end(&mut reconstruct(&[&bags[0], &bags[1]], &folder.join("runs"), &["--json", "--follow"]));
+    let ended =
+        end(&mut reconstruct(&[&bags[0], &bags[1]], &folder.path().join("runs"), &["--json", "--follow"]));
     assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
     // A recording that never comes.
-    let mut waiting =
-        reconstruct(&[&bags[0], &folder.join("never")], &folder.join("waiting"), &["--json", "--follow"]);
+    let mut waiting = reconstruct(
+        &[&bags[0], &folder.path().join("never")],
+        &folder.path().join("waiting"),
+        &["--json", "--follow"],
+    );
     let mut child = waiting.spawn().unwrap();
     sleep(Duration::from_secs(2));
     assert!(child.try_wait().unwrap().is_none());
     Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(130));
-    assert!(!folder.join("waiting").join("drawer").exists());
+    assert!(!folder.path().join("waiting").join("drawer").exists());
 }

@@ -21,23 +21,6 @@ fn main() -> ExitCode {
     ])
 }
 
-struct Temp(PathBuf);
-
-impl Temp {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("artitwin-gap-{name}-{}", std::process::id()));
-        std::fs::remove_dir_all(&path).ok();
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-}
-
-impl Drop for Temp {
-    fn drop(&mut self) {
-        std::fs::remove_dir_all(&self.0).ok();
-    }
-}
-
 /// Makes one case and diagnoses it: the runs and the report.
 fn diagnose(
     folder: &Path,
@@ -101,21 +84,21 @@ fn replayed(folder: &Path, runs: &[PathBuf]) -> f64 {
 }
 
 fn a_hidden_spring_is_named_and_the_gap_closes_in_mujoco_too() -> Result<(), Missing> {
-    let temp = Temp::new("spring");
-    let (runs, report) = diagnose(&temp.0, "single", "door", &["spring_return"])?;
+    let temp = tempfile::tempdir().unwrap();
+    let (runs, report) = diagnose(temp.path(), "single", "door", &["spring_return"])?;
     assert_eq!(report["findings"][0]["effect"], "spring_return", "{report:#}");
     let gap = |key: &str| report["gap"][key].as_f64().unwrap();
     assert!(gap("after") < 0.2 * gap("before") + gap("noise_floor"), "{report:#}");
-    let ratio = replayed(&temp.0, &runs);
+    let ratio = replayed(temp.path(), &runs);
     assert!((ratio - 1.0).abs() < 0.03, "MuJoCo leaves {ratio} times what the report says");
     Ok(())
 }
 
 fn friction_in_the_middle_of_a_chain_is_named_at_its_joint() -> Result<(), Missing> {
-    let temp = Temp::new("chain");
+    let temp = tempfile::tempdir().unwrap();
     let python = venv::python()?;
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/gap/chain.py");
-    let case = temp.0.join("arm");
+    let case = temp.path().join("arm");
     let output = Command::new(python)
         .arg(script)
         .arg(&case)
@@ -130,12 +113,13 @@ fn friction_in_the_middle_of_a_chain_is_named_at_its_joint() -> Result<(), Missi
         .arg(case.join("twin.urdf"))
         .args(runs)
         .arg("--out")
-        .arg(temp.0.join("result"))
+        .arg(temp.path().join("result"))
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let report: serde_json::Value =
-        serde_json::from_str(&std::fs::read_to_string(temp.0.join("result/report.json")).unwrap()).unwrap();
+        serde_json::from_str(&std::fs::read_to_string(temp.path().join("result/report.json")).unwrap())
+            .unwrap();
     let findings = report["findings"].as_array().unwrap();
     assert_eq!(findings.len(), 1, "{report:#}");
     assert_eq!(

@@ -17,11 +17,12 @@ use std::{
     process::{Command, ExitCode},
 };
 
-use common::{BagWriter, START, TempDir};
+use common::{BagWriter, START};
 use door::{DAMPING, INERTIAL, door, twin};
 use harness::{Missing, tests};
 use io::ros2msg::{Header, JointState, Time};
 use program::end;
+use tempfile::TempDir;
 
 fn main() -> ExitCode {
     harness::main(tests![
@@ -59,7 +60,7 @@ const USD: &str = "#usda 1.0\n\
 fn diagnose(folder: &TempDir, scale: f64, options: &[&str]) -> (serde_json::Value, String) {
     let twin = twin(folder, INERTIAL);
     let write = |run: usize| {
-        let path = folder.join(&format!("run_{run}.mcap"));
+        let path = folder.path().join(&format!("run_{run}.mcap"));
         let mut bag = BagWriter::create(&path, None, 100_000);
         for s in door(run, 10.0, 0.0, DAMPING + HIDDEN) {
             let nanos = START + (s.time_s * 1e9).round() as i64;
@@ -73,7 +74,7 @@ fn diagnose(folder: &TempDir, scale: f64, options: &[&str]) -> (serde_json::Valu
         path
     };
     let runs: Vec<_> = (0..3).map(write).collect();
-    let out = folder.join("out");
+    let out = folder.path().join("out");
     let ended = end(Command::new(env!("CARGO_BIN_EXE_artitwin"))
         .arg("diagnose")
         .arg(twin)
@@ -103,9 +104,9 @@ fn read_usd(python: &Path, path: &Path, attribute: &str) -> f64 {
 }
 
 fn sdf_and_usd_beside_the_twin_get_its_effects() {
-    let folder = TempDir::new("gap-exports");
-    std::fs::write(folder.join("model.sdf"), SDF).unwrap();
-    std::fs::write(folder.join("twin.usda"), USD).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("model.sdf"), SDF).unwrap();
+    std::fs::write(folder.path().join("twin.usda"), USD).unwrap();
     let (report, stderr) = diagnose(&folder, 1.0, &[]);
     assert!(!stderr.contains("holds less"), "{stderr}");
     let damping = DAMPING + report["findings"][0]["parameters"][0]["value"].as_f64().unwrap();
@@ -118,39 +119,39 @@ fn sdf_and_usd_beside_the_twin_get_its_effects() {
     for export in report["exports"].as_array().unwrap() {
         assert_eq!((&export["before"], &export["by"]), (&report["gap"]["before"], &serde_json::json!([])));
     }
-    let text = std::fs::read_to_string(folder.join("out").join("model.sdf")).unwrap();
+    let text = std::fs::read_to_string(folder.path().join("out").join("model.sdf")).unwrap();
     let document = roxmltree::Document::parse(&text).unwrap();
     let told = document.descendants().find(|n| n.has_tag_name("damping")).unwrap().text().unwrap();
     assert!((told.parse::<f64>().unwrap() - damping).abs() < 1e-9, "{told}");
-    let usd = folder.join("out").join("twin.usda");
+    let usd = folder.path().join("out").join("twin.usda");
     let text = std::fs::read_to_string(&usd).unwrap();
     assert!(text.contains("float physics:lowerLimit = -57.29578"), "{text}");
 }
 
 fn usd_core_reads_the_effects() -> Result<(), Missing> {
     let python = venv::python()?;
-    let folder = TempDir::new("gap-exports-usd");
-    std::fs::write(folder.join("twin.usda"), USD).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("twin.usda"), USD).unwrap();
     let (report, _) = diagnose(&folder, 1.0, &[]);
     let damping = DAMPING + report["findings"][0]["parameters"][0]["value"].as_f64().unwrap();
     for attribute in ["newton:damping", "physxJointAxis:angular:viscousFrictionCoefficient"] {
-        let value = read_usd(&python, &folder.join("out/twin.usda"), attribute);
+        let value = read_usd(&python, &folder.path().join("out/twin.usda"), attribute);
         assert!((value - damping.to_radians()).abs() < 1e-6, "{attribute} {value}");
     }
     Ok(())
 }
 
 fn without_them_the_report_says_so() {
-    let folder = TempDir::new("gap-no-exports");
+    let folder = tempfile::tempdir().unwrap();
     let (report, _) = diagnose(&folder, 1.0, &[]);
     assert_eq!(status(&report, "urdf"), "native");
     assert!(status(&report, "sdf").contains("no model.sdf"), "{report:#}");
     assert!(status(&report, "usd").contains("not written"), "{report:#}");
-    assert!(!folder.join("out").join("model.sdf").exists());
+    assert!(!folder.path().join("out").join("model.sdf").exists());
 }
 
 fn of_a_class_the_member_that_a_format_holds_is_written() {
-    let folder = TempDir::new("gap-class");
+    let folder = tempfile::tempdir().unwrap();
     let effects = "viscous_friction,encoder_scale";
     let (report, stderr) = diagnose(&folder, 1.2, &["--effects", effects]);
     let export = |format: &str| {
@@ -167,20 +168,20 @@ fn of_a_class_the_member_that_a_format_holds_is_written() {
         [&mjcf["rmse"], &report["gap"]["after"], &mjcf["before"]].map(|x| x.as_f64().unwrap());
     assert!(left < 1.1 * after && after < 0.5 * before, "{report:#}");
     // The file has the number of the report.
-    let text = std::fs::read_to_string(folder.join("out").join("twin.xml")).unwrap();
+    let text = std::fs::read_to_string(folder.path().join("out").join("twin.xml")).unwrap();
     assert!(text.contains(&format!("gear=\"{gain}\"")), "{text}");
     // URDF has no gain; the damping is better than nothing, and what was found is an element.
     assert_eq!(export("urdf")["status"], "not expressible", "{report:#}");
     assert!(export("urdf")["rmse"].as_f64().unwrap() < before, "{report:#}");
     assert!(stderr.contains("twin.urdf holds less than was found at joint 'door_joint'"), "{stderr}");
-    let text = std::fs::read_to_string(folder.join("out").join("twin.urdf")).unwrap();
+    let text = std::fs::read_to_string(folder.path().join("out").join("twin.urdf")).unwrap();
     assert!(text.contains("<gap:effect name=\"encoder_scale\" status=\"not expressible\">"), "{text}");
 }
 
 fn the_page_shows_what_was_found_and_what_is_proven() {
-    let folder = TempDir::new("gap-exports-page");
+    let folder = tempfile::tempdir().unwrap();
     let (report, _) = diagnose(&folder, 1.0, &[]);
-    let page = std::fs::read_to_string(folder.join("out/report.html")).unwrap();
+    let page = std::fs::read_to_string(folder.path().join("out/report.html")).unwrap();
     let found = &report["findings"][0];
     assert_eq!(found["effect"], "viscous_friction", "{report:#}");
     // The twin damps by 0.4, and nothing less than the sum of both is what the joint has.
@@ -204,7 +205,7 @@ fn the_page_shows_what_was_found_and_what_is_proven() {
     }
     // The windows of the proof are shaded, in the charts of positions and of residuals.
     let windows: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(folder.join("out/replay.json")).unwrap()).unwrap();
+        serde_json::from_slice(&std::fs::read(folder.path().join("out/replay.json")).unwrap()).unwrap();
     assert_eq!(page.matches("class=\"window\"").count(), 2 * windows.as_array().unwrap().len());
     for loaded in ["http:", "https:", "<script", "<link", "url(", "src="] {
         assert!(!page.contains(loaded), "{loaded}");

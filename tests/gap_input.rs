@@ -14,10 +14,11 @@ use std::{
     process::Command,
 };
 
-use common::{BagWriter, START, TempDir};
+use common::{BagWriter, START};
 use door::{DAMPING, INERTIAL, Sample, door, twin};
 use io::ros2msg::{Header, JointState, Time};
 use program::{Ended, end};
+use tempfile::TempDir;
 
 fn write(folder: &TempDir, name: &str, samples: &[Sample]) -> PathBuf {
     write_commanded(folder, name, samples, &[])
@@ -25,7 +26,7 @@ fn write(folder: &TempDir, name: &str, samples: &[Sample]) -> PathBuf {
 
 /// With the positions that a servo was given, where there are any.
 fn write_commanded(folder: &TempDir, name: &str, samples: &[Sample], commands: &[f64]) -> PathBuf {
-    let path = folder.join(&format!("{name}.mcap"));
+    let path = folder.path().join(&format!("{name}.mcap"));
     let mut bag = BagWriter::create(&path, None, 100_000);
     for (k, s) in samples.iter().enumerate() {
         let nanos = START + (s.time_s * 1e9).round() as i64;
@@ -48,7 +49,7 @@ fn write_commanded(folder: &TempDir, name: &str, samples: &[Sample], commands: &
 }
 
 fn diagnose(folder: &TempDir, twin: &Path, runs: &[PathBuf]) -> (Ended, Option<serde_json::Value>) {
-    let out = folder.join("out");
+    let out = folder.path().join("out");
     let ended = end(Command::new(env!("CARGO_BIN_EXE_artitwin"))
         .arg("diagnose")
         .arg(twin)
@@ -71,24 +72,18 @@ fn changed(folder: &TempDir, seconds: f64, uneven: f64, change: impl Fn(&mut Vec
 }
 
 /// Runs that must be refused, with these words.
-fn refused(name: &str, inertial: &str, words: &[&str], change: impl Fn(&mut Vec<Sample>)) {
-    let folder = TempDir::new(name);
+fn refused(inertial: &str, words: &[&str], change: impl Fn(&mut Vec<Sample>)) {
+    let folder = tempfile::tempdir().unwrap();
     let runs = changed(&folder, 8.0, 0.0, change);
     let (ended, report) = diagnose(&folder, &twin(&folder, inertial), &runs);
     assert_eq!(ended.code, 1, "{}", ended.stderr);
     words.iter().for_each(|w| assert!(ended.stderr.contains(w), "`{w}` is not in {}", ended.stderr));
-    assert!(report.is_none() && !folder.join("out").exists());
+    assert!(report.is_none() && !folder.path().join("out").exists());
 }
 
 /// Runs that are used, but give no name; `words` are in the warnings.
-fn unnamed(
-    name: &str,
-    verdict: &str,
-    words: &[&str],
-    (seconds, uneven): (f64, f64),
-    change: impl Fn(&mut Vec<Sample>),
-) {
-    let folder = TempDir::new(name);
+fn unnamed(verdict: &str, words: &[&str], (seconds, uneven): (f64, f64), change: impl Fn(&mut Vec<Sample>)) {
+    let folder = tempfile::tempdir().unwrap();
     let runs = changed(&folder, seconds, uneven, change);
     let (ended, report) = diagnose(&folder, &twin(&folder, INERTIAL), &runs);
     let report = report.unwrap_or_else(|| panic!("{}", ended.stderr));
@@ -100,31 +95,31 @@ fn unnamed(
 
 #[test]
 fn nothing_wrong() {
-    unnamed("gap-good", "none", &[], (8.0, 0.0), |_| {});
+    unnamed("none", &[], (8.0, 0.0), |_| {});
 }
 
 #[test]
 fn no_effort() {
-    refused("gap-effort", INERTIAL, &["no effort of joint 'door_joint'", "record the effort"], |s| {
+    refused(INERTIAL, &["no effort of joint 'door_joint'", "record the effort"], |s| {
         s.iter_mut().for_each(|s| s.effort.clear());
     });
 }
 
 #[test]
 fn no_position() {
-    refused("gap-position", INERTIAL, &["no position of joint 'door_joint'"], |s| {
+    refused(INERTIAL, &["no position of joint 'door_joint'"], |s| {
         s.iter_mut().for_each(|s| s.position.clear())
     });
 }
 
 #[test]
 fn a_twin_without_mass() {
-    refused("gap-mass", "", &["'door_joint' moves no mass", "<inertial>"], |_| {});
+    refused("", &["'door_joint' moves no mass", "<inertial>"], |_| {});
 }
 
 #[test]
 fn signals_that_do_not_change() {
-    unnamed("gap-constant", "insufficient", &["move the joint through most of its range"], (8.0, 0.0), |s| {
+    unnamed("insufficient", &["move the joint through most of its range"], (8.0, 0.0), |s| {
         let first = s[0].clone();
         s.iter_mut().for_each(|s| (s.position, s.effort) = (first.position.clone(), vec![0.0]));
     });
@@ -132,21 +127,21 @@ fn signals_that_do_not_change() {
 
 #[test]
 fn a_joint_that_is_pushed_and_does_not_move() {
-    unnamed("gap-stuck", "insufficient", &["move the joint through most of its range"], (8.0, 0.0), |s| {
+    unnamed("insufficient", &["move the joint through most of its range"], (8.0, 0.0), |s| {
         s.iter_mut().for_each(|s| s.position[0] = 0.4);
     });
 }
 
 #[test]
 fn stamps_that_stand_still() {
-    refused("gap-clock", INERTIAL, &["1 usable samples of joint 'door_joint'", "record 10 s or more"], |s| {
+    refused(INERTIAL, &["1 usable samples of joint 'door_joint'", "record 10 s or more"], |s| {
         s.iter_mut().for_each(|s| s.time_s = 0.0);
     });
 }
 
 #[test]
 fn one_run_of_three_without_effort() {
-    let folder = TempDir::new("gap-one-effort");
+    let folder = tempfile::tempdir().unwrap();
     let mut runs = changed(&folder, 8.0, 0.0, |_| {});
     let mut last = door(2, 8.0, 0.0, DAMPING);
     last.iter_mut().for_each(|s| s.effort.clear());
@@ -159,7 +154,7 @@ fn one_run_of_three_without_effort() {
 
 #[test]
 fn a_run_of_two_seconds() {
-    let folder = TempDir::new("gap-short");
+    let folder = tempfile::tempdir().unwrap();
     let run = write(&folder, "run_0", &door(0, 2.0, 0.0, DAMPING));
     let (ended, report) = diagnose(&folder, &twin(&folder, INERTIAL), &[run]);
     assert_eq!(ended.code, 3, "{}", ended.stderr);
@@ -169,12 +164,12 @@ fn a_run_of_two_seconds() {
 
 #[test]
 fn irregular_stamps() {
-    unnamed("gap-irregular", "none", &[], (10.0, 0.5), |_| {});
+    unnamed("none", &[], (10.0, 0.5), |_| {});
 }
 
 #[test]
 fn stamps_that_repeat() {
-    unnamed("gap-repeat", "none", &["stamps repeat or run backward"], (8.0, 0.0), |s| {
+    unnamed("none", &["stamps repeat or run backward"], (8.0, 0.0), |s| {
         let copies: Vec<Sample> = s.iter().step_by(10).cloned().collect();
         s.extend(copies);
         s.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
@@ -183,12 +178,12 @@ fn stamps_that_repeat() {
 
 #[test]
 fn a_gap() {
-    unnamed("gap-gap", "none", &[], (10.0, 0.0), |s| s.retain(|s| !(3.0..4.2).contains(&s.time_s)));
+    unnamed("none", &[], (10.0, 0.0), |s| s.retain(|s| !(3.0..4.2).contains(&s.time_s)));
 }
 
 #[test]
 fn values_that_are_no_numbers() {
-    unnamed("gap-nan", "none", &["not a number"], (8.0, 0.0), |s| {
+    unnamed("none", &["not a number"], (8.0, 0.0), |s| {
         s.iter_mut().step_by(37).for_each(|s| s.position[0] = f64::NAN);
         s.iter_mut().skip(5).step_by(53).for_each(|s| s.effort[0] = f64::INFINITY);
     });
@@ -196,7 +191,7 @@ fn values_that_are_no_numbers() {
 
 #[test]
 fn a_joint_of_another_name() {
-    let folder = TempDir::new("gap-name");
+    let folder = tempfile::tempdir().unwrap();
     let runs = changed(&folder, 8.0, 0.0, |_| {});
     let twin = twin(&folder, INERTIAL);
     let text = std::fs::read_to_string(&twin).unwrap().replace("door_joint", "gate_joint");
@@ -212,17 +207,13 @@ fn a_joint_of_another_name() {
 }
 
 /// Runs of the door that went through `change`, its twin through `edit`; with what the program says.
-fn doubted(
-    name: &str,
-    edit: impl Fn(String) -> String,
-    change: impl Fn(&mut Vec<Sample>),
-) -> (Ended, serde_json::Value) {
-    let folder = TempDir::new(name);
+fn doubted(edit: impl Fn(String) -> String, change: impl Fn(&mut Vec<Sample>)) -> (Ended, serde_json::Value) {
+    let folder = tempfile::tempdir().unwrap();
     let runs = changed(&folder, 10.0, 0.0, change);
     let path = twin(&folder, INERTIAL);
     std::fs::write(&path, edit(std::fs::read_to_string(&path).unwrap())).unwrap();
     let (ended, report) = diagnose(&folder, &path, &runs);
-    let page = std::fs::read_to_string(folder.join("out/report.html")).unwrap_or_default();
+    let page = std::fs::read_to_string(folder.path().join("out/report.html")).unwrap_or_default();
     let report = report.unwrap_or_else(|| panic!("{}", ended.stderr));
     let doubt = &report["doubts"][0];
     let looks = doubt["looks"][0].as_str().unwrap_or_else(|| panic!("{report:#}"));
@@ -240,7 +231,7 @@ fn doubted(
 fn a_twin_in_millimeters() {
     // 1 m from the hinge is 1000 mm.
     let edit = |text: String| text.replace("<origin xyz=\"1 0 0\"/><mass", "<origin xyz=\"1000 0 0\"/><mass");
-    let (_, report) = doubted("gap-mm", edit, |_| {});
+    let (_, report) = doubted(edit, |_| {});
     assert_eq!(report["doubts"][0]["code"], "units_doubtful");
     let looks = report["doubts"][0]["looks"].to_string();
     assert!(looks.contains("millimeters"), "{looks}");
@@ -251,7 +242,7 @@ fn a_twin_in_millimeters() {
 #[test]
 fn a_twin_in_grams() {
     let edit = |text: String| text.replace("<mass value=\"2\"/>", "<mass value=\"2000\"/>");
-    let (_, report) = doubted("gap-g", edit, |_| {});
+    let (_, report) = doubted(edit, |_| {});
     // Without a load, positions in degrees beside an inertia that is off look the same.
     assert_eq!(report["doubts"][0]["code"], "units_doubtful");
     let ratio = report["doubts"][0]["inertia_ratio"].as_f64().unwrap();
@@ -261,21 +252,21 @@ fn a_twin_in_grams() {
 #[test]
 fn efforts_of_the_opposite_sign() {
     let turn = |s: &mut Vec<Sample>| s.iter_mut().for_each(|s| s.effort[0] = -s.effort[0]);
-    let (ended, report) = doubted("gap-sign", |text| text, turn);
+    let (ended, report) = doubted(|text| text, turn);
     assert_eq!(report["doubts"][0]["code"], "effort_sign_turned");
     assert!(ended.stderr.contains("--effort-unit -1"), "{}", ended.stderr);
 }
 
 #[test]
 fn efforts_without_a_sign() {
-    refused("gap-magnitude", INERTIAL, &["never negative", "with its sign", "--command"], |s| {
+    refused(INERTIAL, &["never negative", "with its sign", "--command"], |s| {
         s.iter_mut().for_each(|s| s.effort[0] = s.effort[0].abs());
     });
 }
 
 #[test]
 fn efforts_without_a_sign_get_that_of_the_command() {
-    let folder = TempDir::new("gap-magnitude-command");
+    let folder = tempfile::tempdir().unwrap();
     let runs: Vec<PathBuf> = (0..3)
         .map(|run| {
             let samples = door(run, 10.0, 0.0, DAMPING);
@@ -295,7 +286,7 @@ fn efforts_without_a_sign_get_that_of_the_command() {
 
 #[test]
 fn inspect_says_what_a_bag_of_joint_states_is_good_for() {
-    let folder = TempDir::new("gap-inspect");
+    let folder = tempfile::tempdir().unwrap();
     let inspect = |path: &Path| end(Command::new(env!("CARGO_BIN_EXE_artitwin")).arg("inspect").arg(path));
     let whole = write(&folder, "whole", &door(0, 5.0, 0.0, DAMPING));
     let said = inspect(&whole);

@@ -14,7 +14,7 @@ use std::{
     process::Command,
 };
 
-use common::{BagWriter, START, TempDir};
+use common::{BagWriter, START};
 use door::{DAMPING, INERTIAL, Sample, door, twin};
 use geometry::Pose;
 use io::ros2msg::{
@@ -22,6 +22,7 @@ use io::ros2msg::{
 };
 use nalgebra::Vector3;
 use program::{Ended, end};
+use tempfile::TempDir;
 
 /// Damping that the twin does not know of, N m s/rad.
 const HIDDEN: f64 = 0.5;
@@ -51,7 +52,7 @@ fn world_from_door(q: f64, off_m: f64) -> Pose {
 }
 
 fn write(folder: &TempDir, run: usize, samples: &[Sample], how: Recorded) -> PathBuf {
-    let path = folder.join(&format!("run_{run}.mcap"));
+    let path = folder.path().join(&format!("run_{run}.mcap"));
     let mut bag = BagWriter::create(&path, None, 100_000);
     for s in samples {
         let nanos = START + (s.time_s * 1e9).round() as i64;
@@ -114,7 +115,7 @@ fn diagnose(
 ) -> (Ended, Option<serde_json::Value>) {
     let runs: Vec<PathBuf> =
         (0..3).map(|r| write(folder, r, &door(r, 10.0, 0.0, DAMPING + HIDDEN), how)).collect();
-    let out = folder.join("out");
+    let out = folder.path().join("out");
     std::fs::remove_dir_all(&out).ok();
     let ended = end(Command::new(env!("CARGO_BIN_EXE_artitwin"))
         .arg("diagnose")
@@ -139,7 +140,7 @@ fn damping(report: &serde_json::Value) -> f64 {
 
 #[test]
 fn wrenches_poses_and_transforms_give_the_diagnosis_of_joint_states() {
-    let folder = TempDir::new("gap-streams");
+    let folder = tempfile::tempdir().unwrap();
     let twin = twin(&folder, INERTIAL);
     let states = Recorded { states: Some(true), ..NOTHING };
     let expected = damping(&diagnose(&folder, &twin, states, &[]).1.unwrap());
@@ -169,7 +170,7 @@ fn wrenches_poses_and_transforms_give_the_diagnosis_of_joint_states() {
 
 #[test]
 fn a_hinge_that_stands_elsewhere_is_told_beside_the_diagnosis() {
-    let folder = TempDir::new("gap-streams-off");
+    let folder = tempfile::tempdir().unwrap();
     let twin = twin(&folder, INERTIAL);
     let how = Recorded { states: Some(true), poses: true, off_m: 0.012, ..NOTHING };
     let (ended, report) = diagnose(&folder, &twin, how, &["--pose", "/handle_pose=handle"]);
@@ -183,7 +184,7 @@ fn a_hinge_that_stands_elsewhere_is_told_beside_the_diagnosis() {
 
 #[test]
 fn frames_links_and_topics_that_are_not_there_are_refused() {
-    let folder = TempDir::new("gap-streams-bad");
+    let folder = tempfile::tempdir().unwrap();
     let twin = twin(&folder, INERTIAL);
     let refused = |how: Recorded, options: &[&str], words: &[&str]| {
         let (ended, report) = diagnose(&folder, &twin, how, options);

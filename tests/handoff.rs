@@ -22,7 +22,8 @@ use export::{ExportConfig, Level, check_folder};
 use harness::{Missing, tests};
 use io::read_model_folder;
 use model::{ArticulatedModel, LimitPolicy, LimitSource, Material, ModelConfig, PartNames, named};
-use objects::{Temp, chest, chest_with, jar, lamp, write_run, write_run_as};
+use objects::{chest, chest_with, jar, lamp, write_run, write_run_as};
+use tempfile::TempDir;
 
 fn main() -> ExitCode {
     harness::main(tests![
@@ -50,8 +51,8 @@ fn script(python: &Path, name: &str, arguments: &[&str]) -> serde_json::Value {
     serde_json::from_str(text.lines().last().unwrap_or_default()).expect("JSON")
 }
 
-fn written(model: &ArticulatedModel, temp: &Temp) -> PathBuf {
-    checked(write_run(model, &temp.0))
+fn written(model: &ArticulatedModel, temp: &TempDir) -> PathBuf {
+    checked(write_run(model, temp.path()))
 }
 
 /// A run folder in which `check` finds no error.
@@ -69,7 +70,7 @@ fn every_importer_counts_what_the_model_holds() -> Result<(), Missing> {
         // A wall of one part is assumed: a mesh and a texture more.
         model.links[1].assumed = model.links[1].collision[0].mesh();
         let meshes = model.links.len() + 1;
-        let temp = Temp::new(&format!("importers-{}", model.name));
+        let temp = tempfile::tempdir().unwrap();
         let folder = written(&model, &temp);
         let found = script(&python, "handoff_importers.py", &[folder.to_str().unwrap(), &model.name]);
         let solids: usize = model.links.iter().map(|l| l.collision.len()).sum();
@@ -114,7 +115,7 @@ fn every_importer_counts_what_the_model_holds() -> Result<(), Missing> {
 fn urdfdom_counts_the_joints() -> Result<(), Missing> {
     venv::program("check_urdf", "--help", "liburdfdom-tools")?;
     for model in [chest(), lamp()] {
-        let temp = Temp::new(&format!("urdfdom-{}", model.name));
+        let temp = tempfile::tempdir().unwrap();
         let urdf = written(&model, &temp).join(format!("{}.urdf", model.name));
         let output = Command::new("check_urdf").arg(urdf).output().unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -128,7 +129,7 @@ fn urdfdom_counts_the_joints() -> Result<(), Missing> {
 
 fn a_chest_rests_opens_and_its_drawer_holds_a_ball() -> Result<(), Missing> {
     let python = venv::python()?;
-    let (model, temp) = (chest(), Temp::new("physics-chest"));
+    let (model, temp) = (chest(), tempfile::tempdir().unwrap());
     let folder = written(&model, &temp);
     let arguments = [folder.to_str().unwrap(), &model.name, "--ball", "joint_1"];
     let found = script(&python, "handoff_physics.py", &arguments);
@@ -139,7 +140,7 @@ fn a_chest_rests_opens_and_its_drawer_holds_a_ball() -> Result<(), Missing> {
 
 fn a_lid_that_hangs_in_the_air_is_held_by_its_friction() -> Result<(), Missing> {
     let python = venv::python()?;
-    let (model, temp) = (lamp(), Temp::new("physics-lamp"));
+    let (model, temp) = (lamp(), tempfile::tempdir().unwrap());
     let folder = written(&model, &temp);
     let found = script(&python, "handoff_physics.py", &[folder.to_str().unwrap(), &model.name]);
     rests_and_opens(&model, &found);
@@ -148,7 +149,7 @@ fn a_lid_that_hangs_in_the_air_is_held_by_its_friction() -> Result<(), Missing> 
 
 fn a_lid_on_a_thread_holds_turns_and_stays_on_it() -> Result<(), Missing> {
     let python = venv::python()?;
-    let (model, temp) = (jar(), Temp::new("physics-jar"));
+    let (model, temp) = (jar(), tempfile::tempdir().unwrap());
     let folder = written(&model, &temp);
     let arguments = [folder.to_str().unwrap(), &model.name];
     let found = script(&python, "handoff_physics.py", &arguments);
@@ -174,10 +175,10 @@ fn scenes_and_ros_files_say_the_same_as_the_twin() -> Result<(), Missing> {
         (jar(), serde_json::json!({ "base": "floating", "prefix": "left_" })),
         (lamp(), serde_json::json!({ "prefix": "left_", "maintainer": "Ada <ada@example.org>" })),
     ] {
-        let temp = Temp::new(&format!("scene-{}", model.name));
+        let temp = tempfile::tempdir().unwrap();
         let config: ExportConfig = serde_json::from_value(settings.clone()).unwrap();
         let model = named(model, PartNames::Numbered, &config.prefix);
-        let folder = checked(write_run_as(&model, &config, &temp.0));
+        let folder = checked(write_run_as(&model, &config, temp.path()));
         let arguments = [folder.to_str().unwrap(), &model.name];
         let found = script(&python, "handoff_scene.py", &arguments);
         let count = |what: &str| found[what].as_u64().unwrap();
@@ -201,18 +202,18 @@ fn scenes_and_ros_files_say_the_same_as_the_twin() -> Result<(), Missing> {
 }
 
 /// The twin of a shipped recording.
-fn reconstructed(name: &str, preset: &str, temp: &Temp) -> PathBuf {
+fn reconstructed(name: &str, preset: &str, temp: &TempDir) -> PathBuf {
     let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags").join(name);
     let mut command = Command::new(env!("CARGO_BIN_EXE_artitwin"));
     let run = command
         .arg("reconstruct")
         .arg(recording)
         .args(["--preset", preset, "--out"])
-        .arg(&temp.0)
+        .arg(temp.path())
         .output()
         .unwrap();
     assert!(matches!(run.status.code(), Some(0 | 3)), "{}", String::from_utf8_lossy(&run.stderr));
-    temp.0.join(name)
+    temp.path().join(name)
 }
 
 fn holds_the_ball(found: &serde_json::Value) {
@@ -223,7 +224,7 @@ fn holds_the_ball(found: &serde_json::Value) {
 
 fn the_reconstructed_drawer_holds_a_ball() -> Result<(), Missing> {
     let python = venv::python()?;
-    let temp = Temp::new("handoff-ball");
+    let temp = tempfile::tempdir().unwrap();
     let folder = reconstructed("drawer", "default", &temp);
     let arguments = [folder.to_str().unwrap(), "drawer", "--ball", "joint_1"];
     holds_the_ball(&script(&python, "handoff_physics.py", &arguments));
@@ -233,7 +234,7 @@ fn the_reconstructed_drawer_holds_a_ball() -> Result<(), Missing> {
 fn the_reconstructed_laptop_looks_in_mujoco_as_in_the_photos() -> Result<(), Missing> {
     let python = venv::python()?;
     venv::drawing(&python, "libOSMesa.so.8", "libosmesa6")?;
-    let temp = Temp::new("handoff-pictures");
+    let temp = tempfile::tempdir().unwrap();
     let folder = reconstructed("laptop", "preview", &temp);
     let found = script(&python, "mujoco_pictures.py", &[folder.to_str().unwrap(), "laptop", "--add"]);
     let report: serde_json::Value =
@@ -306,7 +307,7 @@ fn chromium() -> Result<(), Missing> {
 fn everything_that_the_viewer_offers_does_something_and_fits_every_screen() -> Result<(), Missing> {
     chromium()?;
     let python = venv::python()?;
-    let (model, temp) = (chest(), Temp::new("viewer"));
+    let (model, temp) = (chest(), tempfile::tempdir().unwrap());
     let page = written(&model, &temp).join("viewer.html");
     let found = script(&python, "handoff_viewer.py", &[page.to_str().unwrap(), "joint_1"]);
     assert_eq!(
@@ -334,14 +335,14 @@ fn nothing_is_cut(found: &serde_json::Value) {
 fn no_text_of_the_report_is_cut_on_any_screen() -> Result<(), Missing> {
     chromium()?;
     let python = venv::python()?;
-    let temp = Temp::new("report-widths");
+    let temp = tempfile::tempdir().unwrap();
     let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags/drawer");
     let name = format!("n{}", "ame_without_end".repeat(4));
-    let mut request = ReconstructRequest::new([recording], &temp.0);
+    let mut request = ReconstructRequest::new([recording], temp.path());
     request.name = Some(name.clone());
     request.config.export.prefix = "a_cell_with_many_robots_".into();
     reconstruct(&request, &Monitor::silent()).unwrap();
-    let page = temp.0.join(&name).join("report.html");
+    let page = temp.path().join(&name).join("report.html");
     let found = script(&python, "handoff_report.py", &[page.to_str().unwrap()]);
     nothing_is_cut(&found);
     Ok(())

@@ -14,7 +14,7 @@ mod program;
 
 use std::{path::Path, process::Command, time::Instant};
 
-use common::{BagWriter, TempDir, write_metadata};
+use common::{BagWriter, write_metadata};
 use program::{Message, end, messages, shipped};
 
 /// Frames of each state; both states together are five minutes at 30 Hz, ten at 15 Hz.
@@ -77,13 +77,13 @@ fn measured(bag: &Path, out: &Path) -> (f64, u64) {
 #[test]
 #[ignore = "writes 0.8 GB and takes minutes: cargo test --release --test long_bag -- --ignored --nocapture"]
 fn a_long_bag_costs_its_decoding_and_no_memory() {
-    let folder = TempDir::new("long-bag");
-    let long = folder.join("drawer");
+    let folder = tempfile::tempdir().unwrap();
+    let long = folder.path().join("drawer");
     for state in ["state0", "state1"] {
         write_long(&shipped("drawer").join(state), &long.join(state));
     }
-    let (short_s, short_bytes) = measured(&shipped("drawer"), &folder.join("short"));
-    let (long_s, long_bytes) = measured(&long, &folder.join("long"));
+    let (short_s, short_bytes) = measured(&shipped("drawer"), &folder.path().join("short"));
+    let (long_s, long_bytes) = measured(&long, &folder.path().join("long"));
     let begin = Instant::now();
     assert_eq!(end(Command::new(env!("CARGO_BIN_EXE_artitwin")).arg("inspect").arg(&long)).code, 0);
     let reading_s = begin.elapsed().as_secs_f64();

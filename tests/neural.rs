@@ -16,7 +16,7 @@ use std::{path::PathBuf, process::Command, time::Instant};
 use blocks::{BoxScene, MovingBox};
 use evaluate::{EvaluateOptions, Evaluation, run};
 use model::JointKind;
-use objects::Temp;
+use tempfile::TempDir;
 
 /// A plate that turns about an edge beside a post, by 28.6 degrees.
 const FLAP: MovingBox = MovingBox {
@@ -99,19 +99,19 @@ const SMALL_RADIANCE: [&str; 13] = [
 ];
 
 /// A recording with its truth in a folder of its own.
-struct Recorded(Temp);
+struct Recorded(TempDir);
 
 impl Recorded {
-    fn new(name: &str, scene: &BoxScene) -> Self {
-        let temp = Temp::new(&format!("neural-{name}"));
-        scene.write(&temp.0.join("made"));
+    fn new(scene: &BoxScene) -> Self {
+        let temp = tempfile::tempdir().unwrap();
+        scene.write(&temp.path().join("made"));
         Self(temp)
     }
 
     /// The twin by a preset with further options, against the truth; what the program says where it makes
     /// none.
     fn tried(&self, preset: &str, options: &str, settings: &[&str]) -> Result<Evaluation, String> {
-        let (truth, out) = (self.0.0.join("made"), self.0.0.join(format!("by-{preset}")));
+        let (truth, out) = (self.0.path().join("made"), self.0.path().join(format!("by-{preset}")));
         let mut command = Command::new(env!("CARGO_BIN_EXE_artitwin"));
         command.arg("reconstruct").arg(&truth).arg("--out").arg(&out).args(["--preset", preset, "--force"]);
         command.args(options.split_whitespace());
@@ -171,7 +171,7 @@ fn is_far(tried: &Result<Evaluation, String>) -> bool {
 /// nearer to the truth.
 #[test]
 fn paper_from_a_near_start() {
-    let recorded = Recorded::new("near", &POST_AND_FLAP);
+    let recorded = Recorded::new(&POST_AND_FLAP);
     let one_round = [&COARSE[..], &["register.rounds=1"]].concat();
     let raw = ["capture.denoise=false", "capture.measure_noise=false", "joint.inference=published"];
     // Measured: axis 0.23 deg, line 0.77 mm, motion 0.12 deg, 0.46 mm.
@@ -193,7 +193,7 @@ fn paper_from_a_near_start() {
 /// Motion and labels from nothing: the slab's start is 100 mm off.
 #[test]
 fn paper_from_the_identity() {
-    let recorded = Recorded::new("identity", &BASE_AND_SLIDER);
+    let recorded = Recorded::new(&BASE_AND_SLIDER);
     let steps = ["articulation.identity_steps=1000"];
     let settings = [&COARSE[..], &SHORT_FIELDS, &FEW_SAMPLES, &SHORT_CONSISTENCY, &steps].concat();
     // Measured: axis 0.15 deg, motion 0.30 mm; the whole surface 0.73 mm.
@@ -205,7 +205,7 @@ fn paper_from_the_identity() {
 /// Surfaces by fields, motions by consistency between these and then by evidence.
 #[test]
 fn fields() {
-    let recorded = Recorded::new("fields", &POST_AND_FLAP);
+    let recorded = Recorded::new(&POST_AND_FLAP);
     let refined = ["articulation.refine_steps=200"];
     let settings = [&COARSE[..], &SHORT_FIELDS, &SHORT_CONSISTENCY, &refined].concat();
     // Measured: axis 0.26 deg, line 0.00 mm, motion 0.14 deg; the whole surface 0.52 mm.
@@ -228,7 +228,7 @@ fn fields() {
 /// 0.42 deg, whole surface 6.8 and 7.8 mm by `paris`; 0.34 and 0.53 deg, 0.1 and 0.2 mm, 0.23 and 0.28 deg,
 /// 6.5 and 6.7 mm by `paris-depth`. Half the steps at half the rates of the motions end 7.2 and 2.2 deg off.
 fn paris_finds_the_flap(preset: &str, settings: &[&str]) {
-    let recorded = Recorded::new(preset, &POST_AND_FLAP);
+    let recorded = Recorded::new(&POST_AND_FLAP);
     let schedule = ["radiance.steps=2000", "radiance.motion_rate_scale=0.4"];
     let found = recorded.evaluated(preset, "", &[&SMALL_RADIANCE[..], &schedule, settings].concat());
     let bounds = Bounds { axis_deg: 0.8, line_mm: 2.5, motion: 0.7 };
@@ -267,7 +267,7 @@ fn paris_depth_multi() {
         wavelength_m: 0.08,
         views: 12,
     };
-    let recorded = Recorded::new("multi", &scene);
+    let recorded = Recorded::new(&scene);
     let near = ["radiance.motion_rate_scale=0.01", "radiance.depth_weight=0.05"];
     let rates = ["radiance.steps=500", "radiance.learning_rate=0.0025"];
     let settings = [&SMALL_RADIANCE[..], &COARSE[..3], &near, &rates].concat();

@@ -22,11 +22,11 @@ mod venv;
 
 use std::{path::Path, process::ExitCode};
 
-use common::TempDir;
 use geometry::Pose;
 use harness::{Missing, tests};
 use program::{SMALL, end, reconstruct, shipped};
 use ros::{Node, lossy_scenario, scenario, serial, with_fastdds};
+use tempfile::TempDir;
 
 fn main() -> ExitCode {
     harness::main(tests![
@@ -67,7 +67,7 @@ fn small_run(folder: &TempDir, raw: bool) -> Vec<String> {
         "parts:=2".to_owned(),
         "twin_name:=drawer".to_owned(),
         "session:=session".to_owned(),
-        format!("out_folder:={}", folder.join("node").display()),
+        format!("out_folder:={}", folder.path().join("node").display()),
         "mask_topic:=/object_mask".to_owned(),
         "image_qos:=default".to_owned(),
     ];
@@ -98,7 +98,7 @@ fn joints(urdf: &Path) -> Vec<(String, Vec<f64>)> {
 fn session(bag: &Path, domain: u16, raw: bool, cancel: bool) -> Result<(), Missing> {
     let python = venv::ros_python()?;
     let _serial = serial();
-    let folder = TempDir::new(&format!("node-{domain}"));
+    let folder = tempfile::tempdir().unwrap();
     let node = Node::start(domain, &small_run(&folder, raw));
     let states = [0, 1].map(|s| bag.join(format!("state{s}")).display().to_string());
     let mut arguments = vec!["session", &states[0], &states[1]];
@@ -109,10 +109,10 @@ fn session(bag: &Path, domain: u16, raw: bool, cancel: bool) -> Result<(), Missi
     assert!(!log.contains("panicked"), "{log}");
     taken_up(&python, domain, &folder, &small_run(&folder, raw), &told);
 
-    let cli = folder.join("cli");
+    let cli = folder.path().join("cli");
     let ended = end(&mut reconstruct(&[bag], &cli, &["--parts", "2", "--name", "drawer"]));
     assert!(ended.code == 0 || ended.code == 3, "{}", ended.stderr);
-    let twin = folder.join("node/session/drawer");
+    let twin = folder.path().join("node/session/drawer");
     assert_eq!(Path::new(told["folder"].as_str().unwrap()), twin);
     let (by_node, by_cli) = (joints(&twin.join("drawer.urdf")), joints(&cli.join("drawer/drawer.urdf")));
     assert_eq!(by_node.len(), by_cli.len());
@@ -122,11 +122,11 @@ fn session(bag: &Path, domain: u16, raw: bool, cancel: bool) -> Result<(), Missi
     }
 
     // The recordings of the session and its settings give the same twin without the node, byte for byte.
-    let again = folder.join("again");
-    let sources = [0, 1].map(|s| folder.join(&format!("node/session/state{s}")));
+    let again = folder.path().join("again");
+    let sources = [0, 1].map(|s| folder.path().join(&format!("node/session/state{s}")));
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_artitwin"));
     command.arg("reconstruct").args(&sources).arg("--out").arg(&again).args(["--name", "drawer", "--config"]);
-    let ended = end(command.arg(folder.join("node/session/settings.yaml")));
+    let ended = end(command.arg(folder.path().join("node/session/settings.yaml")));
     assert!(ended.code == 0 || ended.code == 3, "{}", ended.stderr);
     let read = |path: &Path| std::fs::read(path.join("drawer.urdf")).unwrap();
     assert_eq!(read(&twin), read(&again.join("drawer")));
@@ -154,7 +154,7 @@ fn taken_up(python: &Path, domain: u16, folder: &TempDir, parameters: &[String],
     node.end();
     assert_eq!(again["description"], told["description"]);
 
-    let report = folder.join("node/session/drawer/report.json");
+    let report = folder.path().join("node/session/drawer/report.json");
     let text = std::fs::read(&report).unwrap();
     std::fs::write(&report, &text[..text.len() / 2]).unwrap();
     let node = Node::start(domain, parameters);
@@ -165,10 +165,11 @@ fn taken_up(python: &Path, domain: u16, folder: &TempDir, parameters: &[String],
 }
 
 fn a_session_has_one_node() {
-    let folder = TempDir::new("node-two");
-    let parameters = [format!("out_folder:={}", folder.join("out").display()), "session:=session".to_owned()];
+    let folder = tempfile::tempdir().unwrap();
+    let parameters =
+        [format!("out_folder:={}", folder.path().join("out").display()), "session:=session".to_owned()];
     let first = Node::start(63, &parameters);
-    ros::wait_for(&folder.join("out/session/.node.lock"));
+    ros::wait_for(&folder.path().join("out/session/.node.lock"));
     let mut second = std::process::Command::new(env!("CARGO_BIN_EXE_artitwin"));
     let arguments = ["node", "--ros-args", "-p", &parameters[0], "-p", &parameters[1]];
     let refused = end(second.args(arguments).env("ROS_DOMAIN_ID", "63"));
@@ -198,9 +199,9 @@ fn a_replayed_recording_of_ones_own_gives_the_twin_of_the_command_line() -> Resu
 fn three_hundred_frames_at_30_hz_arrive() -> Result<(), Missing> {
     let python = venv::ros_python()?;
     let _serial = serial();
-    let folder = TempDir::new("node-rate");
+    let folder = tempfile::tempdir().unwrap();
     let parameters =
-        ["image_qos:=default".to_owned(), format!("out_folder:={}", folder.join("out").display())];
+        ["image_qos:=default".to_owned(), format!("out_folder:={}", folder.path().join("out").display())];
     let node = Node::start(43, &parameters);
     // While a state is collected, and mapped as it comes.
     let told = scenario(&python, 43, &["rate", "--reliable", "--collect", "--frames", "300"]);
@@ -223,8 +224,8 @@ fn images_that_are_lost_on_the_way_are_counted() -> Result<(), Missing> {
         return Err(ros::ONLY_CYCLONE.into());
     }
     let _serial = serial();
-    let folder = TempDir::new("node-loss");
-    let out = format!("out_folder:={}", folder.join("out").display());
+    let folder = tempfile::tempdir().unwrap();
+    let out = format!("out_folder:={}", folder.path().join("out").display());
     for (domain, qos, options) in [(52, "sensor_data", &[][..]), (53, "default", &["--reliable"])] {
         let node = Node::start(domain, &[out.clone(), format!("image_qos:={qos}")]);
         let told = lossy_scenario(&python, domain, 10, &[&["rate", "--frames", "150"], options].concat());
@@ -254,7 +255,7 @@ fn a_hundred_thousand_broken_messages_are_counted_and_do_no_harm() -> Result<(),
 fn flood(domain: u16, count: &str, hz: &str) -> Result<(), Missing> {
     let python = venv::ros_python()?;
     let _serial = serial();
-    let folder = TempDir::new("node-flood");
+    let folder = tempfile::tempdir().unwrap();
     let mut parameters = small_run(&folder, false);
     parameters.retain(|p| !p.starts_with("mask_topic"));
     parameters.push("info_qos:=default".to_owned());
@@ -277,9 +278,9 @@ fn flood(domain: u16, count: &str, hz: &str) -> Result<(), Missing> {
 fn simulated_time_may_jump_back() -> Result<(), Missing> {
     let python = venv::ros_python()?;
     let _serial = serial();
-    let folder = TempDir::new("node-clock");
+    let folder = tempfile::tempdir().unwrap();
     let parameters =
-        ["use_sim_time:=true".to_owned(), format!("out_folder:={}", folder.join("out").display())];
+        ["use_sim_time:=true".to_owned(), format!("out_folder:={}", folder.path().join("out").display())];
     let node = Node::start(46, &parameters);
     let told = scenario(&python, 46, &["clock"]);
     node.end();
@@ -290,7 +291,7 @@ fn simulated_time_may_jump_back() -> Result<(), Missing> {
 fn a_camera_without_transforms_is_followed_and_its_poses_come_back() -> Result<(), Missing> {
     let python = venv::ros_python()?;
     let _serial = serial();
-    let folder = TempDir::new("node-tracked");
+    let folder = tempfile::tempdir().unwrap();
     let node = Node::start(66, &small_run(&folder, false));
     let states = [0, 1].map(|s| shipped(&format!("drawer/state{s}")).display().to_string());
     let told = scenario(&python, 66, &["tracked", &states[0], &states[1]]);
@@ -303,7 +304,7 @@ fn a_camera_without_transforms_is_followed_and_its_poses_come_back() -> Result<(
         assert!(number(&found["moved_m"]) < 0.015 && number(&found["turned_rad"]) < 0.03, "{told}");
         // z up from the floor: the camera is above it, by no more than it is away.
         assert!(number(&found["lowest_m"]) > 0.05 && number(&found["highest_m"]) < 2.0, "{told}");
-        let recorded = io::inspect(&folder.join(&format!("node/session/state{state}")));
+        let recorded = io::inspect(&folder.path().join(&format!("node/session/state{state}")));
         let recorded = recorded.unwrap().to_text();
         assert!(recorded.contains("camera poses: none recorded"), "{recorded}");
     }
@@ -313,7 +314,7 @@ fn a_camera_without_transforms_is_followed_and_its_poses_come_back() -> Result<(
     // The pipeline tracks what was recorded as it does any bag.
     assert_eq!(told["joints"].as_array().unwrap().len(), 1, "{told}");
     let motion = number(&told["motions"][0]);
-    let posed = folder.join("posed");
+    let posed = folder.path().join("posed");
     let ended = end(&mut reconstruct(&[&shipped("drawer")], &posed, &["--parts", "2", "--name", "drawer"]));
     assert!(ended.code == 0 || ended.code == 3, "{}", ended.stderr);
     let by_poses = io::read_run_summary(&posed.join("drawer")).unwrap();
@@ -327,7 +328,7 @@ fn a_camera_without_transforms_is_followed_and_its_poses_come_back() -> Result<(
 fn what_is_collected_is_shown_as_it_comes() -> Result<(), Missing> {
     let python = venv::ros_python()?;
     let _serial = serial();
-    let folder = TempDir::new("node-live");
+    let folder = tempfile::tempdir().unwrap();
     let node = Node::start(67, &small_run(&folder, false));
     let states = [0, 1].map(|s| shipped(&format!("drawer/state{s}")).display().to_string());
     let told = scenario(&python, 67, &["live", &states[0], &states[1]]);
@@ -386,14 +387,13 @@ fn distance_to(mesh: &str) -> impl Fn(&nalgebra::Point3<f32>) -> f32 + use<> {
 
 /// Starts a node on the drawer's topics, runs a scenario with its first state and ends the node.
 fn with_drawer(
-    name: &str,
     domain: u16,
     parameters: &[&str],
     arguments: &[&str],
 ) -> Result<(TempDir, serde_json::Value), Missing> {
     let python = venv::ros_python()?;
     let _serial = serial();
-    let folder = TempDir::new(name);
+    let folder = tempfile::tempdir().unwrap();
     let mut all = small_run(&folder, false);
     all.push("info_qos:=default".to_owned());
     all.extend(parameters.iter().map(|p| (*p).to_owned()));
@@ -429,9 +429,9 @@ fn camera_poses_may_come_as_pose_or_odometry() -> Result<(), Missing> {
         let (pose_type, pose_frame) = (format!("pose_type:={form}"), format!("pose_frame:='{frame}'"));
         let parameters = ["pose_topic:=/camera_pose", &pose_type, &pose_frame];
         let arguments = ["play", "--begin", "0", "--masks", "--poses", form, "--linger", "2"];
-        let (folder, _) = with_drawer(&format!("node-{form}"), domain, &parameters, &arguments)?;
+        let (folder, _) = with_drawer(domain, &parameters, &arguments)?;
         same_poses(
-            &camera_poses(&folder.join("node/session/state0"), Some(frame).filter(|f| !f.is_empty())),
+            &camera_poses(&folder.path().join("node/session/state0"), Some(frame).filter(|f| !f.is_empty())),
             &expected,
         );
     }
@@ -439,32 +439,32 @@ fn camera_poses_may_come_as_pose_or_odometry() -> Result<(), Missing> {
 }
 
 fn a_publisher_may_be_killed_and_another_go_on() -> Result<(), Missing> {
-    let (folder, told) = with_drawer("node-restart", 56, &[], &["restart"])?;
+    let (folder, told) = with_drawer(56, &[], &["restart"])?;
     assert_eq!(
         (&told["half"], &told["kept"], &told["lost"], &told["received"]),
         (&8.into(), &16.into(), &0.into(), &16.into()),
         "{told}"
     );
     same_poses(
-        &camera_poses(&folder.join("node/session/state0"), None),
+        &camera_poses(&folder.path().join("node/session/state0"), None),
         &camera_poses(&shipped("drawer/state0"), None),
     );
     Ok(())
 }
 
 fn transforms_images_and_clock_may_jump_back() -> Result<(), Missing> {
-    let (folder, told) = with_drawer("node-jumps", 57, &["use_sim_time:=true"], &["jumps"])?;
+    let (folder, told) = with_drawer(57, &["use_sim_time:=true"], &["jumps"])?;
     // What was kept stays as it is; older views are no part of it, and a new recording takes them.
     assert_eq!((&told["future"], &told["kept_after_jump"]), (&8.into(), &8.into()), "{told}");
     let (again, jumps) = (told["again"].as_u64().unwrap() as usize, told["jumps"].as_u64().unwrap());
     assert!((15..=16).contains(&again) && jumps >= 2, "{told}");
     let expected = camera_poses(&shipped("drawer/state0"), None);
-    same_poses(&camera_poses(&folder.join("node/session/state0"), None), &expected[16 - again..]);
+    same_poses(&camera_poses(&folder.path().join("node/session/state0"), None), &expected[16 - again..]);
     Ok(())
 }
 
 fn a_session_is_saved_and_another_begun() -> Result<(), Missing> {
-    let (_folder, told) = with_drawer("node-resets", 58, &[], &["resets"])?;
+    let (_folder, told) = with_drawer(58, &[], &["resets"])?;
     assert_eq!((&told["on_disk"], &told["kept"]), (&8.into(), &8.into()), "{told}");
     let sessions: Vec<&Path> =
         told["sessions"].as_array().unwrap().iter().map(|s| Path::new(s.as_str().unwrap())).collect();
@@ -483,11 +483,11 @@ fn a_session_is_saved_and_another_begun() -> Result<(), Missing> {
 fn a_diagnosis_is_asked_for_canceled_and_published() -> Result<(), Missing> {
     let python = venv::ros_python()?;
     let _serial = serial();
-    let folder = TempDir::new("node-diagnose");
+    let folder = tempfile::tempdir().unwrap();
     let (twin, runs) = doors::write(&folder, 3, 10.0);
     let node = Node::start(
         59,
-        &[format!("out_folder:={}", folder.join("out").display()), "session:=session".to_owned()],
+        &[format!("out_folder:={}", folder.path().join("out").display()), "session:=session".to_owned()],
     );
     let paths: Vec<String> = std::iter::once(&twin).chain(&runs).map(|p| p.display().to_string()).collect();
     let arguments: Vec<&str> = std::iter::once("diagnose").chain(paths.iter().map(String::as_str)).collect();
@@ -506,15 +506,15 @@ fn a_diagnosis_is_asked_for_canceled_and_published() -> Result<(), Missing> {
     assert_eq!(told["fractions"], serde_json::json!([0.0, 0.5]), "{told}");
 
     // The command line finds the same, byte for byte.
-    let cli = folder.join("cli");
+    let cli = folder.path().join("cli");
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_artitwin"));
     let ended = end(command.arg("diagnose").arg(&twin).args(&runs).arg("--out").arg(&cli));
     assert_eq!(ended.code, 0, "{}", ended.stderr);
     let by_node = Path::new(told["folder"].as_str().unwrap());
-    assert_eq!(by_node, folder.join("out/session/gap"));
+    assert_eq!(by_node, folder.path().join("out/session/gap"));
     let node = Node::start(
         59,
-        &[format!("out_folder:={}", folder.join("out").display()), "session:=session".to_owned()],
+        &[format!("out_folder:={}", folder.path().join("out").display()), "session:=session".to_owned()],
     );
     let again = scenario(&python, 59, &["reported"]);
     node.end();
@@ -536,8 +536,8 @@ fn a_diagnosis_is_asked_for_canceled_and_published() -> Result<(), Missing> {
 fn the_node_is_seen_under_its_name() -> Result<(), Missing> {
     let python = venv::ros_python()?;
     let _serial = serial();
-    let folder = TempDir::new("node-discovery");
-    let out = format!("out_folder:={}", folder.join("out").display());
+    let folder = tempfile::tempdir().unwrap();
+    let out = format!("out_folder:={}", folder.path().join("out").display());
     let node = Node::start_with(47, &[out], &["-r", "__node:=twin_maker", "-r", "__ns:=/lab"]);
     let told = scenario(&python, 47, &["discovery", "--name", "twin_maker"]);
     node.end();
@@ -549,7 +549,7 @@ fn the_node_is_seen_under_its_name() -> Result<(), Missing> {
 fn states_are_found_without_a_call() -> Result<(), Missing> {
     let python = venv::ros_python()?;
     let _serial = serial();
-    let folder = TempDir::new("node-automatic");
+    let folder = tempfile::tempdir().unwrap();
     let mut parameters = small_run(&folder, false);
     parameters.extend(
         ["automatic_states:=true", "still_secs:=0.5", "min_keyframes:=5", "enough_keyframes:=10"]
@@ -562,7 +562,7 @@ fn states_are_found_without_a_call() -> Result<(), Missing> {
     let phases: Vec<u64> = told["phases"].as_array().unwrap().iter().map(|p| p.as_u64().unwrap()).collect();
     assert!(phases.contains(&1) && phases.last() == Some(&3), "{phases:?}\n{log}");
     for state in 0..2 {
-        assert!(folder.join(&format!("node/session/state{state}/metadata.yaml")).is_file(), "{log}");
+        assert!(folder.path().join(&format!("node/session/state{state}/metadata.yaml")).is_file(), "{log}");
     }
     Ok(())
 }
@@ -570,12 +570,12 @@ fn states_are_found_without_a_call() -> Result<(), Missing> {
 fn a_crash_loses_nothing_that_was_there_for_a_second() -> Result<(), Missing> {
     let python = venv::ros_python()?;
     let _serial = serial();
-    let folder = TempDir::new("node-crash");
+    let folder = tempfile::tempdir().unwrap();
     let node = Node::start(49, &small_run(&folder, false));
     let bag = shipped("drawer/state0").display().to_string();
     scenario(&python, 49, &["play", &bag, "--begin", "0", "--masks", "--linger", "3"]);
     node.kill();
-    let session = folder.join("node/session");
+    let session = folder.path().join("node/session");
     assert!(!session.join("state0/metadata.yaml").exists());
     let found = io::inspect(&session.join("state0")).unwrap();
     assert_eq!(found.recordings[0].views, 16);
@@ -585,8 +585,8 @@ fn a_crash_loses_nothing_that_was_there_for_a_second() -> Result<(), Missing> {
 fn what_is_recorded_is_what_was_published() -> Result<(), Missing> {
     let python = venv::ros_python()?;
     let _serial = serial();
-    let folder = TempDir::new("node-record");
-    let bag = folder.join("bag");
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("bag");
     let mut parameters = small_run(&folder, false);
     parameters.push("info_qos:=default".to_owned());
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_artitwin"));
@@ -608,9 +608,9 @@ fn what_is_recorded_is_what_was_published() -> Result<(), Missing> {
 fn ten_minutes_of_images_need_no_more_memory_than_one() -> Result<(), Missing> {
     let python = venv::ros_python()?;
     let _serial = serial();
-    let folder = TempDir::new("node-load");
+    let folder = tempfile::tempdir().unwrap();
     let parameters =
-        ["image_qos:=default".to_owned(), format!("out_folder:={}", folder.join("out").display())];
+        ["image_qos:=default".to_owned(), format!("out_folder:={}", folder.path().join("out").display())];
     let node = Node::start(51, &parameters);
     let told = scenario(&python, 51, &["rate", "--reliable", "--collect", "--frames", "18000"]);
     node.end();

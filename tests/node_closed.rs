@@ -20,7 +20,6 @@ use std::{
     process::{Command, ExitCode},
 };
 
-use common::TempDir;
 use harness::{Missing, tests};
 use ros::{Node, scenario, serial, with_fastdds};
 
@@ -47,10 +46,15 @@ fn who_is_not_on_this_machine_gets_nothing() -> Result<(), Missing> {
         return Err(NO_NAMESPACES.into());
     }
     let _serial = serial();
-    let folder = TempDir::new("node-outside");
+    let folder = tempfile::tempdir().unwrap();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/ros/outside.py");
     let mut command = Command::new("unshare");
-    command.arg("--net").arg(python).arg(script).arg(env!("CARGO_BIN_EXE_artitwin")).arg(folder.join("out"));
+    command
+        .arg("--net")
+        .arg(python)
+        .arg(script)
+        .arg(env!("CARGO_BIN_EXE_artitwin"))
+        .arg(folder.path().join("out"));
     let output = command.output().unwrap();
     let error = String::from_utf8_lossy(&output.stderr);
     if output.status.code() == Some(3) {
@@ -92,8 +96,8 @@ fn a_datagram_costs_no_more_than_it_holds() -> Result<(), Missing> {
         return Err(ros::ONLY_CYCLONE.into());
     }
     let _serial = serial();
-    let folder = TempDir::new("node-claims");
-    let node = Node::start(64, &[format!("out_folder:={}", folder.join("out").display())]);
+    let folder = tempfile::tempdir().unwrap();
+    let node = Node::start(64, &[format!("out_folder:={}", folder.path().join("out").display())]);
     let told = scenario(&python, 64, &["claims", "--pid", &node.id().to_string()]);
     let log = node.end();
     assert!(!log.contains("panicked"), "{log}");
@@ -110,10 +114,10 @@ fn a_datagram_costs_no_more_than_it_holds() -> Result<(), Missing> {
 fn large_images_arrive() -> Result<(), Missing> {
     let python = neighbor()?;
     let _serial = serial();
-    let folder = TempDir::new("node-large");
+    let folder = tempfile::tempdir().unwrap();
     let node = Node::start(
         65,
-        &["image_qos:=default".to_owned(), format!("out_folder:={}", folder.join("out").display())],
+        &["image_qos:=default".to_owned(), format!("out_folder:={}", folder.path().join("out").display())],
     );
     let told = scenario(&python, 65, &["large"]);
     node.end();

@@ -20,9 +20,9 @@ use std::{
     sync::OnceLock,
 };
 
-use common::TempDir;
 use harness::{Missing, tests};
 use program::{Ended, end, shipped};
+use tempfile::TempDir;
 
 fn main() -> ExitCode {
     harness::main(tests![
@@ -127,7 +127,7 @@ fn twin(folder: &TempDir) -> PathBuf {
         done(&mut reconstruct(&shipped("drawer"), &made, &[]));
         made
     });
-    let twin = folder.join("runs/drawer");
+    let twin = folder.path().join("runs/drawer");
     copy(&made.join("drawer"), &twin);
     twin
 }
@@ -157,43 +157,49 @@ fn names(folder: &Path) -> Vec<String> {
 }
 
 fn diagnose_and_synth_leave_a_twins_folder_as_it_is() {
-    let folder = TempDir::new("outputs-twin-folder");
-    let runs = TempDir::new("outputs-twin-folder-runs");
+    let folder = tempfile::tempdir().unwrap();
+    let runs = tempfile::tempdir().unwrap();
     let twin = twin(&folder);
     refused(
         &mut synth(&twin, &[]),
-        &folder.0,
+        folder.path(),
         &["it is a result of reconstruct, not of synth", "--force, which moves it to", "drawer.bak"],
     );
     refused(
         &mut diagnose(&runs, &twin, &[]),
-        &folder.0,
+        folder.path(),
         &["it is a result of reconstruct, not of diagnose", "another --out or --name"],
     );
     // The twin that is diagnosed: not even by force, however its folder is named.
     let (_, bags) = doors::write(&runs, 1, 4.0);
-    symlink(&twin, folder.join("link")).unwrap();
-    for out in
-        [&twin, &twin.join("../drawer"), &folder.join("runs"), &folder.join("link"), &twin.join("meshes")]
-    {
+    symlink(&twin, folder.path().join("link")).unwrap();
+    for out in [
+        &twin,
+        &twin.join("../drawer"),
+        &folder.path().join("runs"),
+        &folder.path().join("link"),
+        &twin.join("meshes"),
+    ] {
         for force in [&[][..], &["--force"]] {
             let mut command = artitwin();
             command
                 .arg("diagnose")
-                .arg(folder.join("link/drawer.urdf"))
+                .arg(folder.path().join("link/drawer.urdf"))
                 .args(&bags)
                 .arg("--out")
                 .arg(out)
                 .args(force);
-            refused(&mut command, &folder.0, &["is or holds the input", "give another --out or --name"]);
+            refused(&mut command, folder.path(), &["is or holds the input", "give another --out or --name"]);
         }
     }
     // The folder of an older version.
     fs::remove_file(twin.join("manifest.json")).unwrap();
-    for command in [&mut synth(&twin, &[]), &mut reconstruct(&shipped("drawer"), &folder.join("runs"), &[])] {
+    for command in
+        [&mut synth(&twin, &[]), &mut reconstruct(&shipped("drawer"), &folder.path().join("runs"), &[])]
+    {
         refused(
             command,
-            &folder.0,
+            folder.path(),
             &[
                 "runs/drawer is left as it is: it holds ",
                 "and no manifest.json that says which command wrote it",
@@ -203,14 +209,14 @@ fn diagnose_and_synth_leave_a_twins_folder_as_it_is() {
 }
 
 fn notes_and_edits_survive_a_second_reconstruction() {
-    let folder = TempDir::new("outputs-notes");
-    let (runs, twin) = (folder.join("runs"), twin(&folder));
+    let folder = tempfile::tempdir().unwrap();
+    let (runs, twin) = (folder.path().join("runs"), twin(&folder));
     fs::write(twin.join("notes.txt"), "the hinge squeaks").unwrap();
     fs::write(twin.join("drawer.urdf"), "<robot/>").unwrap();
     let told =
         ["runs/drawer is left as it is: since reconstruct wrote it, drawer.urdf was edited, notes.txt was \
          added"];
-    refused(&mut reconstruct(&shipped("drawer"), &runs, &[]), &folder.0, &told);
+    refused(&mut reconstruct(&shipped("drawer"), &runs, &[]), folder.path(), &told);
 
     let before = snapshot(&twin);
     let forced = done(&mut reconstruct(&shipped("drawer"), &runs, &["--force"]));
@@ -227,9 +233,10 @@ fn notes_and_edits_survive_a_second_reconstruction() {
 }
 
 fn the_manifest_names_every_file_with_its_digest() {
-    let folder = TempDir::new("outputs-manifest");
-    let (twin, object, diagnosis) = (twin(&folder), folder.join("made/object"), folder.join("found"));
-    done(&mut synth(&folder.join("made"), &["--name", "object"]));
+    let folder = tempfile::tempdir().unwrap();
+    let (twin, object, diagnosis) =
+        (twin(&folder), folder.path().join("made/object"), folder.path().join("found"));
+    done(&mut synth(&folder.path().join("made"), &["--name", "object"]));
     done(&mut diagnose(&folder, &diagnosis, &[]));
     for (result, command) in [(&twin, "reconstruct"), (&object, "synth"), (&diagnosis, "diagnose")] {
         let manifest: serde_json::Value =
@@ -252,9 +259,9 @@ fn the_manifest_names_every_file_with_its_digest() {
         assert_eq!(String::from_utf8(output.stdout).unwrap(), expected);
     }
     // All three replace what they wrote.
-    done(&mut synth(&folder.join("made"), &["--name", "object", "--plain"]));
+    done(&mut synth(&folder.path().join("made"), &["--name", "object", "--plain"]));
     done(&mut diagnose(&folder, &diagnosis, &[]));
-    assert_eq!(names(&folder.join("made")), ["object"]);
+    assert_eq!(names(&folder.path().join("made")), ["object"]);
 }
 
 fn out_and_name_mean_the_same_for_all_commands() {
@@ -269,8 +276,8 @@ fn out_and_name_mean_the_same_for_all_commands() {
         assert!(said.contains(option), "{option} is not in {said}");
     }
     assert_eq!([help("diagnose"), help("synth")], [said.clone(), said]);
-    let folder = TempDir::new("outputs-name");
-    let out = folder.join("all");
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("all");
     done(&mut synth(&out, &["--name", "object"]));
     done(&mut diagnose(&folder, &out, &["--name", "gap"]));
     assert_eq!(names(&out), ["gap", "object"]);
@@ -280,90 +287,94 @@ fn out_and_name_mean_the_same_for_all_commands() {
 }
 
 fn a_result_never_takes_the_place_of_an_input() {
-    let folder = TempDir::new("outputs-inputs");
-    let bags = folder.join("bags");
+    let folder = tempfile::tempdir().unwrap();
+    let bags = folder.path().join("bags");
     copy(&shipped("drawer"), &bags.join("drawer"));
-    fs::create_dir_all(folder.join("files/drawer")).unwrap();
-    fs::write(folder.join("files/drawer/mine.yaml"), "run: {seed: 3}\n").unwrap();
-    symlink(&bags, folder.join("link")).unwrap();
+    fs::create_dir_all(folder.path().join("files/drawer")).unwrap();
+    fs::write(folder.path().join("files/drawer/mine.yaml"), "run: {seed: 3}\n").unwrap();
+    symlink(&bags, folder.path().join("link")).unwrap();
     let bag = bags.join("drawer");
-    let config = folder.join("files/drawer/mine.yaml");
-    let checkpoint = folder.join(".artitwin-box.checkpoint");
+    let config = folder.path().join("files/drawer/mine.yaml");
+    let checkpoint = folder.path().join(".artitwin-box.checkpoint");
     symlink(&bags, &checkpoint).unwrap();
-    let (linked, state) = (folder.join("link/drawer"), bag.join("state0"));
+    let (linked, state) = (folder.path().join("link/drawer"), bag.join("state0"));
     let mut cases: Vec<(&Path, PathBuf, Vec<&str>)> = vec![
         (&bag, bags.clone(), vec![]),
-        (&bag, folder.join("link"), vec![]),
-        (&bag, folder.0.clone(), vec!["--name", "bags"]),
-        (&linked, folder.0.clone(), vec!["--name", "link"]),
-        (&bag, folder.join("files"), vec!["--config", config.to_str().unwrap()]),
+        (&bag, folder.path().join("link"), vec![]),
+        (&bag, folder.path().to_owned(), vec!["--name", "bags"]),
+        (&linked, folder.path().to_owned(), vec!["--name", "link"]),
+        (&bag, folder.path().join("files"), vec!["--config", config.to_str().unwrap()]),
         (&state, bags.clone(), vec!["--name", "drawer"]),
     ];
     if cfg!(feature = "onnx") {
-        cases.push((&bag, folder.join("files"), vec!["--matcher", config.to_str().unwrap()]));
+        cases.push((&bag, folder.path().join("files"), vec!["--matcher", config.to_str().unwrap()]));
     }
     for (source, out, options) in cases {
         let options = [&options[..], &["--force"]].concat();
-        refused(&mut reconstruct(source, &out, &options), &folder.0, &["is or holds the input"]);
+        refused(&mut reconstruct(source, &out, &options), folder.path(), &["is or holds the input"]);
     }
     // Of several objects the recording of another one.
-    let mut jobs = reconstruct(&bag, &folder.0, &["--jobs", "1", "--force"]);
-    copy(&shipped("laptop"), &folder.join("other/bags"));
-    jobs.arg(folder.join("other/bags"));
+    let mut jobs = reconstruct(&bag, folder.path(), &["--jobs", "1", "--force"]);
+    copy(&shipped("laptop"), &folder.path().join("other/bags"));
+    jobs.arg(folder.path().join("other/bags"));
     let ended = end(&mut jobs);
     assert!(ended.stderr.contains("bags, which is or holds the input"), "{}", ended.stderr);
     assert!(bag.join("state0/state0.mcap").is_file(), "the recording is gone");
     // The checkpoint is no way around it.
     refused(
-        &mut reconstruct(&bag, &folder.0, &["--name", "box", "--force"]),
-        &folder.0,
+        &mut reconstruct(&bag, folder.path(), &["--name", "box", "--force"]),
+        folder.path(),
         &[".artitwin-box.checkpoint is left as it is: it is a link"],
     );
     // Nor is the name of a rejected twin.
-    copy(&bag, &folder.join("box_rejected"));
-    let held = folder.join("box_rejected");
+    copy(&bag, &folder.path().join("box_rejected"));
+    let held = folder.path().join("box_rejected");
     refused(
-        &mut reconstruct(&held, &folder.0, &["--name", "box", "--force"]),
-        &folder.0,
+        &mut reconstruct(&held, folder.path(), &["--name", "box", "--force"]),
+        folder.path(),
         &["box_rejected, which is or holds the input"],
     );
 }
 
 fn a_link_is_no_place_for_a_result() {
-    let folder = TempDir::new("outputs-link");
-    let theirs = folder.join("theirs");
+    let folder = tempfile::tempdir().unwrap();
+    let theirs = folder.path().join("theirs");
     fs::create_dir(&theirs).unwrap();
-    symlink(&theirs, folder.join("mine")).unwrap();
+    symlink(&theirs, folder.path().join("mine")).unwrap();
     for out in ["mine", "mine/"] {
-        refused(&mut synth(&folder.join(out), &[]), &folder.0, &["mine is left as it is: it is a link"]);
+        refused(
+            &mut synth(&folder.path().join(out), &[]),
+            folder.path(),
+            &["mine is left as it is: it is a link"],
+        );
     }
-    let forced = end(&mut synth(&folder.join("mine/"), &["--force"]));
+    let forced = end(&mut synth(&folder.path().join("mine/"), &["--force"]));
     assert_eq!(forced.code, 0, "{}", forced.stderr);
     assert!(
-        folder.join("mine.bak").is_symlink()
-            && !folder.join("mine").is_symlink()
+        folder.path().join("mine.bak").is_symlink()
+            && !folder.path().join("mine").is_symlink()
             && names(&theirs).is_empty()
     );
 }
 
 #[cfg(feature = "node")]
 fn record_overwrites_nothing() {
-    let folder = TempDir::new("outputs-record");
-    let bag = folder.join("bag");
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("bag");
     fs::create_dir(&bag).unwrap();
     fs::write(bag.join("notes.txt"), "mine").unwrap();
-    fs::create_dir(folder.join("empty")).unwrap();
-    symlink(folder.join("nowhere"), folder.join("dangling")).unwrap();
+    fs::create_dir(folder.path().join("empty")).unwrap();
+    symlink(folder.path().join("nowhere"), folder.path().join("dangling")).unwrap();
     for name in ["bag", "empty", "dangling"] {
         let mut command = artitwin();
-        command.arg("record").arg(folder.join(name)).env("ROS_DOMAIN_ID", "88");
-        refused(&mut command, &folder.0, &["is there already; give another folder or move it away"]);
+        command.arg("record").arg(folder.path().join(name)).env("ROS_DOMAIN_ID", "88");
+        refused(&mut command, folder.path(), &["is there already; give another folder or move it away"]);
     }
 }
 
 fn a_diagnosis_by_frames_and_motion_is_one_result() {
-    let folder = TempDir::new("outputs-frames");
-    let (made, out) = (folder.join("made"), folder.join("found"));
+    let folder = tempfile::tempdir().unwrap();
+    let (made, out) = (folder.path().join("made"), folder.path().join("found"));
     done(&mut synth(&made, &["--family", "clamshell", "--parts", "2", "--states", "3"]));
     let (_, runs) = doors::write(&folder, 2, 4.0);
     let urdf = made.join("truth/twin.urdf");
@@ -388,10 +399,10 @@ fn a_diagnosis_by_frames_and_motion_is_one_result() {
     );
     // It replaces what it wrote; not what it reads, the recording of the frames among it.
     done(&mut command);
-    assert_eq!(names(&folder.0).iter().filter(|n| n.starts_with(['.', 'f'])).count(), 1);
+    assert_eq!(names(folder.path()).iter().filter(|n| n.starts_with(['.', 'f'])).count(), 1);
     let mut command = artitwin();
     command.arg("diagnose").arg(&urdf).arg("--frames").arg(made.join("state2")).arg("--force");
-    refused(command.arg("--out").arg(made.join("state2")), &folder.0, &["is or holds the input"]);
+    refused(command.arg("--out").arg(made.join("state2")), folder.path(), &["is or holds the input"]);
 }
 
 /// Runs a command with standard output on a device that is full.
@@ -403,9 +414,9 @@ fn on_a_full_device(command: &mut Command) -> (i32, String) {
 
 #[cfg(target_os = "linux")]
 fn a_full_standard_output_is_a_failure_of_every_command() {
-    let folder = TempDir::new("outputs-dev-full");
+    let folder = tempfile::tempdir().unwrap();
     let drawer = shipped("drawer").display().to_string();
-    let truth = TempDir::new("outputs-dev-full-twin");
+    let truth = tempfile::tempdir().unwrap();
     let twin = twin(&truth).display().to_string();
     let mut commands: Vec<Command> = [
         &["--help"][..],
@@ -425,8 +436,8 @@ fn a_full_standard_output_is_a_failure_of_every_command() {
         command
     })
     .collect();
-    commands.push(synth(&folder.join("made"), &[]));
-    commands.push(diagnose(&folder, &folder.join("found"), &[]));
+    commands.push(synth(&folder.path().join("made"), &[]));
+    commands.push(diagnose(&folder, &folder.path().join("found"), &[]));
     for command in &mut commands {
         let (code, told) = on_a_full_device(command);
         assert_eq!(code, 1, "{command:?}: {told}");
@@ -436,21 +447,24 @@ fn a_full_standard_output_is_a_failure_of_every_command() {
         );
     }
     // The results are there.
-    assert!(folder.join("made/manifest.json").is_file() && folder.join("found/manifest.json").is_file());
+    assert!(
+        folder.path().join("made/manifest.json").is_file()
+            && folder.path().join("found/manifest.json").is_file()
+    );
 }
 
 #[cfg(target_os = "linux")]
 fn events_that_cannot_be_written_stop_the_run() {
-    let folder = TempDir::new("outputs-json");
+    let folder = tempfile::tempdir().unwrap();
     let (code, told) =
-        on_a_full_device(&mut reconstruct(&shipped("drawer"), &folder.join("runs"), &["--json"]));
+        on_a_full_device(&mut reconstruct(&shipped("drawer"), &folder.path().join("runs"), &["--json"]));
     assert_eq!(code, 1, "{told}");
     assert!(
         told.starts_with("error: cannot write events to standard output; the run was stopped")
             && told.contains("No space left"),
         "{told}"
     );
-    assert!(!folder.join("runs/drawer").exists(), "the run went on to its end");
+    assert!(!folder.path().join("runs/drawer").exists(), "the run went on to its end");
 }
 
 fn a_reader_that_went_away_is_no_error() {
@@ -469,7 +483,7 @@ struct SmallDisk(PathBuf);
 
 impl SmallDisk {
     fn new(folder: &TempDir, bytes: u64) -> Result<Self, Missing> {
-        let at = folder.join("disk");
+        let at = folder.path().join("disk");
         fs::create_dir(&at).unwrap();
         let mounted = Command::new("mount")
             .args(["-t", "tmpfs", "-o", &format!("size={bytes}"), "none"])
@@ -490,7 +504,7 @@ impl Drop for SmallDisk {
 
 #[cfg(target_os = "linux")]
 fn a_disk_that_is_too_full_is_refused_before_the_work() -> Result<(), Missing> {
-    let folder = TempDir::new("outputs-disk");
+    let folder = tempfile::tempdir().unwrap();
     let (twin, runs) = doors::write(&folder, 2, 4.0);
     let disk = SmallDisk::new(&folder, 8192)?;
     let mut diagnosis = artitwin();
@@ -515,7 +529,7 @@ fn a_disk_that_is_too_full_is_refused_before_the_work() -> Result<(), Missing> {
 
 #[cfg(target_os = "linux")]
 fn a_disk_that_fills_up_midway_leaves_nothing() -> Result<(), Missing> {
-    let folder = TempDir::new("outputs-midway");
+    let folder = tempfile::tempdir().unwrap();
     // More than the least that is asked for, less than all: 250 kB of the object, 3.7 MB of the twin.
     let disk = SmallDisk::new(&folder, 100 << 10)?;
     let ended = end(&mut synth(&disk.0.join("new/made"), &[]));
@@ -534,8 +548,8 @@ fn a_disk_that_fills_up_midway_leaves_nothing() -> Result<(), Missing> {
 /// The same without a mount: no file may grow beyond a size.
 #[cfg(target_os = "linux")]
 fn a_file_that_cannot_be_written_whole_leaves_nothing() {
-    let folder = TempDir::new("outputs-quota");
-    let out = folder.join("out");
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
     for kilobytes in ["8", "32", "64"] {
         let mut shell = Command::new("sh");
         shell.args([
@@ -554,6 +568,6 @@ fn a_file_that_cannot_be_written_whole_leaves_nothing() {
             ended.code,
             ended.stderr
         );
-        assert!(names(&folder.0).is_empty(), "{:?}", names(&folder.0));
+        assert!(names(folder.path()).is_empty(), "{:?}", names(folder.path()));
     }
 }

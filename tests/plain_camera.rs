@@ -14,7 +14,6 @@ use std::{
     sync::OnceLock,
 };
 
-use common::TempDir;
 use geometry::{Intrinsics, Pose};
 use image::{DynamicImage, ImageFormat, Rgb};
 use nalgebra::{Isometry3, Matrix4, Point3, Rotation3, Vector3};
@@ -77,8 +76,8 @@ fn tracked(ended: &Ended) -> Vec<f64> {
 #[test]
 fn views_that_have_no_place_are_left_out_with_the_reason() {
     let spoilt = [22..27, 34..39, 46..51];
-    let folder = TempDir::new("lost-views");
-    let bag = folder.join("door");
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("door");
     rewrite(&door().join("state0"), &bag, |m| {
         let Some(kind) = spoilt.iter().position(|s| s.contains(&m.ordinal)) else { return true };
         match (kind, m.is(COLOR), m.is(DEPTH)) {
@@ -110,8 +109,8 @@ fn views_that_have_no_place_are_left_out_with_the_reason() {
 
 #[test]
 fn a_camera_that_jumps_is_asked_to_move_slower() {
-    let folder = TempDir::new("jumps");
-    let bag = folder.join("door");
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("door");
     // One view in four seconds: half a circle in four steps.
     rewrite(&door().join("state0"), &bag, |m| !(m.is(COLOR) || m.is(DEPTH)) || m.ordinal % 20 == 0);
     let ended = artitwin(&["track"], &[&bag]);
@@ -121,8 +120,8 @@ fn a_camera_that_jumps_is_asked_to_move_slower() {
 
 #[test]
 fn of_a_dark_room_depth_alone_is_used_and_light_asked_for() {
-    let folder = TempDir::new("dark-room");
-    let bag = folder.join("door");
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("door");
     rewrite(&door().join("state0"), &bag, |m| {
         if m.is(COLOR) {
             darken(m);
@@ -195,7 +194,7 @@ fn pose(rows: &serde_json::Value) -> Pose {
 
 #[test]
 fn two_things_that_changed_are_asked_about() {
-    let folder = TempDir::new("two-objects");
+    let folder = tempfile::tempdir().unwrap();
     let truth: serde_json::Value =
         serde_json::from_slice(&std::fs::read(door().join("truth.json")).unwrap()).unwrap();
     let workspace = std::fs::read_to_string(door().join("workspace.txt")).unwrap();
@@ -208,12 +207,12 @@ fn two_things_that_changed_are_asked_about() {
         let cameras: Vec<Pose> = views.iter().map(|v| pose(&v["world_from_camera"])).collect();
         let y_m = [b[4] + 0.35, b[1] - 0.35][state];
         let at = Point3::new(0.5 * (b[0] + b[3]), y_m, b[2] + radius_m);
-        let bag = folder.join(&format!("state{state}"));
+        let bag = folder.path().join(&format!("state{state}"));
         Ball { at, radius_m }.paint(&intrinsics, &cameras, &door().join(format!("state{state}")), &bag);
         bag
     });
     let bags = [bags[0].as_path(), bags[1].as_path()];
-    let picture = folder.join("look.png");
+    let picture = folder.path().join("look.png");
     let ended = artitwin(&["inspect", "--picture", picture.to_str().unwrap()], &bags);
     assert_ne!(ended.code, 0, "{}", ended.stdout);
     let said = format!("{}{}", ended.stdout, ended.stderr);

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use capture::{Capture, CaptureConfig, CaptureError, TrackCamera};
 use common::*;
 use io::{inspect, open};
+use tempfile::TempDir;
 
 fn config() -> CaptureConfig {
     // Frames are compared with what was written.
@@ -20,28 +21,28 @@ fn open_one(path: &Path) -> Result<Capture, CaptureError> {
     open(&[path.to_owned()], &config(), 0)
 }
 
-fn states_with(name: &str, change: impl Fn(&mut Options)) -> (TempDir, Result<Capture, CaptureError>) {
-    let folder = TempDir::new(name);
+fn states_with(change: impl Fn(&mut Options)) -> (TempDir, Result<Capture, CaptureError>) {
+    let folder = tempfile::tempdir().unwrap();
     let mut options = Options::default();
     change(&mut options);
-    write_states(&folder.join("cabinet"), &options);
-    let capture = open_one(&folder.join("cabinet"));
+    write_states(&folder.path().join("cabinet"), &options);
+    let capture = open_one(&folder.path().join("cabinet"));
     (folder, capture)
 }
 
 fn error_of(name: &str, change: impl Fn(&mut Options)) -> CaptureError {
-    match states_with(name, change).1 {
+    match states_with(change).1 {
         Err(error) => error,
         Ok(capture) => panic!("{name}: {} frames", capture.states[0].len()),
     }
 }
 
 /// What is said of poses of a kind where the camera is not to be tracked.
-fn untracked_error(name: &str, poses: PoseKind) -> CaptureError {
-    let folder = TempDir::new(name);
-    write_states(&folder.join("cabinet"), &Options { poses, ..Options::default() });
+fn untracked_error(poses: PoseKind) -> CaptureError {
+    let folder = tempfile::tempdir().unwrap();
+    write_states(&folder.path().join("cabinet"), &Options { poses, ..Options::default() });
     let config = CaptureConfig { tracking: TrackCamera::Never, ..config() };
-    open(&[folder.join("cabinet")], &config, 0).unwrap_err()
+    open(&[folder.path().join("cabinet")], &config, 0).unwrap_err()
 }
 
 /// Compares with the rendered views; `color_tolerance` is the mean difference of a channel.
@@ -86,19 +87,19 @@ fn every_encoding_gives_the_same_frames() {
     let colors = [ColorKind::Rgb8, ColorKind::Bgra8Padded, ColorKind::Png];
     for (i, depth) in depths.into_iter().enumerate() {
         let color = colors[i % 3];
-        let (_folder, capture) = states_with("encodings", |o| (o.depth, o.color) = (depth, color));
+        let (_folder, capture) = states_with(|o| (o.depth, o.color) = (depth, color));
         let capture = capture.unwrap();
         check_frames(&capture, &format!("{depth:?} {color:?}"), 0.0);
         assert_eq!((capture.name.as_str(), capture.warnings.len()), ("cabinet", 0), "{:?}", capture.warnings);
     }
-    let (_folder, capture) = states_with("jpeg", |o| o.color = ColorKind::Jpeg);
+    let (_folder, capture) = states_with(|o| o.color = ColorKind::Jpeg);
     check_frames(&capture.unwrap(), "jpeg", 8.0);
 }
 
 #[test]
 fn poses_come_from_tf_or_from_a_pose_topic() {
     for poses in [PoseKind::PoseStamped, PoseKind::Odometry] {
-        let (_folder, capture) = states_with("poses", |o| o.poses = poses);
+        let (_folder, capture) = states_with(|o| o.poses = poses);
         let capture = capture.unwrap();
         check_frames(&capture, &format!("{poses:?}"), 0.0);
         let topic = if poses == PoseKind::Odometry { "/odom" } else { "/camera_pose" };
@@ -109,16 +110,16 @@ fn poses_come_from_tf_or_from_a_pose_topic() {
 #[test]
 fn every_compression_is_read() {
     for compression in [None, Some(mcap::Compression::Lz4), Some(mcap::Compression::Zstd)] {
-        let (_folder, capture) = states_with("compression", |o| o.compression = compression);
+        let (_folder, capture) = states_with(|o| o.compression = compression);
         check_frames(&capture.unwrap(), "compression", 0.0);
     }
 }
 
 #[test]
 fn zstd_by_message_and_by_file_is_read() {
-    let folder = TempDir::new("zstd");
+    let folder = tempfile::tempdir().unwrap();
     for state in 0..2 {
-        let bag = folder.join(&format!("state{state}"));
+        let bag = folder.path().join(&format!("state{state}"));
         write_state(&bag, state, &Options::default());
         let name = format!("state{state}.mcap");
         let plain = std::fs::read(bag.join(&name)).unwrap();
@@ -139,18 +140,18 @@ fn zstd_by_message_and_by_file_is_read() {
             write_metadata(&bag, &[&name], "message");
         }
     }
-    check_frames(&open_one(&folder.0).unwrap(), "zstd", 0.0);
+    check_frames(&open_one(folder.path()).unwrap(), "zstd", 0.0);
 }
 
 #[test]
 fn two_bags_one_folder_and_one_split_bag_are_the_same() {
-    let folder = TempDir::new("sources");
-    write_states(&folder.0, &Options::default());
-    let two = [folder.join("state0"), folder.join("state1/state1.mcap")];
+    let folder = tempfile::tempdir().unwrap();
+    write_states(folder.path(), &Options::default());
+    let two = [folder.path().join("state0"), folder.path().join("state1/state1.mcap")];
     check_frames(&open(&two, &config(), 0).unwrap(), "two bags", 0.0);
 
     // One bag: state 0, a pause in which the object is moved, state 1.
-    let both = folder.join("both");
+    let both = folder.path().join("both");
     std::fs::create_dir_all(&both).unwrap();
     let mut writer = BagWriter::create(&both.join("both_0.mcap"), None, 100_000);
     let pause = START + 10 * PERIOD;
@@ -184,13 +185,13 @@ fn two_bags_one_folder_and_one_split_bag_are_the_same() {
 
 #[test]
 fn damaged_bags_give_what_can_be_read_and_say_so() {
-    let folder = TempDir::new("damage");
-    write_states(&folder.0, &Options { chunk_bytes: 60_000, ..Options::default() });
-    let file = folder.join("state0/state0.mcap");
+    let folder = tempfile::tempdir().unwrap();
+    write_states(folder.path(), &Options { chunk_bytes: 60_000, ..Options::default() });
+    let file = folder.path().join("state0/state0.mcap");
     let whole = std::fs::read(&file).unwrap();
 
     std::fs::write(&file, &whole[..whole.len() * 6 / 10]).unwrap();
-    let capture = open_one(&folder.0).unwrap();
+    let capture = open_one(folder.path()).unwrap();
     let kept = capture.states[0].len();
     assert!((2..COUNT).contains(&kept) && capture.states[1].len() == COUNT, "{kept}");
     assert!(
@@ -203,35 +204,35 @@ fn damaged_bags_give_what_can_be_read_and_say_so() {
     let middle = whole.len() / 2;
     flipped[middle..middle + 50].iter_mut().for_each(|b| *b ^= 0xa5);
     std::fs::write(&file, &flipped).unwrap();
-    let capture = open_one(&folder.0).unwrap();
+    let capture = open_one(folder.path()).unwrap();
     assert!((COUNT / 2..COUNT).contains(&capture.states[0].len()));
     assert!(
         capture.warnings.iter().any(|w| w.text.contains("1 of") && w.text.contains("chunks left out")),
         "{:?}",
         capture.warnings
     );
-    let text = inspect(&folder.0).unwrap().to_text();
+    let text = inspect(folder.path()).unwrap().to_text();
     assert!(text.contains("chunks left out") && text.contains("usable: yes"), "{text}");
 
     std::fs::write(&file, &whole[..20]).unwrap();
-    assert!(matches!(open_one(&folder.0), Err(CaptureError::Corrupt { .. })));
+    assert!(matches!(open_one(folder.path()), Err(CaptureError::Corrupt { .. })));
     std::fs::write(&file, b"").unwrap();
-    let error = open_one(&folder.0).unwrap_err();
+    let error = open_one(folder.path()).unwrap_err();
     assert!(matches!(error, CaptureError::Corrupt { .. }) && error.to_string().contains("empty"), "{error}");
 }
 
 #[test]
 fn without_metadata_the_files_are_used_and_metadata_cannot_point_outside() {
-    let folder = TempDir::new("metadata");
-    write_states(&folder.0, &Options::default());
-    let yaml = folder.join("state0/metadata.yaml");
+    let folder = tempfile::tempdir().unwrap();
+    write_states(folder.path(), &Options::default());
+    let yaml = folder.path().join("state0/metadata.yaml");
     std::fs::remove_file(&yaml).unwrap();
-    let capture = open_one(&folder.0).unwrap();
+    let capture = open_one(folder.path()).unwrap();
     check_frames(&capture, "no metadata", 0.0);
     assert!(capture.warnings[0].text.contains("no metadata.yaml"));
     for evil in ["../state1/state1.mcap", "/etc/passwd", ".."] {
-        write_metadata(&folder.join("state0"), &[evil], "");
-        let error = open_one(&folder.0).unwrap_err();
+        write_metadata(&folder.path().join("state0"), &[evil], "");
+        let error = open_one(folder.path()).unwrap_err();
         assert!(
             matches!(error, CaptureError::Metadata { .. }) && error.to_string().contains("outside"),
             "{error}"
@@ -242,7 +243,7 @@ fn without_metadata_the_files_are_used_and_metadata_cannot_point_outside() {
         "rosbag2_bagfile_information:\n  storage_identifier: sqlite3\n  relative_file_paths: [a.db3]\n",
     )
     .unwrap();
-    let error = open_one(&folder.0).unwrap_err().to_string();
+    let error = open_one(folder.path()).unwrap_err().to_string();
     assert!(error.contains("rosbags-convert") && error.contains("--dst-storage mcap"), "{error}");
 }
 
@@ -261,7 +262,7 @@ fn missing_topics_are_named_with_a_remedy() {
 
 #[test]
 fn missing_poses_are_dropped_or_refused() {
-    let (_folder, capture) = states_with("half", |o| o.poses = PoseKind::TfHalf);
+    let (_folder, capture) = states_with(|o| o.poses = PoseKind::TfHalf);
     let capture = capture.unwrap();
     assert_eq!(capture.states[0].len(), COUNT / 2);
     assert!(
@@ -273,12 +274,12 @@ fn missing_poses_are_dropped_or_refused() {
         capture.warnings
     );
 
-    let error = untracked_error("none", PoseKind::None);
+    let error = untracked_error(PoseKind::None);
     assert!(
         matches!(error, CaptureError::NoTransform { .. }) && error.to_string().contains(OPTICAL),
         "{error}"
     );
-    let error = untracked_error("static", PoseKind::Static);
+    let error = untracked_error(PoseKind::Static);
     assert!(
         matches!(error, CaptureError::StaticCamera { .. }) && error.to_string().contains("--topic pose="),
         "{error}"
@@ -325,50 +326,53 @@ fn bad_images_are_refused() {
 
 #[test]
 fn other_things_are_refused() {
-    let folder = TempDir::new("other");
-    let text = folder.join("notes.txt");
+    let folder = tempfile::tempdir().unwrap();
+    let text = folder.path().join("notes.txt");
     std::fs::write(&text, "hello").unwrap();
     assert!(matches!(open_one(&text), Err(CaptureError::NotARecording { .. })));
-    assert!(matches!(open_one(&folder.0), Err(CaptureError::NotARecording { .. })));
-    assert!(matches!(open_one(&folder.join("gone")), Err(CaptureError::Missing { .. })));
+    assert!(matches!(open_one(folder.path()), Err(CaptureError::NotARecording { .. })));
+    assert!(matches!(open_one(&folder.path().join("gone")), Err(CaptureError::Missing { .. })));
     assert!(matches!(open(&[], &config(), 0), Err(CaptureError::NotARecording { .. })));
 
     // A bag of another kind altogether.
     for state in 0..2 {
-        let mut writer = BagWriter::create(&folder.join(&format!("state{state}.mcap")), None, 1000);
+        let mut writer = BagWriter::create(&folder.path().join(&format!("state{state}.mcap")), None, 1000);
         writer.message("/chatter", "std_msgs/msg/String", START, &"hello");
         writer.finish();
     }
-    let error = open_one(&folder.0).unwrap_err();
+    let error = open_one(folder.path()).unwrap_err();
     assert!(
         matches!(error, CaptureError::NotRgbd { .. }) && error.to_string().contains("/chatter"),
         "{error}"
     );
-    std::fs::remove_file(folder.join("state1.mcap")).unwrap();
-    assert!(matches!(open_one(&folder.0), Err(CaptureError::OneState { .. })));
+    std::fs::remove_file(folder.path().join("state1.mcap")).unwrap();
+    assert!(matches!(open_one(folder.path()), Err(CaptureError::OneState { .. })));
 
-    let mut writer = BagWriter::create(&folder.join("ros1.mcap"), None, 1000);
+    let mut writer = BagWriter::create(&folder.path().join("ros1.mcap"), None, 1000);
     writer.bytes("/image", "sensor_msgs/Image", "ros1", START, &[0; 40]);
     writer.finish();
-    assert!(open_one(&folder.join("ros1.mcap")).unwrap_err().to_string().contains("ROS 1"));
+    assert!(open_one(&folder.path().join("ros1.mcap")).unwrap_err().to_string().contains("ROS 1"));
 }
 
 #[test]
 fn topics_and_budget_can_be_set() {
-    let folder = TempDir::new("set");
-    write_states(&folder.0, &Options::default());
+    let folder = tempfile::tempdir().unwrap();
+    write_states(folder.path(), &Options::default());
     let mut few = CaptureConfig { frames_per_state: 4, ..config() };
     few.topics.depth = Some(DEPTH.into());
-    let capture = open(std::slice::from_ref(&folder.0), &few, 0).unwrap();
+    let capture = open(std::slice::from_ref(&folder.path().to_owned()), &few, 0).unwrap();
     assert_eq!(capture.states.iter().map(Vec::len).collect::<Vec<_>>(), [4, 4]);
     assert!(capture.notes.iter().any(|n| n.text.contains("4 of 10 views kept")), "{:?}", capture.notes);
     few.topics.depth = Some("/nope".into());
-    assert!(matches!(open(std::slice::from_ref(&folder.0), &few, 0), Err(CaptureError::BadTopic { .. })));
+    assert!(matches!(
+        open(std::slice::from_ref(&folder.path().to_owned()), &few, 0),
+        Err(CaptureError::BadTopic { .. })
+    ));
 }
 
 #[test]
 fn distorted_images_are_undistorted() {
-    let (_folder, capture) = states_with("lens", |o| {
+    let (_folder, capture) = states_with(|o| {
         o.distortion = ("rational_polynomial", vec![0.05, 0.0, 0.001, 0.0, 0.0, 0.0, 0.0, 0.0])
     });
     let capture = capture.unwrap();
@@ -383,7 +387,7 @@ fn distorted_images_are_undistorted() {
 
 #[test]
 fn without_masks_the_floor_goes_and_both_boxes_stay() {
-    let (folder, capture) = states_with("isolate", |o| o.mask = false);
+    let (folder, capture) = states_with(|o| o.mask = false);
     let capture = capture.unwrap();
     let mut counts = [0usize; 4];
     for (state, frames) in capture.states.iter().enumerate() {
@@ -403,7 +407,7 @@ fn without_masks_the_floor_goes_and_both_boxes_stay() {
     let note = capture.notes.iter().find(|n| n.text.contains("background plane taken away")).unwrap();
     assert!(note.text.replace('-', "").contains("normal (0.000, 0.000, 1.000), 0.000"), "{note}");
 
-    let again = open_one(&folder.join("cabinet")).unwrap();
+    let again = open_one(&folder.path().join("cabinet")).unwrap();
     for (a, b) in capture.states.iter().flatten().zip(again.states.iter().flatten()) {
         assert_eq!((&a.mask, &a.depth_m), (&b.mask, &b.depth_m));
     }
@@ -411,7 +415,7 @@ fn without_masks_the_floor_goes_and_both_boxes_stay() {
     // A box around the larger box alone.
     let mut boxed = config();
     boxed.isolate.workspace = Some([[-0.2, -0.2, -0.1], [0.08, 0.2, 0.3]]);
-    let capture = open(&[folder.join("cabinet")], &boxed, 0).unwrap();
+    let capture = open(&[folder.path().join("cabinet")], &boxed, 0).unwrap();
     for frame in capture.states.iter().flatten() {
         for p in (0..frame.depth_m.len()).filter(|p| frame.is_object(*p)) {
             if let Some(q) = frame.world_point(p) {
@@ -423,13 +427,13 @@ fn without_masks_the_floor_goes_and_both_boxes_stay() {
 
 #[test]
 fn states_in_different_places_are_refused() {
-    let folder = TempDir::new("apart");
+    let folder = tempfile::tempdir().unwrap();
     for state in 0..2 {
-        write_state(&folder.join(&format!("state{state}")), state, &Options::default());
+        write_state(&folder.path().join(&format!("state{state}")), state, &Options::default());
     }
     // State 1 again, with the camera's poses shifted by a meter.
-    let plain = std::fs::read(folder.join("state1/state1.mcap")).unwrap();
-    let mut writer = BagWriter::create(&folder.join("state1/state1.mcap"), None, 100_000);
+    let plain = std::fs::read(folder.path().join("state1/state1.mcap")).unwrap();
+    let mut writer = BagWriter::create(&folder.path().join("state1/state1.mcap"), None, 100_000);
     for m in mcap::MessageStream::new(&plain).unwrap() {
         let m = m.unwrap();
         let type_name = m.channel.schema.as_ref().unwrap().name.clone();
@@ -442,14 +446,14 @@ fn states_in_different_places_are_refused() {
         writer.bytes(&m.channel.topic, &type_name, "cdr", m.log_time as i64, &data);
     }
     writer.finish();
-    let error = open_one(&folder.0).unwrap_err();
+    let error = open_one(folder.path()).unwrap_err();
     assert!(matches!(error, CaptureError::NoOverlap { .. }), "{error}");
 }
 
 #[test]
 fn dataset_folders_are_read() {
-    let folder = TempDir::new("dataset");
-    let keyframes = folder.join("washer");
+    let folder = tempfile::tempdir().unwrap();
+    let keyframes = folder.path().join("washer");
     write_keyframes(&keyframes);
     let capture = open_one(&keyframes).unwrap();
     check_frames(&capture, "keyframes", 0.0);
@@ -470,10 +474,10 @@ fn dataset_folders_are_read() {
         capture.warnings
     );
 
-    let pairs = folder.join("stapler");
+    let pairs = folder.path().join("stapler");
     write_start_end(&pairs, true);
     check_frames(&open_one(&pairs).unwrap(), "start/end", 0.0);
-    let bare = folder.join("bare");
+    let bare = folder.path().join("bare");
     write_start_end(&bare, false);
     let text = open_one(&bare).unwrap_err().to_string();
     assert!(text.contains("depth is needed") && text.contains("millimeters"), "{text}");
@@ -481,9 +485,9 @@ fn dataset_folders_are_read() {
 
 #[test]
 fn inspection_tells_what_there_is() {
-    let folder = TempDir::new("inspect");
-    write_states(&folder.join("good"), &Options::default());
-    let seen = inspect(&folder.join("good")).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    write_states(&folder.path().join("good"), &Options::default());
+    let seen = inspect(&folder.path().join("good")).unwrap();
     assert!(seen.is_usable());
     let text = seen.to_text();
     for word in [
@@ -499,22 +503,22 @@ fn inspection_tells_what_there_is() {
         assert!(text.contains(word), "{word}: {text}");
     }
     write_states(
-        &folder.join("bad"),
+        &folder.path().join("bad"),
         &Options { depth: DepthKind::None, depth_info: false, ..Options::default() },
     );
-    let seen = inspect(&folder.join("bad")).unwrap();
+    let seen = inspect(&folder.path().join("bad")).unwrap();
     assert!(!seen.is_usable() && seen.to_text().contains("no depth topic"));
-    write_state(&folder.join("half/state0"), 0, &Options::default());
-    let text = inspect(&folder.join("half")).unwrap().to_text();
+    write_state(&folder.path().join("half/state0"), 0, &Options::default());
+    let text = inspect(&folder.path().join("half")).unwrap().to_text();
     assert!(text.contains("usable: no") && text.contains("two states are needed"), "{text}");
 }
 
 /// Bytes changed where no checksum guards them: whatever comes out, nothing panics and errors are sentences.
 #[test]
 fn changed_bytes_never_panic() {
-    let folder = TempDir::new("fuzz");
-    write_states(&folder.0, &Options { chunk_bytes: 0, compression: None, ..Options::default() });
-    let file = folder.join("state0/state0.mcap");
+    let folder = tempfile::tempdir().unwrap();
+    write_states(folder.path(), &Options { chunk_bytes: 0, compression: None, ..Options::default() });
+    let file = folder.path().join("state0/state0.mcap");
     let whole = std::fs::read(&file).unwrap();
     let mut state = 0x2545_f491_4f6c_dd1du64;
     let mut random = move || {
@@ -534,7 +538,7 @@ fn changed_bytes_never_panic() {
             bytes[(record + random() % 120).min(whole.len() - 1)] ^= 1 << (random() % 8);
         }
         std::fs::write(&file, &bytes).unwrap();
-        if let Err(error) = open_one(&folder.0) {
+        if let Err(error) = open_one(folder.path()) {
             failed += 1;
             assert!(error.to_string().len() > 20);
         }

@@ -15,7 +15,6 @@ use std::{
     sync::OnceLock,
 };
 
-use common::TempDir;
 use evaluate::{self, EvaluateOptions};
 use program::{Ended, end, reconstruct, shipped};
 use serde_json::Value;
@@ -42,10 +41,10 @@ fn files(out: &Path) -> Vec<Vec<u8>> {
 fn uninterrupted() -> &'static (Vec<Value>, Vec<Vec<u8>>) {
     static RUN: OnceLock<(Vec<Value>, Vec<Vec<u8>>)> = OnceLock::new();
     RUN.get_or_init(|| {
-        let folder = TempDir::new("uninterrupted");
-        let ended = end(&mut drawer(&folder.join("runs"), &[]));
+        let folder = tempfile::tempdir().unwrap();
+        let ended = end(&mut drawer(&folder.path().join("runs"), &[]));
         assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
-        (events(&ended.stdout), files(&folder.join("runs")))
+        (events(&ended.stdout), files(&folder.path().join("runs")))
     })
 }
 
@@ -88,8 +87,8 @@ fn steps(events: &[Value], stage: &str) -> Vec<u64> {
 /// Stops a run in a stage, lets `change` loose on its checkpoint, continues it: the same files must come out.
 /// Gives the events of the continued run.
 fn stopped_and_continued(stage: &str, signal: &str, change: impl FnOnce(&Path)) -> Vec<Value> {
-    let folder = TempDir::new(&format!("stopped-{}-{signal}", stage.replace('/', "-")));
-    let out = folder.join("runs");
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("runs");
     let stopped = stopped_in(stage, signal, &out);
     assert_eq!(stopped.code, 130, "{}", stopped.stderr);
     assert!(stopped.stderr.contains("continue with --resume"), "{}", stopped.stderr);
@@ -142,20 +141,20 @@ fn a_damaged_checkpoint_counts_as_absent() {
 
 #[test]
 fn continuing_without_a_checkpoint_starts_anew_and_says_so() {
-    let folder = TempDir::new("no-checkpoint");
-    let ended = end(&mut drawer(&folder.join("runs"), &["--resume"]));
+    let folder = tempfile::tempdir().unwrap();
+    let ended = end(&mut drawer(&folder.path().join("runs"), &["--resume"]));
     assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
     let told = |e: &Value| {
         e["event"] == "note" && e["message"].as_str().unwrap().contains("no usable checkpoint of drawer in ")
     };
     assert!(events(&ended.stdout).iter().any(told), "{}", ended.stdout);
-    assert_eq!(files(&folder.join("runs")), uninterrupted().1);
+    assert_eq!(files(&folder.path().join("runs")), uninterrupted().1);
 }
 
 #[test]
 fn continuing_another_run_is_refused_and_its_checkpoint_kept() {
-    let folder = TempDir::new("other-run");
-    let out = folder.join("runs");
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("runs");
     assert_eq!(stopped_in("field/state0", "INT", &out).code, 130);
     let ended = end(&mut drawer(&out, &["--resume", "--set", "train.steps=121"]));
     assert_eq!(ended.code, 1, "{}", ended.stderr);
@@ -203,10 +202,10 @@ fn all_files(out: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 fn plain_uninterrupted() -> &'static BTreeMap<PathBuf, Vec<u8>> {
     static RUN: OnceLock<BTreeMap<PathBuf, Vec<u8>>> = OnceLock::new();
     RUN.get_or_init(|| {
-        let folder = TempDir::new("plain-uninterrupted");
-        let ended = end(&mut plain(&folder.join("runs"), &[]));
+        let folder = tempfile::tempdir().unwrap();
+        let ended = end(&mut plain(&folder.path().join("runs"), &[]));
         assert!([0, 3].contains(&ended.code), "{}", ended.stderr);
-        all_files(&folder.join("runs"))
+        all_files(&folder.path().join("runs"))
     })
 }
 
@@ -262,8 +261,8 @@ fn what_a_stopped_run_has_finished_is_not_done_again() {
         ("joints", "TERM"),
         ("export", "KILL"),
     ] {
-        let folder = TempDir::new(&format!("kept-{}-{signal}", stage.replace('/', "-")));
-        let out = folder.join("runs");
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("runs");
         let stopped =
             stopped_when(plain(&out, &[]), signal, |e| e["event"] == "stage_started" && e["stage"] == stage);
         assert_eq!(stopped.code, if signal == "KILL" { -1 } else { 130 }, "{}", stopped.stderr);
@@ -283,8 +282,8 @@ fn what_a_stopped_run_has_finished_is_not_done_again() {
 
 #[test]
 fn a_run_killed_while_it_keeps_a_stage_does_that_stage_again() {
-    let folder = TempDir::new("killed-writing");
-    let out = folder.join("runs");
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("runs");
     let mut child = plain(&out, &[]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let written = checkpoint(&out).join("surface.state0.ckpt");
     let writing = written.with_extension(format!("{}.tmp", child.id()));
@@ -309,9 +308,9 @@ fn a_run_killed_while_it_keeps_a_stage_does_that_stage_again() {
 
 #[test]
 fn a_changed_setting_runs_only_the_stages_that_it_changes() {
-    let folder = TempDir::new("stages");
+    let folder = tempfile::tempdir().unwrap();
     let run = |name: &str, stages: &str, settings: &[&str]| {
-        let (out, stages) = (folder.join(name), folder.join(stages));
+        let (out, stages) = (folder.path().join(name), folder.path().join(stages));
         let settings: Vec<&str> = settings.iter().flat_map(|setting| ["--set", setting]).collect();
         let stages = stages.to_str().unwrap();
         let ended = end(&mut plain(&out, &[&["--stages", stages], &settings[..]].concat()));
@@ -341,8 +340,8 @@ fn a_changed_setting_runs_only_the_stages_that_it_changes() {
         let (expected, kept) = run(&format!("{name}-own"), &own, settings);
         assert!(kept.is_empty(), "{name}: {kept:?}");
         // No stage reads a setting that does not count for it: what has the same name is the same.
-        let (before, mut same) = (files_below(&folder.join("stages")), Vec::new());
-        for (file, bytes) in files_below(&folder.join(&own)) {
+        let (before, mut same) = (files_below(&folder.path().join("stages")), Vec::new());
+        for (file, bytes) in files_below(&folder.path().join(&own)) {
             if let Some(earlier) = before.get(&file) {
                 assert!(*earlier == bytes, "{name}: {file:?} reads what does not count for it");
                 same.push(file);
@@ -360,8 +359,8 @@ fn a_changed_setting_runs_only_the_stages_that_it_changes() {
 
 #[test]
 fn a_finished_run_says_so_and_stays_as_it_is() {
-    let folder = TempDir::new("finished");
-    let out = folder.join("runs");
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("runs");
     assert!([0, 3].contains(&end(&mut plain(&out, &[])).code));
     let report = out.join("drawer/report.json");
     let before = (all_files(&out), std::fs::metadata(&report).unwrap().modified().unwrap());
@@ -463,8 +462,8 @@ fn events_are_as_documented() {
 
 #[test]
 fn a_failure_is_the_last_event() {
-    let folder = TempDir::new("json-error");
-    let out = folder.join("runs");
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("runs");
     let run = |options: &[&str]| {
         end(&mut reconstruct(&[&shipped("drawer/state0")], &out, &[&["--json"], options].concat()))
     };
@@ -485,8 +484,8 @@ fn a_failure_is_the_last_event() {
 
 #[test]
 fn from_the_identity_both_starts_are_reported() {
-    let folder = TempDir::new("identity");
-    let out = folder.join("runs");
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("runs");
     // Measured: with 60 steps the motion is still at 2 mm, with 300 and 500 it has come 160.25 and 160.24 mm.
     let ended = end(&mut drawer(&out, &["--init", "identity", "--set", "articulation.identity_steps=300"]));
     assert!([0, 3].contains(&ended.code), "{}", ended.stderr);

@@ -20,7 +20,7 @@ use std::{
 
 use harness::{Missing, tests};
 use model::ArticulatedModel;
-use objects::{Temp, desk, true_drawer, write_run, write_truth};
+use objects::{desk, true_drawer, write_run, write_truth};
 
 fn main() -> ExitCode {
     harness::main(tests![
@@ -58,9 +58,9 @@ fn poses(model: &ArticulatedModel) -> serde_json::Value {
 fn check(model: &ArticulatedModel) -> Result<(), Missing> {
     let python = venv::python()?;
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let temp = Temp::new(&format!("simulators-{}", model.name));
-    let folder = write_run(model, &temp.0);
-    let expected = temp.0.join("poses.json");
+    let temp = tempfile::tempdir().unwrap();
+    let folder = write_run(model, temp.path());
+    let expected = temp.path().join("poses.json");
     std::fs::write(&expected, poses(model).to_string()).expect("a written file");
     let mut command = Command::new(&python);
     command.arg(root.join("tests/python/check_urdf.py")).arg(folder.join(format!("{}.urdf", model.name)));
@@ -103,9 +103,9 @@ fn the_true_drawer_moves_in_both_simulators() -> Result<(), Missing> {
 /// The truth that other tests measure against, checked by the same poses: a part moves from state 0 to state
 /// 1.
 fn truth_folders_say_what_the_model_says() {
-    let temp = Temp::new("truth-folder");
-    write_truth(&desk(), &temp.0);
-    let truth = evaluate::Truth::read(&temp.0).expect("a truth");
+    let temp = tempfile::tempdir().unwrap();
+    write_truth(&desk(), temp.path());
+    let truth = evaluate::Truth::read(temp.path()).expect("a truth");
     for part in &truth.parts {
         let Some(joint) = &part.joint else { continue };
         let there = part.meshes[0].transformed(&joint.state1_from_state0);

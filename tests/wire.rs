@@ -20,7 +20,6 @@ use std::{
     process::{Command, ExitCode, Stdio},
 };
 
-use common::TempDir;
 use harness::{Missing, tests};
 use io::{
     BagWriter, OfferedQos,
@@ -379,8 +378,8 @@ fn definitions_and_hashes_are_those_of_three_distributions() -> Result<(), Missi
 
 fn our_bags_are_read_by_others() -> Result<(), Missing> {
     let python = venv::ros_python()?;
-    let folder = TempDir::new("wire-bag");
-    let bag = folder.join("own");
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("own");
     let mut writer = BagWriter::create(&bag).unwrap();
     let qos = |latched| OfferedQos { reliable: latched, latched, depth: 5 };
     for i in 0..21 {
@@ -414,11 +413,11 @@ fn our_bags_are_read_by_others() -> Result<(), Missing> {
     assert!(BagWriter::create(&bag).is_err());
 
     // A recorder that was killed leaves no metadata.yaml; what was flushed is there.
-    let killed = folder.join("killed");
+    let killed = folder.path().join("killed");
     let mut writer = BagWriter::create(&killed).unwrap();
     writer.write("/robot_description", Text::TYPE, qos(true), 5, &text).unwrap();
     writer.flush().unwrap();
-    let copy = folder.join("copy.mcap");
+    let copy = folder.path().join("copy.mcap");
     std::fs::copy(killed.join("killed_0.mcap"), &copy).unwrap();
     let found = io::inspect(&copy).unwrap();
     assert_eq!(found.recordings[0].topics[0].count, 1);

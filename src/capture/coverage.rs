@@ -124,7 +124,8 @@ fn reads(frame: &RgbdFrame, point: &Point3<f64>, noise: &NoiseConfig) -> bool {
     let k = &frame.intrinsics;
     let seen = frame.in_camera(point);
     let Some((u, v)) = k.project(&seen) else { return false };
-    let (u, v) = (u.round(), v.round());
+    let u = u.round();
+    let v = v.round();
     if u < 0.0 || v < 0.0 || u >= k.width as f64 || v >= k.height as f64 {
         return false;
     }
@@ -135,7 +136,8 @@ fn reads(frame: &RgbdFrame, point: &Point3<f64>, noise: &NoiseConfig) -> bool {
 
 /// Whether the image's border cuts the object: it shows on a twentieth of a side.
 fn is_cut(frame: &RgbdFrame) -> bool {
-    let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+    let width = frame.intrinsics.width;
+    let height = frame.intrinsics.height;
     let share = |pixels: Vec<usize>| {
         pixels.iter().filter(|p| frame.is_object(**p)).count() as f64 / pixels.len().max(1) as f64
     };
@@ -217,7 +219,8 @@ impl fmt::Display for Coverage {
             sectors.map(|(name, _)| *name).collect::<Vec<_>>().join(", ")
         };
         let elevations = || self.eyes.iter().map(|e| e[1].to_degrees());
-        let (low, high) = (elevations().fold(90.0, f64::min), elevations().fold(-90.0, f64::max));
+        let low = elevations().fold(90.0, f64::min);
+        let high = elevations().fold(-90.0, f64::max);
         let [best_mm, worst_mm] = self.expected_m().map(|m| 1e3 * m);
         write!(
             f,

@@ -62,7 +62,8 @@ struct InverseDepth {
 
 impl InverseDepth {
     fn new(frame: &RgbdFrame) -> Self {
-        let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+        let width = frame.intrinsics.width;
+        let height = frame.intrinsics.height;
         // Lanes beside the last pixel of a row may read beyond it.
         let stride = width + 2 * MARGIN + LANES;
         let mut values = vec![0.0; stride * (height + 2 * MARGIN)];
@@ -88,7 +89,8 @@ impl InverseDepth {
 /// that have too few neighbors of one surface (flying pixels) become unknown.
 pub fn denoise(frame: &mut RgbdFrame, noise: &NoiseConfig) {
     let inverse = InverseDepth::new(frame);
-    let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+    let width = frame.intrinsics.width;
+    let height = frame.intrinsics.height;
     let of_row = |y: usize| {
         let mut row: Vec<(f32, f32)> =
             frame.depth_m[y * width..(y + 1) * width].iter().map(|&d| (d, 1.0)).collect();
@@ -197,8 +199,11 @@ fn sums(
         let row = first.wrapping_add_signed(dv as isize * inverse.stride as isize);
         let v = dv as f32;
         // Of 1, u, uu; of the residual times 1, u.
-        let (mut n, mut nu, mut nuu, mut r, mut ru) =
-            (Lanes::default(), Lanes::default(), Lanes::default(), Lanes::default(), Lanes::default());
+        let mut n = Lanes::default();
+        let mut nu = Lanes::default();
+        let mut nuu = Lanes::default();
+        let mut r = Lanes::default();
+        let mut ru = Lanes::default();
         for du in offsets(window) {
             let at = row.wrapping_add_signed(du as isize);
             let readings = &inverse.values[at..at + LANES];

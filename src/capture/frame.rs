@@ -52,7 +52,8 @@ impl RgbdFrame {
     #[must_use]
     pub fn world_point(&self, pixel: usize) -> Option<Point3<f64>> {
         let d = f64::from(self.depth_m[pixel]);
-        let (u, v) = ((pixel % self.intrinsics.width) as f64, (pixel / self.intrinsics.width) as f64);
+        let u = (pixel % self.intrinsics.width) as f64;
+        let v = (pixel / self.intrinsics.width) as f64;
         (d > 0.0).then(|| self.world_from_camera * self.intrinsics.unproject(u, v, d))
     }
 

@@ -32,7 +32,8 @@ mod tests {
 
     #[test]
     fn a_mask_spreads_as_a_square() {
-        let (w, h) = (13, 9);
+        let w = 13;
+        let h = 9;
         let mut mask = vec![false; w * h];
         for p in [0, 5 * w + 6, 5 * w + 7, 8 * w + 12] {
             mask[p] = true;

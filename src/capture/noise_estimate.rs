@@ -39,7 +39,8 @@ impl NoiseConfig {
 }
 
 fn window_factors(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f64> {
-    let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
+    let w = frame.intrinsics.width;
+    let h = frame.intrinsics.height;
     let stride = ((w * h) as f64 / WINDOWS).sqrt().ceil() as usize;
     let centers = (R..h.saturating_sub(R))
         .step_by(stride)
@@ -63,7 +64,8 @@ mod tests {
     /// A slanted wall with a step, with noise of so many times the default model.
     fn wall(factor: f64) -> RgbdFrame {
         let intrinsics = Intrinsics { width: 160, height: 120, fx: 150.0, fy: 150.0, cx: 80.0, cy: 60.0 };
-        let (noise, mut rng) = (NoiseConfig::default(), stage_rng(1, "wall", 0));
+        let noise = NoiseConfig::default();
+        let mut rng = stage_rng(1, "wall", 0);
         let mut normal = || (0..12).map(|_| rng.next_u64() as f64 / u64::MAX as f64).sum::<f64>() - 6.0;
         let depth = |p: usize| {
             let ray = intrinsics.ray((p % 160) as f64, (p / 160) as f64);

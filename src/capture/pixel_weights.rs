@@ -35,7 +35,8 @@ impl<'a> PixelWeights<'a> {
 
     /// Weight of a pixel.
     pub fn at(&self, x: usize, y: usize) -> f32 {
-        let (k, noise) = (&self.frame.intrinsics, self.noise);
+        let k = &self.frame.intrinsics;
+        let noise = self.noise;
         if x < R || y < R || x + R >= k.width || y + R >= k.height {
             return 0.0;
         }
@@ -68,7 +69,8 @@ impl<'a> PixelWeights<'a> {
 #[must_use]
 pub fn pixel_weights(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f32> {
     let weights = PixelWeights::of(frame, noise);
-    let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
+    let w = frame.intrinsics.width;
+    let h = frame.intrinsics.height;
     (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).map(|(x, y)| weights.at(x, y)).collect()
 }
 

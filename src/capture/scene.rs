@@ -23,7 +23,8 @@ pub fn scene_box(states: &[&[RgbdFrame]], noise: &NoiseConfig) -> Option<SceneBo
     let frames: Vec<&RgbdFrame> = states.iter().copied().flatten().collect();
     let of_frame = |(f, frame): (usize, &&RgbdFrame)| {
         let weights = PixelWeights::of(frame, noise);
-        let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
+        let w = frame.intrinsics.width;
+        let h = frame.intrinsics.height;
         let some = (0..h).step_by(STRIDE).flat_map(|y| (0..w).step_by(STRIDE).map(move |x| (x, y)));
         let wanted = some.filter(|&(x, y)| frame.is_object(y * w + x) && weights.at(x, y) > 0.0);
         wanted

@@ -76,7 +76,8 @@ impl Free {
 
     /// The pair of a stamp and the next one, where they are of two sides and within reach.
     fn pair_behind(&self, at: usize, slop_nanos: i64) -> Option<Closest> {
-        let (first, second) = (self.stamps.get(at)?, self.stamps.get(self.next[at])?);
+        let first = self.stamps.get(at)?;
+        let second = self.stamps.get(self.next[at])?;
         let apart = first.nanos.abs_diff(second.nanos);
         let (l, r) = if first.is_left { (first, second) } else { (second, first) };
         let fits = l.is_left && !r.is_left && !l.messages.is_empty() && !r.messages.is_empty();
@@ -92,7 +93,8 @@ impl Free {
             let side = usize::from(!self.stamps[place].is_left);
             taken[side] = self.stamps[place].messages.pop_front().unwrap_or_default();
             if self.stamps[place].messages.is_empty() {
-                let (before, next) = (self.before[place], self.next[place]);
+                let before = self.before[place];
+                let next = self.next[place];
                 if let Some(link) = self.next.get_mut(before) {
                     *link = next;
                 }
@@ -163,7 +165,8 @@ mod tests {
             .filter(|c| c.0 <= slop)
             .collect();
         all.sort_unstable();
-        let (mut partners, mut used) = (vec![None; left.len()], vec![false; right.len()]);
+        let mut partners = vec![None; left.len()];
+        let mut used = vec![false; right.len()];
         for (_, _, _, l, r) in all {
             if partners[l].is_none() && !used[r] {
                 (partners[l], used[r]) = (Some(r), true);

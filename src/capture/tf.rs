@@ -175,7 +175,8 @@ impl TfBuffer {
             stamp_secs: stamp_secs(stamp_nanos),
             reason,
         };
-        let (from_source, from_target) = (self.ancestors(source), self.ancestors(target));
+        let from_source = self.ancestors(source);
+        let from_target = self.ancestors(target);
         // Not the root: what is above the common ancestor cancels, and may be missing.
         let Some(common) = from_source.iter().find(|f| from_target.contains(f)) else {
             let root = |chain: &[&str]| chain.last().copied().unwrap_or_default().to_owned();

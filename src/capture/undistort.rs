@@ -145,9 +145,12 @@ impl UndistortMap {
             if !(*u >= 0.0 && *v >= 0.0 && *u <= (self.width - 1) as f32 && *v <= (self.height - 1) as f32) {
                 return [0; 3];
             }
-            let (x, y) = (*u as usize, *v as usize);
-            let (x1, y1) = ((x + 1).min(self.width - 1), (y + 1).min(self.height - 1));
-            let (fx, fy) = (u - x as f32, v - y as f32);
+            let x = *u as usize;
+            let y = *v as usize;
+            let x1 = (x + 1).min(self.width - 1);
+            let y1 = (y + 1).min(self.height - 1);
+            let fx = u - x as f32;
+            let fy = v - y as f32;
             std::array::from_fn(|c| {
                 let top = at(x, y, c) * (1.0 - fx) + at(x1, y, c) * fx;
                 let bottom = at(x, y1, c) * (1.0 - fx) + at(x1, y1, c) * fx;
@@ -163,7 +166,8 @@ impl UndistortMap {
     pub fn nearest<T: Copy>(&self, pixels: &[T], outside: T) -> Vec<T> {
         let sample = |[u, v]: &[f32; 2]| {
             // Depth and masks are not mixed: between two surfaces there is none.
-            let (x, y) = (u.round(), v.round());
+            let x = u.round();
+            let y = v.round();
             let inside = x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32;
             if inside { pixels[y as usize * self.width + x as usize] } else { outside }
         };
@@ -189,7 +193,8 @@ mod tests {
     /// The distorted image of a smooth scene, made by inverting the model: an independent forward model.
     fn distorted(model: &Distortion, scene: impl Fn(f64, f64) -> f64) -> Vec<f64> {
         let invert = |xd: f64, yd: f64| {
-            let (mut x, mut y) = (xd, yd);
+            let mut x = xd;
+            let mut y = yd;
             for _ in 0..200 {
                 let (a, b) = model.apply(x, y);
                 (x, y) = (x + 0.7 * (xd - a), y + 0.7 * (yd - b));

@@ -38,7 +38,9 @@ impl WindowPlane {
         let side = 2 * R + 1;
         let count = READINGS as f64;
         let mut inverse = [0.0; READINGS];
-        let (mut sum, mut least, mut most) = (0.0, f64::INFINITY, 0.0f64);
+        let mut sum = 0.0;
+        let mut least = f64::INFINITY;
+        let mut most = 0.0f64;
         for (i, value) in inverse.iter_mut().enumerate() {
             let d = f64::from(frame.depth_m[(y + i / side - R) * frame.intrinsics.width + x + i % side - R]);
             if d <= 0.0 {
@@ -73,7 +75,8 @@ impl WindowPlane {
         let side = 2 * R + 1;
         let readings = || {
             (0..READINGS).filter_map(|i| {
-                let (u, v) = (i % side, i / side);
+                let u = i % side;
+                let v = i / side;
                 let d = f64::from(frame.depth_m[(y + v - R) * frame.intrinsics.width + x + u - R]);
                 (d > 0.0).then_some((Vector3::new(1.0, u as f64 - R as f64, v as f64 - R as f64), d))
             })

@@ -23,7 +23,8 @@ pub(super) fn run(args: &TrackArgs) -> Result<Exit, CliError> {
     for (state, poses) in states.iter().enumerate() {
         _ = writeln!(text, "# state {state}: stamp_s x_m y_m z_m qx qy qz qw, world_from_camera");
         for (stamp_nanos, pose) in poses {
-            let (t, q) = (pose.translation.vector, pose.rotation.coords);
+            let t = pose.translation.vector;
+            let q = pose.rotation.coords;
             _ = writeln!(
                 text,
                 "{:.9} {:.7} {:.7} {:.7} {:.8} {:.8} {:.8} {:.8}",

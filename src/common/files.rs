@@ -87,7 +87,8 @@ const MAX_FILES: usize = 100_000;
 /// # Errors
 /// If something cannot be read, or the folder holds more than 100,000 files.
 pub fn below(folder: &Path) -> io::Result<Vec<String>> {
-    let (mut found, mut open) = (Vec::new(), vec![(folder.to_owned(), String::new())]);
+    let mut found = Vec::new();
+    let mut open = vec![(folder.to_owned(), String::new())];
     while let Some((path, prefix)) = open.pop() {
         for entry in std::fs::read_dir(&path)? {
             let entry = entry?;
@@ -116,14 +117,13 @@ mod tests {
     use std::os::unix::fs::symlink;
 
     use super::*;
-    use crate::temp::Temp;
 
     const SMALL: FileLimit = FileLimit { what: "a test", bytes: 10 };
 
     #[test]
     fn regular_files_are_read_up_to_their_limit_and_nothing_else_is() {
-        let folder = Temp::new("files");
-        let path = |name: &str| folder.0.join(name);
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
         std::fs::write(path("ten"), "0123456789").unwrap();
         std::fs::write(path("eleven"), "0123456789x").unwrap();
         symlink(path("ten"), path("link")).unwrap();

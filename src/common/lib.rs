@@ -12,5 +12,3 @@
 pub mod files;
 pub mod limits;
 pub mod note;
-#[doc(hidden)]
-pub mod temp;

@@ -116,7 +116,8 @@ fn surface(config: &Config) -> Ranges {
 }
 
 fn matching(config: &Config) -> Ranges {
-    let (m, f) = (&config.matching, &config.matching.features);
+    let m = &config.matching;
+    let f = &config.matching.features;
     vec![
         ("matching.neighbors", m.neighbors as f64, 1.0, 1e4),
         ("matching.ratio", f64::from(m.ratio), POSITIVE, 1.0),
@@ -132,7 +133,8 @@ fn matching(config: &Config) -> Ranges {
 }
 
 fn register(config: &Config) -> Ranges {
-    let (r, q) = (&config.register, &config.register.ransac);
+    let r = &config.register;
+    let q = &config.register.ransac;
     vec![
         ("register.first_reach", r.first_reach, 1e-4, 1.0),
         ("register.last_reach", r.last_reach, 1e-4, 1.0),
@@ -151,7 +153,8 @@ fn register(config: &Config) -> Ranges {
 }
 
 fn joint(config: &Config) -> Ranges {
-    let (r, t) = (&config.joint.refine, &config.joint.texture);
+    let r = &config.joint.refine;
+    let t = &config.joint.texture;
     vec![
         ("joint.refine.iterations", r.iterations as f64, 1.0, 1e4),
         ("joint.refine.robust_sigmas", r.robust_sigmas, POSITIVE, 1e3),

@@ -144,7 +144,8 @@ impl Layers {
             if put(&mut alone, key, value.clone()).is_some()
                 && let Err(error) = serde_norway::from_value::<T>(alone)
             {
-                let (origin, key) = (origin.clone(), key.clone());
+                let origin = origin.clone();
+                let key = key.clone();
                 return ConfigError::Value { origin, key, value: show(value), reason: error.to_string() };
             }
         }

@@ -29,7 +29,8 @@ mod tests {
 
     #[test]
     fn small_components_go_and_large_ones_stay() {
-        let (a, b) = (box_mesh([0.0; 3], [1.0; 3], [1; 3]), box_mesh([3.0; 3], [4.0; 3], [2; 3]));
+        let a = box_mesh([0.0; 3], [1.0; 3], [1; 3]);
+        let b = box_mesh([3.0; 3], [4.0; 3], [2; 3]);
         let mut sliver = box_mesh([7.0; 3], [8.0; 3], [3; 3]);
         sliver.triangles.truncate(1);
         let all = merge(&[&a, &sliver, &b]);

@@ -94,13 +94,17 @@ fn build(nodes: &mut Vec<Node>, triangles: &mut [[Point3<f64>; 3]], first: usize
 fn closest([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> Point3<f64> {
     // By the region that the point projects to: corner a, corner b,
     // edge ab, corner c, edge ac, edge bc, inside.
-    let (ab, ac, ap) = (b - a, c - a, p - a);
-    let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
+    let ab = b - a;
+    let ac = c - a;
+    let ap = p - a;
+    let d1 = ab.dot(&ap);
+    let d2 = ac.dot(&ap);
     if d1 <= 0.0 && d2 <= 0.0 {
         return *a;
     }
     let bp = p - b;
-    let (d3, d4) = (ab.dot(&bp), ac.dot(&bp));
+    let d3 = ab.dot(&bp);
+    let d4 = ac.dot(&bp);
     if d3 >= 0.0 && d4 <= d3 {
         return *b;
     }
@@ -109,7 +113,8 @@ fn closest([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> Point3<f64> {
         return a + ab * (d1 / (d1 - d3));
     }
     let cp = p - c;
-    let (d5, d6) = (ab.dot(&cp), ac.dot(&cp));
+    let d5 = ab.dot(&cp);
+    let d6 = ac.dot(&cp);
     if d6 >= 0.0 && d5 <= d6 {
         return *c;
     }

@@ -26,7 +26,8 @@ pub(crate) fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl R
         let at = unit(rng) * sum;
         let triangle = cumulative.partition_point(|&c| c <= at).min(cumulative.len() - 1);
         let [a, b, c] = mesh.corners(triangle).map(|p| p.cast::<f64>());
-        let (mut u, mut v) = (unit(rng), unit(rng));
+        let mut u = unit(rng);
+        let mut v = unit(rng);
         // The other half of the parallelogram is folded back, which keeps the density even.
         if u + v > 1.0 {
             (u, v) = (1.0 - u, 1.0 - v);

@@ -85,7 +85,8 @@ fn spread(frames: &[RgbdFrame]) -> Vec<&RgbdFrame> {
 
 /// A pixel of a view that is scaled to fit, what is not the object darkened and without color.
 fn photo_pixel(frame: &RgbdFrame, [u, v]: [usize; 2]) -> [u8; 3] {
-    let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+    let width = frame.intrinsics.width;
+    let height = frame.intrinsics.height;
     let scale = (width as f64 / VIEW[0] as f64).max(height as f64 / VIEW[1] as f64);
     let inside = |at: usize, size: usize, shown: usize| {
         let x = (at as f64 + 0.5 - 0.5 * shown as f64) * scale + 0.5 * size as f64;

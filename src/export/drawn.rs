@@ -36,7 +36,8 @@ impl Visual<'_> {
 
 /// The meshes that draw a link, without empty ones.
 pub(crate) fn visuals(link: &Link) -> impl Iterator<Item = Visual<'_>> {
-    let (name, file) = (&link.name, identifier(&link.name));
+    let name = &link.name;
+    let file = identifier(&link.name);
     let seen = Visual {
         name: format!("{name}_visual"),
         material: name.clone(),

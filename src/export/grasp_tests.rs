@@ -41,7 +41,8 @@ fn all<'a>(document: &'a roxmltree::Document, tag: &str, other: &str) -> Vec<(&'
 
 #[test]
 fn mjcf_has_sites_and_sdf_frames_on_the_part() {
-    let (model, config) = (twin(), ExportConfig { prefix: "left_".into(), ..ExportConfig::default() });
+    let model = twin();
+    let config = ExportConfig { prefix: "left_".into(), ..ExportConfig::default() };
     let text = mjcf(&model, &config);
     let document = roxmltree::Document::parse(&text).unwrap();
     assert_eq!(all(&document, "site", "group"), NAMES.map(|n| (n, "4")));

@@ -19,7 +19,8 @@ const GRASPS: &str = "\nSites (MJCF), frames (SDF, xacro) and Xforms (USD) named
 /// The text.
 #[must_use]
 pub(crate) fn guide(model: &ArticulatedModel, config: &ExportConfig) -> String {
-    let (name, macros) = (identifier(&model.name), macro_file(model));
+    let name = identifier(&model.name);
+    let macros = macro_file(model);
     let mut rows = vec![
         (format!("{name}.urdf"), "any simulator that reads URDF"),
         (format!("{name}.xml"), "MuJoCo: the twin, passive; its keyframes are the observed states"),
@@ -65,7 +66,8 @@ pub fn screw_notes(model: &ArticulatedModel, config: &ExportConfig) -> Vec<Note>
     let name = identifier(&model.name);
     let of = |joint: &model::Joint| {
         joint.kind.thread_m_per_rad()?;
-        let (turn, advance) = (&joint.name, joint.advance_name());
+        let turn = &joint.name;
+        let advance = joint.advance_name();
         let urdf = match config.urdf_screw {
             UrdfScrew::Pair => format!(
                 "{name}.urdf holds it as a slide, {advance}, and the turn {turn} that mimics it; simulators \

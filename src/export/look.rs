@@ -166,7 +166,8 @@ fn painted(mesh: TriangleMesh, views: &[BakeView], light: &Light, config: &LookC
     let mut corners: Vec<Corner> = Vec::new();
     let mut triangles = Vec::with_capacity(mesh.triangles.len());
     for (t, vertices) in mesh.triangles.iter().enumerate() {
-        let (uv, area_normal) = (atlas.uv(t), mesh.area_normal(t).cast::<f64>());
+        let uv = atlas.uv(t);
+        let area_normal = mesh.area_normal(t).cast::<f64>();
         triangles.push([0, 1, 2].map(|k| {
             let corner = *index.entry((vertices[k], atlas.chart[t])).or_insert_with(|| {
                 corners.push(Corner { vertex: vertices[k], uv: uv[k], normal: Vector3::zeros() });
@@ -208,8 +209,8 @@ mod tests {
         let look = look(&mesh, &[], &LookConfig::default());
         assert_eq!((look.mesh.triangles.len(), look.corners.len()), (12, 24));
         for c in &look.corners {
-            let (x, y) =
-                ((c.uv[0] * look.size_px as f64) as usize, ((1.0 - c.uv[1]) * look.size_px as f64) as usize);
+            let x = (c.uv[0] * look.size_px as f64) as usize;
+            let y = ((1.0 - c.uv[1]) * look.size_px as f64) as usize;
             assert_eq!(look.texture[y * look.size_px + x], [200, 60, 50]);
             assert!((c.normal.amax() - 1.0).abs() < 1e-9, "the edges of a box are sharp");
         }

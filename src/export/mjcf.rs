@@ -62,7 +62,8 @@ pub(crate) fn mjcf(model: &ArticulatedModel, config: &ExportConfig) -> String {
     text.push_str("  <keyframe>\n");
     let observed = model.states.iter().enumerate().map(|(k, state)| (format!("state{k}"), state.clone()));
     for (name, state) in observed.chain(model.closed_state().map(|state| ("closed".to_owned(), state))) {
-        let (prefix, positions) = (&config.prefix, positions(model, config.base, &state));
+        let prefix = &config.prefix;
+        let positions = positions(model, config.base, &state);
         writeln!(text, "    <key name=\"{prefix}{name}\" qpos=\"{positions}\"/>").ok();
     }
     text.push_str("  </keyframe>\n</mujoco>\n");
@@ -96,7 +97,8 @@ fn push_threads(text: &mut String, model: &ArticulatedModel) {
     // docs/method.md (11.2): the position of `joint1` is a polynomial in that of `joint2`. The hinge follows:
     // MuJoCo softens a constraint by the inertia of either joint, whatever the factor, and a lid's is small.
     let thread = |joint: &Joint| {
-        let (name, advance) = (escape(&joint.name), escape(&joint.advance_name()));
+        let name = escape(&joint.name);
+        let advance = escape(&joint.advance_name());
         let turn = short(1.0 / joint.kind.thread_m_per_rad()?);
         Some(format!(
             "    <joint name=\"{name}_thread\" joint1=\"{name}\" joint2=\"{advance}\" polycoef=\"0 \
@@ -136,12 +138,15 @@ fn push_body(
     index: usize,
     joint: Option<&Joint>,
 ) {
-    let (link, prefix) = (&model.links[index], &config.prefix);
+    let link = &model.links[index];
+    let prefix = &config.prefix;
     let depth = (0..model.links.len()).filter(|&above| model.is_below(index, above)).count();
-    let (name, pad) = (escape(&link.name), "  ".repeat(depth + 2));
+    let name = escape(&link.name);
+    let pad = "  ".repeat(depth + 2);
     let pose = joint.map_or_else(Pose::identity, |j| j.parent_from_joint);
     writeln!(text, "{pad}<body name=\"{name}\" {}>", place(&pose)).ok();
-    let (mass, i) = (&link.inertial, &link.inertial.inertia);
+    let mass = &link.inertial;
+    let i = &link.inertial.inertia;
     // In MuJoCo's order: the diagonal first, then xy, xz, yz.
     let full = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].map(|k| short(i[k])).join(" ");
     let com = triple(mass.center_of_mass.coords.as_ref());
@@ -172,7 +177,8 @@ fn push_body(
     }
     for (k, grasp) in link.grasps.iter().enumerate() {
         // Group 4 is not drawn unless it is asked for.
-        let (site, place) = (escape(&grasp_name(link, k)), place(&grasp.link_from_grasp));
+        let site = escape(&grasp_name(link, k));
+        let place = place(&grasp.link_from_grasp);
         writeln!(text, "{pad}  <site name=\"{site}\" {place} size=\"0.005\" group=\"4\"/>").ok();
     }
     // In the order of `joint_order`, which the keyframes have.
@@ -186,14 +192,16 @@ fn push_joint(text: &mut String, joint: &Joint, pad: &str) {
     // The slide comes before the hinge, as in the keyframes. The thread ties it to the hinge, which has
     // friction and damping; its range is for readers that know no equality, as Drake.
     if let Some(pitch) = joint.kind.thread_m_per_rad() {
-        let (name, axis) = (escape(&joint.advance_name()), triple(joint.axis.as_ref().as_ref()));
+        let name = escape(&joint.advance_name());
+        let axis = triple(joint.axis.as_ref().as_ref());
         let Limit { lower, upper, .. } = advance_limit(joint, pitch);
         let range = format!("{} {}", short(lower), short(upper));
         writeln!(text, "{pad}  <joint name=\"{name}\" type=\"slide\" axis=\"{axis}\" range=\"{range}\"/>")
             .ok();
     }
     let kind = if joint.kind.turns() { "hinge" } else { "slide" };
-    let (l, d) = (&joint.limit, &joint.dynamics);
+    let l = &joint.limit;
+    let d = &joint.dynamics;
     writeln!(
         text,
         "{pad}  <joint name=\"{}\" type=\"{kind}\" axis=\"{}\" range=\"{} {}\" damping=\"{}\" \

@@ -22,7 +22,8 @@ pub fn significant(value: f64, digits: usize) -> String {
     if rounded == 0.0 {
         return "0".to_owned();
     }
-    let (plain, exponent) = (rounded.to_string(), format!("{rounded:e}"));
+    let plain = rounded.to_string();
+    let exponent = format!("{rounded:e}");
     if exponent.len() < plain.len() { exponent } else { plain }
 }
 

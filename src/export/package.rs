@@ -77,7 +77,8 @@ pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) 
 
 /// Path and text of the files that need no look.
 fn descriptions(model: &ArticulatedModel, config: &ExportConfig) -> Vec<(String, String)> {
-    let (name, screws) = (identifier(&model.name), config.urdf_screw);
+    let name = identifier(&model.name);
+    let screws = config.urdf_screw;
     let threaded = model.joints.iter().any(|j| j.kind.thread_m_per_rad().is_some());
     let twin = format!("{name}.xml");
     let mut texts = vec![

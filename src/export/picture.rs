@@ -110,7 +110,8 @@ impl Window {
             // A window that would reach over a border is pushed back inside.
             (middle.saturating_sub(size / 2).min(all - size), size)
         };
-        let ((x, w), (y, h)) = (side(x0, x1, width), side(y0, y1, height));
+        let (x, w) = side(x0, x1, width);
+        let (y, h) = side(y0, y1, height);
         Self { x, y, width: w, height: h }
     }
 }
@@ -144,8 +145,10 @@ impl Picture {
     /// The part of the picture in a window, with its arrows. The window is cut to the picture.
     #[must_use]
     pub fn cropped(&self, window: &Window) -> Self {
-        let (x, y) = (window.x.min(self.width), window.y.min(self.height));
-        let (width, height) = (window.width.min(self.width - x), window.height.min(self.height - y));
+        let x = window.x.min(self.width);
+        let y = window.y.min(self.height);
+        let width = window.width.min(self.width - x);
+        let height = window.height.min(self.height - y);
         let row = |v: usize| {
             self.rgb.get(3 * (v * self.width + x)..3 * (v * self.width + x + width)).unwrap_or_default()
         };
@@ -169,7 +172,8 @@ impl Picture {
     pub fn figure(&self) -> Result<String, PictureError> {
         let caption = escape(&self.caption);
         let data = self.data_uri()?;
-        let (w, h) = (self.width, self.height);
+        let w = self.width;
+        let h = self.height;
         let mut html = format!(
             "<figure><div class=\"frame\"><img src=\"{data}\" width=\"{w}\" height=\"{h}\" alt=\"{caption}\">"
         );
@@ -236,7 +240,8 @@ fn svg(arrows: &[Arrow], width: usize, height: usize) -> String {
         let along = Vector3::new(x1 - x0, y1 - y0, 0.0).try_normalize(1e-9).unwrap_or_else(Vector3::x)
             * (22.0 * size);
         let head = |side: f64| [x1 - along.x + side * 0.45 * along.y, y1 - along.y - side * 0.45 * along.x];
-        let ([ax, ay], [bx, by]) = (head(1.0), head(-1.0));
+        let [ax, ay] = head(1.0);
+        let [bx, by] = head(-1.0);
         let path = [x0, y0, x1, y1, ax, ay, x1, y1, bx, by].map(|v| decimal(v, 1));
         let [x0, y0, x1, y1, ax, ay, _, _, bx, by] = &path;
         let path = format!("M{x0} {y0}L{x1} {y1}M{ax} {ay}L{x1} {y1}L{bx} {by}");
@@ -255,11 +260,10 @@ fn svg(arrows: &[Arrow], width: usize, height: usize) -> String {
         let right = arrow.to[0] > 0.66 * width as f64;
         let (anchor, shift) = if right { ("end", -12.0) } else { ("start", 12.0) };
         let left = arrow.to[0] + shift * size;
-        let (x, y) = (
-            decimal(left, 1),
-            decimal((arrow.to[1] - 4.0 * size).min(height as f64 - 8.0 * size).max(30.0 * size), 1),
-        );
-        let (font, rim) = (decimal(29.0 * size, 1), decimal(7.0 * size, 1));
+        let x = decimal(left, 1);
+        let y = decimal((arrow.to[1] - 4.0 * size).min(height as f64 - 8.0 * size).max(30.0 * size), 1);
+        let font = decimal(29.0 * size, 1);
+        let rim = decimal(7.0 * size, 1);
         // A long name is drawn narrower: letters are about 0.62 of the font wide.
         let room = if right { left } else { width as f64 - left };
         let is_long = 0.62 * 29.0 * size * arrow.label.chars().count() as f64 > room;

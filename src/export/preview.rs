@@ -103,7 +103,8 @@ fn view(
     }
     let Some(first) = corners.first().copied() else { return vec![[255; 3]; width * height] };
     let (lo, hi) = corners.iter().fold((first, first), |(lo, hi), p| (lo.inf(p), hi.sup(p)));
-    let (middle, radius) = (nalgebra::center(&lo, &hi), 0.5 * (hi - lo).norm());
+    let middle = nalgebra::center(&lo, &hi);
+    let radius = 0.5 * (hi - lo).norm();
     let (s, c) = azimuth_rad.sin_cos();
     let eye = middle + Vector3::new(DISTANCE * c, DISTANCE * s, ELEVATION) * radius;
     // Optical frames look along z with y down.
@@ -137,7 +138,8 @@ mod tests {
         let png = image::load_from_memory(&thumbnail(&cabinet())).unwrap().to_rgb8();
         let shown = png.pixels().filter(|p| p.0 != [255; 3]).count() as f64 / png.pixels().len() as f64;
         assert!((0.05..0.8).contains(&shown), "{shown}");
-        let (model, looks) = (cabinet(), plain_looks(&cabinet()));
+        let model = cabinet();
+        let looks = plain_looks(&cabinet());
         let bytes = turntable(&model, &drawn(&model, &looks));
         let gif = image::codecs::gif::GifDecoder::new(std::io::Cursor::new(bytes)).unwrap();
         let frames = image::AnimationDecoder::into_frames(gif).collect_frames().unwrap();

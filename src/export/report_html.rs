@@ -91,7 +91,9 @@ fn push_header(out: &mut String, report: &Report) {
     let title = report.overall.title(report.run.warnings.len());
     let motions: Vec<String> = report.joints.iter().map(sentence).collect();
     let found = if motions.is_empty() { "no joint was found".to_owned() } else { motions.join("; ") };
-    let (name, reason, found) = (escape(&report.name), escape(&report.overall.reason), escape(&found));
+    let name = escape(&report.name);
+    let reason = escape(&report.overall.reason);
+    let found = escape(&found);
     writeln!(
         out,
         "<header>\n<h1>{name}</h1>\n<p class=\"verdict\"><span class=\"{class}\">{title}</span>\
@@ -342,7 +344,8 @@ fn push_times(out: &mut String, report: &Report) {
     out.push_str("<section>\n<h2>Where the time went</h2>\n<div class=\"bars\">\n");
     for stage in &report.run.stages {
         let share = decimal(100.0 * stage.seconds / longest, 1);
-        let (name, time) = (escape(&stage.name), duration(stage.seconds));
+        let name = escape(&stage.name);
+        let time = duration(stage.seconds);
         writeln!(
             out,
             "<span>{name}</span><div class=\"bar\" style=\"width: {share}%\"></div><span \

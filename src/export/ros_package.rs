@@ -40,7 +40,8 @@ pub(crate) fn package_xml(model: &ArticulatedModel, config: &ExportConfig) -> St
 #[must_use]
 pub(crate) fn cmake_lists<'a>(model: &ArticulatedModel, paths: impl Iterator<Item = &'a str>) -> String {
     let name = identifier(&model.name);
-    let (mut folders, mut files) = (BTreeSet::new(), BTreeSet::new());
+    let mut folders = BTreeSet::new();
+    let mut files = BTreeSet::new();
     for path in paths.filter(|p| ![PACKAGE_XML, CMAKE_LISTS].contains(p)) {
         match path.split_once('/') {
             Some((folder, _)) => folders.insert(folder),

@@ -30,7 +30,8 @@ const FASTEST_RAD_S: f64 = 200.0;
 #[must_use]
 pub(crate) fn scene(model: &ArticulatedModel, twin_file: &str) -> String {
     let (lower, upper) = bounds(model);
-    let (center, radius_m) = (nalgebra::center(&lower, &upper), (0.5 * (upper - lower).norm()).max(1e-3));
+    let center = nalgebra::center(&lower, &upper);
+    let radius_m = (0.5 * (upper - lower).norm()).max(1e-3);
     let eye = center + Vector3::from(VIEW).normalize() * AWAY * radius_m;
     let forward = (center - eye).normalize();
     // The camera looks along its -z; y is up in the picture.
@@ -78,7 +79,8 @@ pub(crate) fn actuated(model: &ArticulatedModel, config: &ExportConfig) -> Strin
         escape(&model.name)
     );
     for (j, joint) in model.joints.iter().enumerate() {
-        let (name, [kp, kv]) = (escape(&joint.name), gains(joint, &joint_load(model, j)));
+        let name = escape(&joint.name);
+        let [kp, kv] = gains(joint, &joint_load(model, j));
         let l = &joint.limit;
         // Writing to a string cannot fail, here and below.
         writeln!(
@@ -96,7 +98,8 @@ pub(crate) fn actuated(model: &ArticulatedModel, config: &ExportConfig) -> Strin
     text.push_str("  </actuator>\n  <keyframe>\n");
     for (k, state) in model.states.iter().enumerate() {
         let goals = state.iter().map(|q| short(*q)).collect::<Vec<_>>().join(" ");
-        let (prefix, positions) = (&config.prefix, positions(model, config.base, state));
+        let prefix = &config.prefix;
+        let positions = positions(model, config.base, state);
         writeln!(text, "    <key name=\"{prefix}hold{k}\" qpos=\"{positions}\" ctrl=\"{goals}\"/>").ok();
     }
     text.push_str("  </keyframe>\n</mujoco>\n");
@@ -147,7 +150,8 @@ mod tests {
         let (lower, upper) = bounds(&model);
         assert!((of("geom", "pos")[2] - lower.z).abs() < 1e-9);
         let axes = of("camera", "xyaxes");
-        let (x, y) = (Vector3::from_row_slice(&axes[..3]), Vector3::from_row_slice(&axes[3..]));
+        let x = Vector3::from_row_slice(&axes[..3]);
+        let y = Vector3::from_row_slice(&axes[3..]);
         let to = nalgebra::center(&lower, &upper) - Point3::from_slice(&of("camera", "pos"));
         assert!((x.cross(&y) + to.normalize()).norm() < 1e-9, "{text}");
         assert!(y.z > 0.0 && text.contains("<include file=\"cabinet.xml\"/>"));

@@ -104,7 +104,9 @@ pub(crate) fn model_config(model: &ArticulatedModel, config: &ExportConfig) -> S
 }
 
 fn push_link(text: &mut String, link: &Link, model_from_link: &Pose) {
-    let (name, mass, i) = (escape(&link.name), &link.inertial, &link.inertial.inertia);
+    let name = escape(&link.name);
+    let mass = &link.inertial;
+    let i = &link.inertial.inertia;
     writeln!(text, "    <link name=\"{name}\">\n      <pose>{}</pose>", pose(model_from_link)).ok();
     // The tensor is along the link's axes: the inertial frame is shifted and not turned.
     let com = triple(mass.center_of_mass.coords.as_ref());
@@ -132,14 +134,16 @@ fn push_link(text: &mut String, link: &Link, model_from_link: &Pose) {
 /// Places to grasp a link, as frames on it.
 fn push_grasps(text: &mut String, link: &Link) {
     for (k, grasp) in link.grasps.iter().enumerate() {
-        let (name, on) = (escape(&grasp_name(link, k)), escape(&link.name));
+        let name = escape(&grasp_name(link, k));
+        let on = escape(&link.name);
         writeln!(text, "    <frame name=\"{name}\" attached_to=\"{on}\">").ok();
         writeln!(text, "      <pose>{}</pose>\n    </frame>", pose(&grasp.link_from_grasp)).ok();
     }
 }
 
 fn push_geometry(text: &mut String, tag: &str, name: &str, path: &str) {
-    let (name, path) = (escape(name), escape(path));
+    let name = escape(name);
+    let path = escape(path);
     writeln!(text, "      <{tag} name=\"{name}\">\n        <geometry>\n          <mesh>").ok();
     writeln!(text, "            <uri>{path}</uri>\n          </mesh>").ok();
     let surface = if tag == "collision" { SURFACE } else { "" };
@@ -154,9 +158,11 @@ fn push_pair(
     model: &ArticulatedModel,
     closed: &[f64],
 ) {
-    let (carrier, advance) = (escape(&carrier_name(joint)), escape(&joint.advance_name()));
+    let carrier = escape(&carrier_name(joint));
+    let advance = escape(&joint.advance_name());
     let place = pose(&model.world_from_link(joint.child, closed));
-    let (mass, inertia) = (short(CARRIER_KG), short(CARRIER_KG_M2));
+    let mass = short(CARRIER_KG);
+    let inertia = short(CARRIER_KG_M2);
     writeln!(text, "    <link name=\"{carrier}\">\n      <pose>{place}</pose>\n      <inertial>").ok();
     writeln!(text, "        <mass>{mass}</mass>\n        <inertia>").ok();
     for tag in ["ixx", "iyy", "izz"] {
@@ -238,7 +244,8 @@ mod tests {
 
     #[test]
     fn links_stand_where_position_0_puts_them() {
-        let (model, config) = (cabinet(), ExportConfig::default());
+        let model = cabinet();
+        let config = ExportConfig::default();
         let text = sdf(&model, &config);
         let document = roxmltree::Document::parse(&text).unwrap();
         let all = |tag: &str| document.descendants().filter(|n| n.has_tag_name(tag)).count();
@@ -264,7 +271,8 @@ mod tests {
 
     #[test]
     fn a_screw_is_sdfs_own_for_gazebo_and_a_pair_with_limits_for_drake() {
-        let (mut model, config) = (cabinet(), ExportConfig::default());
+        let mut model = cabinet();
+        let config = ExportConfig::default();
         model.joints[1].kind = JointKind::Screw { pitch_m_per_rad: -0.5 };
         let pair = sdf(&model, &config);
         let document = roxmltree::Document::parse(&pair).unwrap();
@@ -273,7 +281,8 @@ mod tests {
         let word = |joint: roxmltree::Node, tag: &str| {
             joint.descendants().find(|n| n.has_tag_name(tag)).and_then(|n| n.text()).unwrap().to_owned()
         };
-        let (slide, turn) = (of("drawer_slide_advance"), of("drawer_slide"));
+        let slide = of("drawer_slide_advance");
+        let turn = of("drawer_slide");
         assert_eq!((slide.attribute("type"), turn.attribute("type")), (Some("prismatic"), Some("revolute")));
         assert_eq!((word(slide, "lower"), word(slide, "upper")), ("-0.09".to_owned(), "0".to_owned()));
         assert_eq!((word(turn, "lower"), word(turn, "upper")), ("0".to_owned(), "0.18".to_owned()));

@@ -83,7 +83,8 @@ struct MovingPart<'a> {
 impl<'a> MovingPart<'a> {
     fn of(model: &'a ArticulatedModel, joint: usize) -> Self {
         let none = vec![0.0; model.joints.len()];
-        let (first, last) = (model.states.first().unwrap_or(&none), model.states.last().unwrap_or(&none));
+        let first = model.states.first().unwrap_or(&none);
+        let last = model.states.last().unwrap_or(&none);
         let child = model.joints[joint].child;
         let world_from_link = model.world_from_link(child, first);
         let state1_from_state0 = model.world_from_link(child, last) * world_from_link.inverse();

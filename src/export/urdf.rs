@@ -216,14 +216,16 @@ fn push_joint(text: &mut String, joint: &Joint, links: &[Link], names: &str) {
 /// A screw as a slide and the turn on it that follows, over a link that is a point of little mass. The turn
 /// follows, as MuJoCo holds it stiffly then ([`super::mjcf`]).
 fn push_pair(text: &mut String, joint: &Joint, pitch_m_per_rad: f64, links: &[Link], names: &str) {
-    let (carrier, advance) = (carrier_name(joint), joint.advance_name());
+    let carrier = carrier_name(joint);
+    let advance = joint.advance_name();
     let link = escape(&carrier);
     writeln!(
         text,
         "  <link name=\"{names}{link}\">\n    <inertial>\n      <origin xyz=\"0 0 0\" rpy=\"0 0 0\"/>"
     )
     .ok();
-    let (mass, inertia) = (short(CARRIER_KG), short(CARRIER_KG_M2));
+    let mass = short(CARRIER_KG);
+    let inertia = short(CARRIER_KG_M2);
     writeln!(text, "      <mass value=\"{mass}\"/>").ok();
     writeln!(
         text,

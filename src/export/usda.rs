@@ -83,7 +83,8 @@ pub fn usda(model: &ArticulatedModel, drawn: &[Drawn], base: Base) -> String {
 
 /// Where a prim stands in its parent.
 fn push_place(text: &mut String, pose: &Pose, pad: &str) {
-    let (translate, orient) = (tuple(&pose.translation.vector), turn(&pose.rotation));
+    let translate = tuple(&pose.translation.vector);
+    let orient = turn(&pose.rotation);
     writeln!(text, "{pad}double3 xformOp:translate = {translate}").ok();
     writeln!(text, "{pad}quatf xformOp:orient = {orient}").ok();
     writeln!(text, "{pad}uniform token[] xformOpOrder = [\"xformOp:translate\", \"xformOp:orient\"]").ok();
@@ -96,7 +97,8 @@ const PHYSICS_MATERIAL: &str = "        def Material \"Contact\" (\n            
      0.5\n            float physics:restitution = 0\n        }\n";
 
 fn push_material(text: &mut String, model: &str, visual: &Visual) {
-    let (name, file) = (identifier(&visual.material), visual.texture());
+    let name = identifier(&visual.material);
+    let file = visual.texture();
     let path = format!("/{model}/Looks/{name}");
     write!(
         text,
@@ -248,7 +250,8 @@ fn push_joint(text: &mut String, model: &ArticulatedModel, joint: &Joint) {
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI));
     // The drive is the spring. Damping stands with PhysX and Newton instead, so that it acts once. Friction
     // is PhysX's effort in N m; the older `physxJoint:jointFriction` is a coefficient without a unit.
-    let (l, d) = (&joint.limit, &joint.dynamics);
+    let l = &joint.limit;
+    let d = &joint.dynamics;
     let [body0, body1] = [joint.parent, joint.child].map(|k| identifier(&model.links[k].name));
     write!(
         text,

@@ -51,7 +51,8 @@ pub(crate) fn macros(model: &ArticulatedModel, screws: UrdfScrew) -> String {
 /// simulator would give each a mass of its own, so no other URDF has them.
 fn push_grasps(text: &mut String, link: &Link) {
     for (k, grasp) in link.grasps.iter().enumerate() {
-        let (name, on) = (escape(&grasp_name(link, k)), escape(&link.name));
+        let name = escape(&grasp_name(link, k));
+        let on = escape(&link.name);
         let (xyz, rpy) = origin(&grasp.link_from_grasp);
         writeln!(
             text,
@@ -66,7 +67,8 @@ fn push_grasps(text: &mut String, link: &Link) {
 /// The twin by itself, made by the macros.
 #[must_use]
 pub(crate) fn top(model: &ArticulatedModel) -> String {
-    let (name, file) = (identifier(&model.name), macro_file(model));
+    let name = identifier(&model.name);
+    let file = macro_file(model);
     format!(
         "<?xml version=\"1.0\"?>\n<robot name=\"{name}\" {SPACE}>\n  <xacro:arg name=\"prefix\" \
          default=\"\"/>\n  <xacro:arg name=\"parent\" default=\"\"/>\n  <xacro:arg name=\"ros2_control\" \

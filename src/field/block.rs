@@ -105,7 +105,8 @@ fn color_losses(
 ) -> f64 {
     let StepContext { isa, network, backward, .. } = *context;
     // Samples in free space carry no color weight: the color network runs on the others alone.
-    let (batch, samples) = (context.batch, &context.plan.sample[block.start..block.start + block.len]);
+    let batch = context.batch;
+    let samples = &context.plan.sample[block.start..block.start + block.len];
     let Scratch { geometry, color, columns } = scratch;
     columns.clear();
     columns.extend((0..block.len).filter(|&c| batch.color_weights[samples[c] as usize] != 0.0));

@@ -155,7 +155,8 @@ impl BurnEngine {
     /// [`EngineError::Failed`].
     pub fn try_state(&self) -> Result<EngineState, EngineError> {
         guarded("returned the parameters", || {
-            let (first, second) = (read(&self.first)?, read(&self.second)?);
+            let first = read(&self.first)?;
+            let second = read(&self.second)?;
             let flat = read(&self.params)?;
             let mut last = self.last_read.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             last.params.assign(&flat);

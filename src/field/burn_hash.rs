@@ -59,12 +59,17 @@ impl Corners {
         let node = |axis: usize, shape: [usize; 4]| {
             (cell.clone().narrow(1, axis, 1) + self.offset.clone().reshape([1, 2])).reshape(shape)
         };
-        let (along_x, along_y, along_z) = ([n, 1, 1, 2], [n, 1, 2, 1], [n, 2, 1, 1]);
+        let along_x = [n, 1, 1, 2];
+        let along_y = [n, 1, 2, 1];
+        let along_z = [n, 2, 1, 1];
         let weights = weight(0, along_x) * weight(1, along_y) * weight(2, along_z);
-        let (x, y, z) = (node(0, along_x), node(1, along_y), node(2, along_z));
+        let x = node(0, along_x);
+        let y = node(1, along_y);
+        let z = node(2, along_z);
         // docs/method.md (12.2).
         let entry = if level.hashed {
-            let (y, z) = (y * HASH_PRIMES[1], z * HASH_PRIMES[2]);
+            let y = y * HASH_PRIMES[1];
+            let z = z * HASH_PRIMES[2];
             // A hashed level has 2^k entries: the remainder is the low k bits.
             broadcast_xor(broadcast_xor(x, y, [n, 1, 2, 2]), z, [n, 2, 2, 2])
                 .bitwise_and_scalar(level.entries as i32 - 1)

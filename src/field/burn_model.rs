@@ -88,7 +88,8 @@ const GROUP_ROWS: usize = 256;
 /// The rows go in groups, and biases come as products: a gradient by a parameter is a sum over all rows,
 /// which as one product or as a plain sum few threads of a GPU would walk through one after another.
 fn network(x: Tensor<2>, params: &[Tensor<1>], shapes: &[[usize; 2]]) -> Tensor<2> {
-    let ([rows, inputs], device) = (x.dims(), x.device());
+    let [rows, inputs] = x.dims();
+    let device = x.device();
     let groups = rows.div_ceil(GROUP_ROWS);
     let idle = groups * GROUP_ROWS - rows;
     let filled = if idle > 0 { Tensor::cat(vec![x, Tensor::zeros([idle, inputs], &device)], 0) } else { x };
@@ -129,7 +130,8 @@ fn views(batch: &SampleBatch, piece: &Piece, device: &Device) -> Tensor<2> {
 /// Sum over the lit rays and channels of `ray_weight * (sum_i color_weight_i * color_i - observed)^2`.
 fn color_loss(colors: Tensor<2>, batch: &SampleBatch, piece: &Piece) -> Tensor<1> {
     let device = colors.device();
-    let (rays, per_ray) = (piece.lit_rays.len(), piece.per_ray);
+    let rays = piece.lit_rays.len();
+    let per_ray = piece.per_ray;
     let weights = floats(piece.color_weights.clone(), [rays, 1, per_ray], &device);
     let rendered = weights.matmul(colors.reshape([rays, per_ray, 3])).reshape([rays, 3]);
     let observed = floats(piece.lit_rays.iter().flat_map(|&r| batch.colors[r]).collect(), [rays, 3], &device);

@@ -60,8 +60,11 @@ fn numeric(reference: &mut Reference<'_>, batch: &SampleBatch, index: usize) -> 
         sdf + color
     };
     let h = 1e-6;
-    let (up, down, zero) = (total(h), total(-h), total(0.0));
-    let (right, left) = ((up - zero) / h, (zero - down) / h);
+    let up = total(h);
+    let down = total(-h);
+    let zero = total(0.0);
+    let right = (up - zero) / h;
+    let left = (zero - down) / h;
     ((right - left).abs() <= 1e-4 * (1e-3 + right.abs().max(left.abs()))).then_some((up - down) / (2.0 * h))
 }
 
@@ -82,7 +85,8 @@ fn check_gradients(make: impl Fn(EngineState) -> BurnEngine) {
             "{name}: {loss:?} {sdf} {color}"
         );
         assert_eq!(gradient.len(), reference.flat.len());
-        let (mut offset, mut moved) = (0, 0);
+        let mut offset = 0;
+        let mut moved = 0;
         for (tensor, &size) in sizes.iter().enumerate() {
             let largest = gradient[offset..offset + size].iter().fold(0.0f32, |a, g| a.max(g.abs()));
             let mut compared = 0;
@@ -120,13 +124,15 @@ struct PlainAdam {
 
 impl PlainAdam {
     fn step(&mut self, gradient: &[f32], rate: f64) {
-        let (b1, b2) = (f64::from(ADAM_BETAS.0), f64::from(ADAM_BETAS.1));
+        let b1 = f64::from(ADAM_BETAS.0);
+        let b2 = f64::from(ADAM_BETAS.1);
         self.t += 1;
         for (i, &g) in gradient.iter().enumerate() {
             let g = f64::from(g);
             self.m[i] = b1 * self.m[i] + (1.0 - b1) * g;
             self.v[i] = b2 * self.v[i] + (1.0 - b2) * g * g;
-            let (m, v) = (self.m[i] / (1.0 - b1.powi(self.t)), self.v[i] / (1.0 - b2.powi(self.t)));
+            let m = self.m[i] / (1.0 - b1.powi(self.t));
+            let v = self.v[i] / (1.0 - b2.powi(self.t));
             self.x[i] -= rate * m / (v.sqrt() + f64::from(ADAM_EPSILON));
         }
     }
@@ -193,12 +199,14 @@ fn a_resumed_engine_goes_on_as_if_it_had_not_stopped() {
 #[test]
 fn gradients_of_the_pieces_of_a_batch_add_up() {
     let params = small_field(5);
-    let (rays, per_ray) = (3, 1 << 16);
+    let rays = 3;
+    let per_ray = 1 << 16;
     let big = batch(rays, per_ray, 6);
     let mut engine = flex(fresh(&params));
     let (loss, gradient) = engine.gradient(&big);
     let mut sum = vec![0.0f64; gradient.len()];
-    let (mut sdf, mut color) = (0.0, 0.0);
+    let mut sdf = 0.0;
+    let mut color = 0.0;
     for ray in 0..rays {
         let range = ray * per_ray..(ray + 1) * per_ray;
         let one = SampleBatch {
@@ -295,7 +303,8 @@ fn the_engines_agree() {
             cpu = CpuEngine::resume(ours.state());
             ours = swapped;
         }
-        let ((la, ga), (lb, gb)) = (ours.gradient(&b), cpu.gradient(&b));
+        let (la, ga) = ours.gradient(&b);
+        let (lb, gb) = cpu.gradient(&b);
         assert!(
             (la.sdf - lb.sdf).abs() < 1e-3 * lb.sdf && (la.color - lb.color).abs() < 1e-3 * lb.color,
             "step {k}: {la:?} {lb:?}"

@@ -64,7 +64,8 @@ pub(super) fn agree(
         }
     }
     let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
-    let (a, b) = (&found.1, &expected.1);
+    let a = &found.1;
+    let b = &expected.1;
     let apart = norm(&mut a.iter().zip(b).map(|(a, b)| f64::from(*a) - f64::from(*b)));
     let length = norm(&mut b.iter().map(|b| f64::from(*b)));
     if a.len() != b.len() || !(apart <= TOLERANCE * length) {

@@ -24,8 +24,11 @@ fn numeric(params: &FieldParams, batch: &SampleBatch, index: usize) -> Option<f6
         sdf + color
     };
     let h = 1e-6;
-    let (up, down, zero) = (total(h), total(-h), total(0.0));
-    let (right, left) = ((up - zero) / h, (zero - down) / h);
+    let up = total(h);
+    let down = total(-h);
+    let zero = total(0.0);
+    let right = (up - zero) / h;
+    let left = (zero - down) / h;
     ((right - left).abs() <= 1e-4 * (1e-3 + right.abs().max(left.abs()))).then_some((up - down) / (2.0 * h))
 }
 
@@ -41,7 +44,8 @@ fn check_gradient(params: &FieldParams, batch: &SampleBatch, isa: InstructionSet
     for l in params.geometry.iter().chain(&params.color) {
         sizes.extend([l.weights.len(), l.biases.len()]);
     }
-    let (mut offset, mut compared) = (0, 0);
+    let mut offset = 0;
+    let mut compared = 0;
     for (tensor, size) in sizes.into_iter().enumerate() {
         let norm = gradient[offset..offset + size].iter().fold(0.0f32, |a, g| a.max(g.abs()));
         assert!(norm > 0.0, "tensor {tensor} has no gradient");
@@ -159,7 +163,8 @@ fn the_number_of_threads_changes_no_bit() {
             (losses, e.state())
         })
     };
-    let (one, two) = (train(1), train(2));
+    let one = train(1);
+    let two = train(2);
     assert_eq!(one.0, two.0);
     assert!(one.1 == two.1, "parameters differ between one and two threads");
     assert!(train(3) == two);
@@ -185,7 +190,8 @@ fn updates_are_dense_adam() {
     let params = field(&small_config(), 13);
     let mut e = engine(&params, InstructionSet::detect());
     let mut expected: Vec<f64> = params.flatten().into_iter().map(f64::from).collect();
-    let (mut m, mut v) = (vec![0.0; expected.len()], vec![0.0; expected.len()]);
+    let mut m = vec![0.0; expected.len()];
+    let mut v = vec![0.0; expected.len()];
     for t in 1..=6i32 {
         // Few points, so that many entries that moved before have no gradient now.
         let b = batch(3, 5, t as u64);
@@ -196,7 +202,8 @@ fn updates_are_dense_adam() {
             let g = f64::from(g[i]);
             m[i] = 0.9 * m[i] + 0.1 * g;
             v[i] = 0.999 * v[i] + 0.001 * g * g;
-            let (mh, vh) = (m[i] / (1.0 - 0.9f64.powi(t)), v[i] / (1.0 - 0.999f64.powi(t)));
+            let mh = m[i] / (1.0 - 0.9f64.powi(t));
+            let vh = v[i] / (1.0 - 0.999f64.powi(t));
             expected[i] -= rate * mh / (vh.sqrt() + 1e-15);
         }
     }
@@ -227,7 +234,8 @@ fn the_encoding_is_continuous() {
         // Across a cell border along x the interpolant must not jump.
         let border = (5.0 - 0.5) / f64::from(level.scale);
         if border < 1.0 {
-            let (a, b) = (encode([border - 1e-9, 0.31, 0.62]), encode([border + 1e-9, 0.31, 0.62]));
+            let a = encode([border - 1e-9, 0.31, 0.62]);
+            let b = encode([border + 1e-9, 0.31, 0.62]);
             assert!(a.iter().zip(&b).all(|(x, y)| (x - y).abs() < 1e-6));
         }
     }

@@ -82,7 +82,8 @@ mod tests {
 
     #[test]
     fn a_view_sees_the_side_that_it_is_on() {
-        let (grid, above) = (plate(), Point3::new(-0.2, 0.0, 0.8));
+        let grid = plate();
+        let above = Point3::new(-0.2, 0.0, 0.8);
         let sees = |z: f64| sees_side(&grid, 0.1, &Point3::new(-0.2, 0.05, z), &above);
         assert!(sees(0.05) && sees(0.01) && !sees(-0.01) && !sees(-0.05));
         assert!(sees(-0.3), "too far from the plate to say");

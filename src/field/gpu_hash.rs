@@ -57,7 +57,8 @@ trait HashLevel: Backend {
 impl HashLevel for CubeBackend {
     fn hash_encode(points: CubeTensor, table: CubeTensor, level: LevelLayout) -> CubeTensor {
         // The kernels number rows by themselves, which a view with strides would break.
-        let (points, table) = (into_contiguous(points), into_contiguous(table));
+        let points = into_contiguous(points);
+        let table = into_contiguous(table);
         let count = points.meta.shape()[0];
         let client = points.client.clone();
         let features = empty_device_dtype(
@@ -88,7 +89,8 @@ impl HashLevel for CubeBackend {
     }
 
     fn hash_scatter(points: CubeTensor, gradient: CubeTensor, level: LevelLayout) -> CubeTensor {
-        let (points, gradient) = (into_contiguous(points), into_contiguous(gradient));
+        let points = into_contiguous(points);
+        let gradient = into_contiguous(gradient);
         let count = points.meta.shape()[0];
         let client = points.client.clone();
         let table = zeros_client(

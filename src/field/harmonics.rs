@@ -9,7 +9,9 @@ use super::VIEW_COEFFICIENTS;
 #[must_use]
 pub fn view_coefficients<T: RealField + Copy>([x, y, z]: [T; 3]) -> [T; VIEW_COEFFICIENTS] {
     let c = |value: f64| nalgebra::convert::<f64, T>(value);
-    let (xx, yy, zz) = (x * x, y * y, z * z);
+    let xx = x * x;
+    let yy = y * y;
+    let zz = z * z;
     [
         // Band 0.
         c(0.282_094_8),
@@ -38,7 +40,9 @@ pub fn view_coefficients<T: RealField + Copy>([x, y, z]: [T; 3]) -> [T; VIEW_COE
 /// the polynomials in three free coordinates, of which only the part across the direction has a meaning.
 #[must_use]
 pub(super) fn view_gradient([x, y, z]: [f64; 3], by_coefficients: &[f64; VIEW_COEFFICIENTS]) -> [f64; 3] {
-    let (xx, yy, zz) = (x * x, y * y, z * z);
+    let xx = x * x;
+    let yy = y * y;
+    let zz = z * z;
     // The rows of the Jacobian, in the order of the coefficients.
     let rows = [
         [0.0; 3],
@@ -107,11 +111,13 @@ mod tests {
 
     #[test]
     fn the_gradient_is_that_of_the_coefficients() {
-        let (d, by) = ([0.3, -0.5, 0.81], std::array::from_fn(|i| (1.7 * i as f64).sin()));
+        let d = [0.3, -0.5, 0.81];
+        let by = std::array::from_fn(|i| (1.7 * i as f64).sin());
         let value = |d: [f64; 3]| view_coefficients(d).iter().zip(&by).map(|(c, b)| c * b).sum::<f64>();
         let gradient = view_gradient(d, &by);
         for k in 0..3 {
-            let (mut up, mut down) = (d, d);
+            let mut up = d;
+            let mut down = d;
             (up[k], down[k]) = (d[k] + 1e-6, d[k] - 1e-6);
             let numeric = (value(up) - value(down)) / 2e-6;
             assert!((numeric - gradient[k]).abs() < 1e-8, "{k}: {numeric} {}", gradient[k]);

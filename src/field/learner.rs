@@ -116,7 +116,8 @@ impl Learner {
         // One task a level adds to its table, so that additions need no atomics and keep their order.
         let gradients = split(&mut self.table_gradient, &sizes);
         let table = split(&mut self.params.table, &sizes);
-        let (first, second) = (split(&mut self.first, &sizes), split(&mut self.second, &sizes));
+        let first = split(&mut self.first, &sizes);
+        let second = split(&mut self.second, &sizes);
         let awake = split(&mut self.awake, &chunks);
         let tables = table.into_iter().zip(first).zip(second).zip(awake);
         let mut levels: Vec<_> = self.params.levels.iter().enumerate().zip(gradients).zip(tables).collect();
@@ -128,7 +129,8 @@ impl Learner {
                 for block in features.blocks {
                     let cols = block.len();
                     let d = &features.data[d_rows * block.start..][..d_rows * cols];
-                    let (a, b) = (&d[FEATURES * l * cols..][..cols], &d[(FEATURES * l + 1) * cols..][..cols]);
+                    let a = &d[FEATURES * l * cols..][..cols];
+                    let b = &d[(FEATURES * l + 1) * cols..][..cols];
                     isa.scatter(level, gradient, features.points.range(block.clone()), a, b);
                 }
                 if let Some(step) = learning {
@@ -142,7 +144,8 @@ impl Learner {
     pub(crate) fn update_layers(&mut self, step: AdamStep, gradient: &NetworkGradient) {
         let mut gradient = gradient.unpack(&self.params);
         let floats = self.params.table.len();
-        let (mut first, mut second) = (&mut self.first[floats..], &mut self.second[floats..]);
+        let mut first = &mut self.first[floats..];
+        let mut second = &mut self.second[floats..];
         let mut gradient = gradient.as_mut_slice();
         for layer in self.params.geometry.iter_mut().chain(&mut self.params.color) {
             for values in [&mut layer.weights, &mut layer.biases] {

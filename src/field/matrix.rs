@@ -116,7 +116,8 @@ impl BackwardNetwork {
     /// `from` is the first input of the color network that has a gradient: [`VIEW_COEFFICIENTS`] where view
     /// directions are given and nothing is carried back to them, else 0.
     pub(crate) fn pack(network: &Network, from: usize) -> Self {
-        let (g, c) = (&network.geometry, &network.color);
+        let g = &network.geometry;
+        let c = &network.color;
         Self {
             geometry: [g[0].transposed(0), g[1].transposed(0)],
             color: [c[0].transposed(from), c[1].transposed(0), c[2].transposed(0)],

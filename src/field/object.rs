@@ -160,7 +160,8 @@ impl Buffers {
             }
         }
         let rows = |n: usize| vec![0.0; n * cols];
-        let (first, second) = (Vec::new(), Vec::new());
+        let first = Vec::new();
+        let second = Vec::new();
         let encoded = rows(FEATURES * query.field.params.levels.len());
         Self {
             cols,
@@ -307,8 +308,9 @@ impl<'a> Query<'a> {
     fn color_tangent(&self, b: &Buffers, outputs: &[f32]) -> Vec<f32> {
         let cols = b.cols;
         // The view direction is held: derivatives are by position alone.
-        let (mut first, mut second, mut rgb) =
-            (vec![0.0; b.first.len()], vec![0.0; b.second.len()], vec![0.0; b.rgb.len()]);
+        let mut first = vec![0.0; b.first.len()];
+        let mut second = vec![0.0; b.second.len()];
+        let mut rgb = vec![0.0; b.rgb.len()];
         self.features.apply_linear(
             self.isa,
             dense(&outputs[cols..], cols),
@@ -362,8 +364,9 @@ mod tests {
         let object = object();
         let (points, directions) = queries(700);
         let reference = Reference::new(&object.params);
-        let (tsdf, rgb, samples) =
-            (object.tsdf(&points), object.rgb(&points, &directions), object.colors(&points, &directions));
+        let tsdf = object.tsdf(&points);
+        let rgb = object.rgb(&points, &directions);
+        let samples = object.colors(&points, &directions);
         for (i, p) in points.iter().enumerate() {
             let unit: [f64; 3] = object.scene.normalise(p).coords.map(|x| 0.5 * (x + 1.0)).into();
             let view = directions[i].into();
@@ -385,17 +388,17 @@ mod tests {
             let unit: [f64; 3] = object.scene.normalise(p).coords.map(|x| 0.5 * (x + 1.0)).into();
             reference.color(unit, (*d).into())
         };
-        let (h, mut compared) = (1e-7, 0);
+        let h = 1e-7;
+        let mut compared = 0;
         for (i, p) in points.iter().enumerate() {
             for k in 0..3 {
                 let step = Vector3::ith(k, h);
-                let (up, zero, down) = (
-                    color(&(p + step), &directions[i]),
-                    color(p, &directions[i]),
-                    color(&(p - step), &directions[i]),
-                );
+                let up = color(&(p + step), &directions[i]);
+                let zero = color(p, &directions[i]);
+                let down = color(&(p - step), &directions[i]);
                 for c in 0..3 {
-                    let (right, left) = ((up[c] - zero[c]) / h, (zero[c] - down[c]) / h);
+                    let right = (up[c] - zero[c]) / h;
+                    let left = (zero[c] - down[c]) / h;
                     let exact = f64::from(samples[i].jacobian[(c, k)]);
                     if (right - left).abs() < 1e-3 * (0.1 + right.abs()) {
                         assert!((right - exact).abs() < 2e-3 * (0.1 + right.abs()), "{exact} but {right}");

@@ -112,7 +112,8 @@ impl Occupancy {
         let d = direction * (0.5 * self.scene.scale * self.cells as f64);
         let side = self.cells as f64;
         // Where the ray is in the cube.
-        let (mut enter, mut leave) = (from, to);
+        let mut enter = from;
+        let mut leave = to;
         for k in 0..3 {
             if d[k] == 0.0 {
                 if !(o[k] >= 0.0 && o[k] < side) {
@@ -120,7 +121,8 @@ impl Occupancy {
                 }
                 continue;
             }
-            let (a, b) = ((0.0 - o[k]) / d[k], (side - o[k]) / d[k]);
+            let a = (0.0 - o[k]) / d[k];
+            let b = (side - o[k]) / d[k];
             enter = enter.max(a.min(b));
             leave = leave.min(a.max(b));
         }

@@ -89,7 +89,8 @@ impl ColorPass {
     /// For blocks of at most `widest` columns.
     pub(crate) fn new(network: &Network, widest: usize) -> Self {
         let rows = |n: usize| vec![0.0; n * widest];
-        let (hidden, outputs) = (network.hidden(), network.color[2].outputs);
+        let hidden = network.hidden();
+        let outputs = network.color[2].outputs;
         Self {
             first: rows(hidden),
             second: rows(hidden),

@@ -39,7 +39,8 @@ impl Plan {
     /// # Panics
     /// If the batch's vectors do not have the lengths that its counts ask for.
     pub(crate) fn new(batch: &SampleBatch) -> Self {
-        let (rays, per_ray) = (batch.rays, batch.samples_per_ray);
+        let rays = batch.rays;
+        let per_ray = batch.samples_per_ray;
         let n = rays * per_ray;
         assert!(
             batch.points.len() == n && batch.targets.len() == n && batch.color_weights.len() == n,
@@ -81,7 +82,9 @@ impl Plan {
             first_ray = ray;
         }
         let axis = |k: usize| sample.iter().map(|&i| batch.points[i as usize][k]).collect();
-        let (x, y, z) = (axis(0), axis(1), axis(2));
+        let x = axis(0);
+        let y = axis(1);
+        let z = axis(2);
         let per_group = blocks.len().div_ceil(GROUPS).max(1);
         let groups =
             (0..blocks.len()).step_by(per_group).map(|b| b..(b + per_group).min(blocks.len())).collect();

@@ -47,7 +47,8 @@ pub(super) struct View {
 impl View {
     /// World origin and direction of a pixel's ray; the parameter is z-depth.
     pub(crate) fn ray(&self, pixel: u32) -> (Point3<f64>, Vector3<f64>) {
-        let (u, v) = (pixel as usize % self.intrinsics.width, pixel as usize / self.intrinsics.width);
+        let u = pixel as usize % self.intrinsics.width;
+        let v = pixel as usize / self.intrinsics.width;
         let direction = self.world_from_camera * self.intrinsics.ray(u as f64, v as f64);
         (Point3::from(self.world_from_camera.translation.vector), direction)
     }
@@ -88,7 +89,8 @@ impl RayPool {
             .map(|(i, (f, v))| frame_rays(i as u16, f, v, occupancy, config))
             .collect();
         // Joined in the order of the frames, whichever thread was first.
-        let (mut surface, mut background) = (Vec::new(), Vec::new());
+        let mut surface = Vec::new();
+        let mut background = Vec::new();
         for (s, b) in rays {
             surface.extend(s);
             background.extend(b);
@@ -136,7 +138,8 @@ fn frame_rays(
     }
     let mut background = Vec::new();
     if let Some(mask) = &frame.mask {
-        let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
+        let w = frame.intrinsics.width;
+        let h = frame.intrinsics.height;
         let near = dilated(mask, w, h, GUARD_PX);
         let ring = dilated(mask, w, h, config.background_ring_px + GUARD_PX);
         let mut intervals = Vec::new();

@@ -75,7 +75,8 @@ impl<'a> Reference<'a> {
             for feature in 0..2 {
                 let mut sum = 0.0;
                 for corner in 0..8usize {
-                    let (mut weight, mut node) = (1.0, base);
+                    let mut weight = 1.0;
+                    let mut node = base;
                     for k in 0..3 {
                         let frac = position[k] - base[k] as f64;
                         let upper = corner >> k & 1 == 1;
@@ -128,7 +129,8 @@ fn entry(level: &LevelLayout, [x, y, z]: [usize; 3]) -> usize {
 
 /// TSDF and color loss of a batch.
 pub(super) fn losses(field: &Reference<'_>, batch: &SampleBatch) -> (f64, f64) {
-    let (mut sdf, mut color_sum) = (0.0, 0.0);
+    let mut sdf = 0.0;
+    let mut color_sum = 0.0;
     for ray in 0..batch.rays {
         let mut seen = [0.0; 3];
         for i in ray * batch.samples_per_ray..(ray + 1) * batch.samples_per_ray {

@@ -55,7 +55,8 @@ impl Sampler<'_> {
     /// from the k-th n-th of the pool, so that every batch sees all views and all parts of the images.
     pub(crate) fn batch(&self, key: u64) -> SampleBatch {
         let c = self.config;
-        let (rays, per_ray) = (c.rays, c.free_samples + c.band_samples);
+        let rays = c.rays;
+        let per_ray = c.free_samples + c.band_samples;
         let with_background = c.background != BackgroundLoss::Off && !self.pool.background.is_empty();
         let background =
             if with_background { (c.background_share * rays as f64).round() as usize } else { 0 };
@@ -105,7 +106,8 @@ impl Sampler<'_> {
         let c = self.config;
         let ray = self.pool.surface[index];
         let (origin, direction) = self.pool.views[usize::from(ray.frame)].ray(ray.pixel);
-        let (tau, depth) = (self.truncation_m, f64::from(ray.depth_m));
+        let tau = self.truncation_m;
+        let depth = f64::from(ray.depth_m);
         let length = direction.norm();
         let weight = self.surface_weight(&ray, self.trust[index]);
         // How much signed distance, in truncations, a meter of z-depth is.
@@ -135,7 +137,8 @@ impl Sampler<'_> {
             };
             let place = origin + direction * z;
             slot.points[i] = self.unit(&place);
-            let (value, base) = ((depth - z) * per_depth, self.base(&place));
+            let value = (depth - z) * per_depth;
+            let base = self.base(&place);
             if free {
                 slot.targets[i] = SdfTarget::Empty { value: 1.0 - base, weight: c.empty_weight as f32 };
                 continue;

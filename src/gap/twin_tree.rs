@@ -233,7 +233,8 @@ fn step_out(parent: &LinkMotion, joint: &TwinJoint, q: f64, v: f64, a: f64) -> L
     let axis = frame.rotation * joint.axis.into_inner();
     let pose = frame * joint.moved(q);
     let arm = pose.translation.vector - parent.pose.translation.vector;
-    let (w, dw) = (parent.w, parent.dw);
+    let w = parent.w;
+    let dw = parent.dw;
     // Tangential and centripetal acceleration of the child's origin, which the parent carries along.
     let carried = parent.acc + dw.cross(&arm) + w.cross(&w.cross(&arm));
     match joint.motion {

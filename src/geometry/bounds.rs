@@ -94,7 +94,8 @@ mod tests {
         assert!(all_about(&origin, 0.1, |p| p.coords.norm() < 0.11));
         assert!(!all_about(&origin, 0.1, |p| p.coords.norm() > 0.01), "the place itself");
         for k in 0..6 {
-            let (axis, sign) = (k % 3, if k < 3 { 1.0 } else { -1.0 });
+            let axis = k % 3;
+            let sign = if k < 3 { 1.0 } else { -1.0 };
             assert!(!all_about(&origin, 0.1, |p| sign * p[axis] < 0.05), "{k}");
         }
     }

@@ -40,7 +40,8 @@ impl Intrinsics {
     #[must_use]
     pub fn pixel_at(&self, (u, v): (f64, f64)) -> Option<usize> {
         // The cast cuts off, which rounds here; `round` is a library call on processors without SSE 4.1.
-        let (x, y) = (u + 0.5, v + 0.5);
+        let x = u + 0.5;
+        let y = v + 0.5;
         (x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64)
             .then(|| y as usize * self.width + x as usize)
     }

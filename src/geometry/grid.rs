@@ -81,7 +81,9 @@ impl<T> Grid3<T> {
 /// Cell corner and interpolation fractions of a point, clamped to the grid.
 fn cell<T>(grid: &Grid3<T>, point: &Point3<f64>) -> ([usize; 3], [f32; 3], [bool; 3]) {
     let g = (point - grid.origin) / grid.spacing_m;
-    let (mut base, mut frac, mut inside) = ([0; 3], [0.0; 3], [true; 3]);
+    let mut base = [0; 3];
+    let mut frac = [0.0; 3];
+    let mut inside = [true; 3];
     for k in 0..3 {
         let last = (grid.dims[k] - 1) as f64;
         let x = g[k].clamp(0.0, last);
@@ -121,7 +123,8 @@ impl Grid3<f32> {
         let i = self.index(x, y, z);
         let lerp = |p: f32, q: f32, t: f32| p + (q - p) * t;
         let along_x = |i: usize| lerp(self.values[i], self.values[i + 1], a);
-        let (dy, dz) = (self.dims[0], self.dims[0] * self.dims[1]);
+        let dy = self.dims[0];
+        let dz = self.dims[0] * self.dims[1];
         let in_layer = |i: usize| lerp(along_x(i), along_x(i + dy), b);
         lerp(in_layer(i), in_layer(i + dz), c)
     }
@@ -132,15 +135,25 @@ impl Grid3<f32> {
     pub fn sample_with_gradient(&self, point: &Point3<f64>) -> (f32, Vector3<f32>) {
         let ([x, y, z], [a, b, c], inside) = cell(self, point);
         let i = self.index(x, y, z);
-        let (dy, dz) = (self.dims[0], self.dims[0] * self.dims[1]);
+        let dy = self.dims[0];
+        let dz = self.dims[0] * self.dims[1];
         let v = &self.values;
-        let (v000, v100, v010, v110) = (v[i], v[i + 1], v[i + dy], v[i + dy + 1]);
-        let (v001, v101, v011, v111) = (v[i + dz], v[i + dz + 1], v[i + dz + dy], v[i + dz + dy + 1]);
+        let v000 = v[i];
+        let v100 = v[i + 1];
+        let v010 = v[i + dy];
+        let v110 = v[i + dy + 1];
+        let v001 = v[i + dz];
+        let v101 = v[i + dz + 1];
+        let v011 = v[i + dz + dy];
+        let v111 = v[i + dz + dy + 1];
         let lerp = |p: f32, q: f32, t: f32| p + (q - p) * t;
         // Along x, then y, then z; the differences before each step are the derivative.
-        let (x00, x10, x01, x11) =
-            (lerp(v000, v100, a), lerp(v010, v110, a), lerp(v001, v101, a), lerp(v011, v111, a));
-        let (y0, y1) = (lerp(x00, x10, b), lerp(x01, x11, b));
+        let x00 = lerp(v000, v100, a);
+        let x10 = lerp(v010, v110, a);
+        let x01 = lerp(v001, v101, a);
+        let x11 = lerp(v011, v111, a);
+        let y0 = lerp(x00, x10, b);
+        let y1 = lerp(x01, x11, b);
         let gx = lerp(lerp(v100 - v000, v110 - v010, b), lerp(v101 - v001, v111 - v011, b), c);
         let gy = lerp(x10 - x00, x11 - x01, c);
         let gz = y1 - y0;

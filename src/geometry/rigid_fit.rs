@@ -8,7 +8,10 @@ use super::Pose;
 /// `None` with fewer than three pairs of positive weight or where one of the point sets has no extent in two
 /// directions. See docs/method.md (6.1).
 pub fn rigid_fit(pairs: impl Iterator<Item = (Point3<f64>, Point3<f64>, f64)> + Clone) -> Option<Pose> {
-    let (mut total, mut mean_a, mut mean_b, mut count) = (0.0, Vector3::zeros(), Vector3::zeros(), 0);
+    let mut total = 0.0;
+    let mut mean_a = Vector3::zeros();
+    let mut mean_b = Vector3::zeros();
+    let mut count = 0;
     for (a, b, w) in pairs.clone().filter(|p| p.2 > 0.0) {
         total += w;
         mean_a += a.coords * w;
@@ -24,7 +27,8 @@ pub fn rigid_fit(pairs: impl Iterator<Item = (Point3<f64>, Point3<f64>, f64)> + 
         covariance += (b.coords - mean_b) * (a.coords - mean_a).transpose() * w;
     }
     let svd = covariance.svd(true, true);
-    let (mut u, v_t) = (svd.u?, svd.v_t?);
+    let mut u = svd.u?;
+    let v_t = svd.v_t?;
     let mut order = [0, 1, 2];
     order.sort_by(|&i, &j| svd.singular_values[j].total_cmp(&svd.singular_values[i]));
     // Points on a line leave the turn about it open.

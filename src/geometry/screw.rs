@@ -79,7 +79,8 @@ pub fn log_so3(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
 /// Translation, meters, and rotation vector, radians, of a motion.
 #[must_use]
 pub fn shift_and_turn(motion: &Pose) -> Vector6<f64> {
-    let (shift, turn) = (motion.translation.vector, log_so3(&motion.rotation));
+    let shift = motion.translation.vector;
+    let turn = log_so3(&motion.rotation);
     Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
 }
 
@@ -158,7 +159,8 @@ mod tests {
 
     #[test]
     fn parallel_lines_keep_their_gap() {
-        let (a, b) = (Point3::origin(), Point3::new(0.3, 0.0, 7.0));
+        let a = Point3::origin();
+        let b = Point3::new(0.3, 0.0, 7.0);
         assert!((line_distance_m((&a, &Vector3::z()), (&b, &-Vector3::z())) - 0.3).abs() < 1e-12);
         assert!((line_distance_m((&a, &Vector3::z()), (&b, &Vector3::y())) - 0.3).abs() < 1e-12);
     }

@@ -161,7 +161,8 @@ impl Bag {
                 metadata.relative_file_paths.len()
             ));
         }
-        let (mut missing, mut seen) = (Vec::new(), BTreeSet::new());
+        let mut missing = Vec::new();
+        let mut seen = BTreeSet::new();
         for name in &metadata.relative_file_paths {
             let relative = Path::new(name);
             // A bag from elsewhere must not have other files of this machine read.
@@ -221,7 +222,8 @@ impl Bag {
         // compressed again.
         let mut of_messages = expansion;
         for path in &self.files {
-            let (mut undecodable, mut first) = (0, None);
+            let mut undecodable = 0;
+            let mut first = None;
             let mut unpacking = |message: &RawMessage| match unpack_message(message.data, &mut of_messages) {
                 Ok(data) => visit(&RawMessage { data: &data, ..*message }),
                 Err(why) => {

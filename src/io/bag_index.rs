@@ -279,7 +279,8 @@ impl BagIndex {
     }
 
     fn decode(&mut self, message: &RawMessage, log_nanos: i64) -> Result<(), MessageError> {
-        let (topic, data) = (message.topic, message.data);
+        let topic = message.topic;
+        let data = message.data;
         match message.type_name {
             "sensor_msgs/msg/Image" => {
                 // The front alone: pixels are read once it is known which views are kept.

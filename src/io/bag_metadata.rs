@@ -39,8 +39,8 @@ impl TopicFacts {
         let infinite = |indent: &str| format!("\n{indent}sec: 9223372036\n{indent}nsec: 854775807");
         let forever = infinite("    ");
         // rmw's numbers: reliable 1, best effort 2; transient local 1, volatile 2.
-        let (reliability, durability) =
-            (if self.qos.reliable { 1 } else { 2 }, if self.qos.latched { 1 } else { 2 });
+        let reliability = if self.qos.reliable { 1 } else { 2 };
+        let durability = if self.qos.latched { 1 } else { 2 };
         format!(
             "- history: {KEEP_LAST}\n  depth: {}\n  reliability: {reliability}\n  durability: \
              {durability}\n  deadline:{forever}\n  \
@@ -77,7 +77,9 @@ impl BagFacts {
     #[must_use]
     pub fn body(&self, indent: usize) -> String {
         let (start, end) = self.span_nanos.unwrap_or_default();
-        let (count, duration, file) = (self.messages(), end - start, &self.file);
+        let count = self.messages();
+        let duration = end - start;
+        let file = &self.file;
         let mut text = format!(
             "version: 8\nstorage_identifier: mcap\nduration:\n  nanoseconds: {duration}\nstarting_time:\n  \
              nanoseconds_since_epoch: {start}\nmessage_count: {count}\ntopics_with_message_count:{}\n",

@@ -15,7 +15,8 @@ pub fn pinhole(
     image_topic: &str,
 ) -> Result<(Intrinsics, Distortion), CaptureError> {
     let refuse = |reason: String| Err(CaptureError::CameraInfo { topic: info_topic.to_owned(), reason });
-    let (width, height) = (info.width as usize, info.height as usize);
+    let width = info.width as usize;
+    let height = info.height as usize;
     if width == 0 || height == 0 || width > MAX_SIDE || height > MAX_SIDE {
         return refuse(format!("it says {width}x{height} pixels"));
     }

@@ -29,12 +29,14 @@ pub(super) fn files(name: &str) -> BTreeMap<String, Vec<u8>> {
     zstd::Decoder::new(fs::File::open(path).unwrap()).unwrap().read_to_end(&mut tar).unwrap();
     let text =
         |bytes: &[u8]| String::from_utf8(bytes.iter().copied().take_while(|b| *b != 0).collect()).unwrap();
-    let (mut found, mut at) = (BTreeMap::new(), 0);
+    let mut found = BTreeMap::new();
+    let mut at = 0;
     // Headers of 512 bytes: name, size in octal digits, kind, folder; contents in blocks of 512.
     while tar[at] != 0 {
         let header = &tar[at..at + 512];
         let size = usize::from_str_radix(text(&header[124..136]).trim(), 8).unwrap();
-        let (folder, name) = (text(&header[345..500]), text(&header[..100]));
+        let folder = text(&header[345..500]);
+        let name = text(&header[..100]);
         if header[156] == b'0' {
             let path = if folder.is_empty() { name } else { format!("{folder}/{name}") };
             found.insert(path, tar[at + 512..at + 512 + size].to_vec());
@@ -58,9 +60,11 @@ struct Record {
 
 impl Record {
     fn of(m: &RawMessage) -> Self {
-        let (topic, type_name, encoding) =
-            (m.topic.to_owned(), m.type_name.to_owned(), m.message_encoding.to_owned());
-        let (log_time, publish_time) = (m.log_time_nanos, m.publish_time_nanos);
+        let topic = m.topic.to_owned();
+        let type_name = m.type_name.to_owned();
+        let encoding = m.message_encoding.to_owned();
+        let log_time = m.log_time_nanos;
+        let publish_time = m.publish_time_nanos;
         Self {
             topic,
             type_name,
@@ -76,7 +80,9 @@ impl Record {
 /// The messages that the description beside a file of MCAP's set says are in it.
 fn described(json: &[u8]) -> Vec<Record> {
     let json: Value = serde_json::from_slice(json).unwrap();
-    let (mut schemas, mut channels, mut messages) = (BTreeMap::new(), BTreeMap::new(), Vec::new());
+    let mut schemas = BTreeMap::new();
+    let mut channels = BTreeMap::new();
+    let mut messages = Vec::new();
     for record in json["records"].as_array().unwrap() {
         let fields = record["fields"].as_array().unwrap();
         let field = |name: &str| fields.iter().find(|f| f[0] == name).unwrap()[1].clone();
@@ -108,7 +114,8 @@ fn described(json: &[u8]) -> Vec<Record> {
 #[test]
 fn every_file_of_mcaps_conformance_set_gives_its_records() {
     let files = files("mcap.tar.zst");
-    let (mut read, mut all) = (0, 0);
+    let mut read = 0;
+    let mut all = 0;
     for (name, bytes) in files.iter().filter(|(name, _)| name.ends_with(".mcap")) {
         let expected = described(&files[&name.replace(".mcap", ".json")]);
         // With what the summary says beforehand, and without.

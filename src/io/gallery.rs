@@ -178,7 +178,6 @@ fn encoded(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::temp::Temp;
 
     fn write(folder: &Path, name: &str, text: &str) {
         let path = folder.join(name);
@@ -188,9 +187,9 @@ mod tests {
 
     #[test]
     fn results_are_found_wherever_they_lie_and_damage_is_told_apart() {
-        let temp = Temp::new("gallery");
+        let temp = tempfile::tempdir().unwrap();
         let manifest = |of: &str| format!(r#"{{"artitwin": "0", "command": "{of}", "files": {{}}}}"#);
-        let twin = temp.0.join("lab/a b");
+        let twin = temp.path().join("lab/a b");
         write(&twin, MANIFEST, &manifest("reconstruct"));
         write(
             &twin,
@@ -202,19 +201,19 @@ mod tests {
         write(&twin, "preview/thumbnail.png", "png");
         // What lies inside of a result belongs to it.
         write(&twin, &format!("inner/{MANIFEST}"), "{}");
-        let diagnosis = temp.0.join("gap");
+        let diagnosis = temp.path().join("gap");
         write(&diagnosis, MANIFEST, &manifest("diagnose"));
         write(
             &diagnosis,
             "report.json",
             r#"{"verdict": "named", "findings": [{"joint": "j", "effect": "coulomb_friction"}]}"#,
         );
-        write(&temp.0, &format!("made/{MANIFEST}"), &manifest("synth"));
-        write(&temp.0, &format!("torn/{MANIFEST}"), "{");
-        write(&temp.0, &format!(".unfinished/{MANIFEST}"), "{");
-        let page = temp.0.join("pages");
+        write(temp.path(), &format!("made/{MANIFEST}"), &manifest("synth"));
+        write(temp.path(), &format!("torn/{MANIFEST}"), "{");
+        write(temp.path(), &format!(".unfinished/{MANIFEST}"), "{");
+        let page = temp.path().join("pages");
         fs::create_dir(&page).unwrap();
-        let found = read_gallery(&[temp.0.clone(), temp.0.join("lab")], &page).unwrap();
+        let found = read_gallery(&[temp.path().to_owned(), temp.path().join("lab")], &page).unwrap();
         assert_eq!(found.cards.len(), 2, "{found:?}");
         assert!(found.unread.len() == 1 && found.unread[0].contains("torn"), "{found:?}");
         let [gap, own] = &found.cards[..] else { panic!() };
@@ -225,7 +224,7 @@ mod tests {
         assert_eq!(own.links, [("report".to_owned(), "../lab/a%20b/report.html".to_owned())]);
         assert_eq!(own.picture.as_deref(), Some(b"png".as_slice()));
         assert!(
-            read_gallery(&[temp.0.clone(), temp.0.join("nowhere")], &page)
+            read_gallery(&[temp.path().to_owned(), temp.path().join("nowhere")], &page)
                 .unwrap_err()
                 .0
                 .ends_with("nowhere")

@@ -6,7 +6,6 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::ros2msg::{Header, Image, Time, encode};
-use common::temp::Temp;
 
 /// What the bags of these tests hold, in turn.
 const TOPICS: [(&str, &str, &str); 5] = [
@@ -68,8 +67,8 @@ fn file(compression: Option<mcap::Compression>, chunk_bytes: u64, has_summary: b
 
 /// What a glimpse says of a file: views, and messages about joints.
 fn seen(bytes: &[u8]) -> (Vec<Glimpse>, u64) {
-    let folder = Temp::new("glimpse");
-    let path = folder.0.join("box.mcap");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("box.mcap");
     fs::write(&path, bytes).unwrap();
     let views = glimpse_views(std::slice::from_ref(&path), &CaptureConfig::default()).unwrap_or_default();
     (views, count_joint_messages(&path, &Streams::default()).unwrap_or_default())

@@ -101,7 +101,8 @@ impl GrowingState {
         seed: u64,
         ahead: &Ahead,
     ) -> Result<Option<Grown>, CaptureError> {
-        let (closed, bytes) = (self.is_closed(), self.bytes());
+        let closed = self.is_closed();
+        let bytes = self.bytes();
         let rests = self.rest.is_some_and(|rest| Instant::now() < rest) && !closed;
         if self.done || rests || bytes == 0 || (bytes == self.bytes && !closed) {
             return Ok(None);
@@ -176,10 +177,10 @@ mod tests {
     #[test]
     fn a_recording_that_grew_is_read_as_any_other() {
         let shipped = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../bags/drawer");
-        let folder = common::temp::Temp::new("growing");
+        let folder = tempfile::tempdir().unwrap();
         let config = CaptureConfig { frames_per_state: 8, ..CaptureConfig::default() };
         let ahead = Ahead::new();
-        let paths = ["state0", "state1"].map(|s| folder.0.join(s));
+        let paths = ["state0", "state1"].map(|s| folder.path().join(s));
         for (state, path) in paths.iter().enumerate() {
             let mut growing = GrowingState::new(path, state);
             assert!(!growing.is_closed() && growing.work_ahead(&config, 0, &ahead).unwrap().is_none());
@@ -217,9 +218,9 @@ mod tests {
     /// What cannot be used is looked at once.
     #[test]
     fn a_closed_recording_that_cannot_be_used_is_let_go() {
-        let folder = common::temp::Temp::new("unusable");
+        let folder = tempfile::tempdir().unwrap();
         let from = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../bags/drawer/state0/state0.mcap");
-        let path = folder.0.join("state0.mcap");
+        let path = folder.path().join("state0.mcap");
         fs::copy(from, &path).unwrap();
         let mut config = CaptureConfig::default();
         config.topics.color = Some("/none".into());

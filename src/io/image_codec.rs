@@ -124,7 +124,8 @@ pub fn compressed_depth(image: &CompressedImage) -> Result<Raster<f32>, ImageErr
         return broken("compressedDepth without its header");
     };
     let number = |at: usize| f32::from_le_bytes([front[at], front[at + 1], front[at + 2], front[at + 3]]);
-    let (a, b) = (number(4), number(8));
+    let a = number(4);
+    let b = number(8);
     // Old publishers name no codec: theirs is PNG.
     let words = if is_rvl(&image.format) { rvl_image(code)? } else { png16(code)? };
     let encoding = image.format.split(';').next().unwrap_or_default().trim();
@@ -162,7 +163,8 @@ pub fn color_file(data: &[u8]) -> Result<Raster<[u8; 3]>, ImageError> {
         }
         decoded => {
             let rgb = decoded.into_rgb8();
-            let (width, height) = (rgb.width() as usize, rgb.height() as usize);
+            let width = rgb.width() as usize;
+            let height = rgb.height() as usize;
             Ok(Raster { width, height, pixels: rgb.as_raw().as_chunks().0.to_vec() })
         }
     }
@@ -194,7 +196,8 @@ pub fn depth_file(data: &[u8], unit_m: f32) -> Result<Raster<f32>, ImageError> {
 /// [`ImageError`].
 pub fn mask_file(data: &[u8]) -> Result<Raster<bool>, ImageError> {
     let decoded = decode_file(data, false)?;
-    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
+    let width = decoded.width() as usize;
+    let height = decoded.height() as usize;
     let pixels = match &decoded {
         DynamicImage::ImageLuma8(i) => i.pixels().map(|p| p.0[0] > 0).collect(),
         DynamicImage::ImageLuma16(i) => i.pixels().map(|p| p.0[0] > 0).collect(),
@@ -238,7 +241,9 @@ fn word(p: &[u8], big: bool) -> u16 {
 fn rows<T>(image: &Image, bytes: usize, mut pixel: impl FnMut(&[u8]) -> T) -> Result<Raster<T>, ImageError> {
     // `step` may exceed the pixels' bytes, as drivers pad rows. CDR knows only how long `data` is:
     // whether that fits the image is checked here.
-    let (width, height, step) = (image.width as usize, image.height as usize, image.step as usize);
+    let width = image.width as usize;
+    let height = image.height as usize;
+    let step = image.step as usize;
     check_size(width, height)?;
     if step < width * bytes {
         return broken(format!("a row of {step} bytes cannot hold {width} pixels of {bytes} bytes"));
@@ -313,7 +318,8 @@ fn rvl_image(data: &[u8]) -> Result<Raster<u16>, ImageError> {
     let Some((size, code)) = data.split_first_chunk::<8>() else { return broken("RVL without its size") };
     let number =
         |at: usize| u32::from_le_bytes([size[at], size[at + 1], size[at + 2], size[at + 3]]) as usize;
-    let (width, height) = (number(0), number(4));
+    let width = number(0);
+    let height = number(4);
     check_size(width, height)?;
     match rvl::decode(code, width * height) {
         Ok(pixels) => Ok(Raster { width, height, pixels }),

@@ -26,7 +26,8 @@ pub(super) fn png(image: Option<DynamicImage>) -> ImageResult<Vec<u8>> {
 /// JPEG file of a color image; `quality` of 1 to 100.
 pub(super) fn jpeg(k: &Intrinsics, rgb: &[[u8; 3]], quality: u8) -> ImageResult<Vec<u8>> {
     let mut file = Vec::new();
-    let (width, height) = (k.width as u32, k.height as u32);
+    let width = k.width as u32;
+    let height = k.height as u32;
     JpegEncoder::new_with_quality(&mut file, quality).encode(
         rgb.as_flattened(),
         width,

@@ -42,7 +42,8 @@ pub fn inspect_motion(path: &Path) -> MotionInspection {
 fn line(run: &Recording, joint: &JointSamples) -> (String, bool) {
     let first = joint.time_s.iter().copied().fold(f64::INFINITY, f64::min);
     let last = joint.time_s.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let (n, seconds) = (joint.time_s.len(), (last - first).max(0.0));
+    let n = joint.time_s.len();
+    let seconds = (last - first).max(0.0);
     let rate =
         if n > 1 && seconds > 0.0 { format!(", {:.1} Hz", (n - 1) as f64 / seconds) } else { String::new() };
     let has = |values: &[f64]| values.iter().any(|x| x.is_finite());

@@ -131,7 +131,8 @@ impl Commanded {
     fn cut(&mut self, stamp: i64) {
         let kept = self.stamps.partition_point(|s| *s <= stamp);
         let on_way = (kept > 0 && kept < self.stamps.len()).then(|| {
-            let (from, to) = (self.stamps[kept - 1], self.stamps[kept]);
+            let from = self.stamps[kept - 1];
+            let to = self.stamps[kept];
             let share = (stamp - from) as f64 / (to - from) as f64;
             self.position[kept - 1] * (1.0 - share) + self.position[kept] * share
         });

@@ -261,7 +261,8 @@ impl<'a> Reader<'a> {
             WrenchTrack { topic: topic.to_owned(), frame: frame.to_owned(), link, ..WrenchTrack::default() };
         let own = self.wrenches.entry(topic.to_owned()).or_insert(Stamped { track, stamps: Vec::new() });
         let vector = |v: &super::ros2msg::Vector3| nalgebra::Vector3::new(v.x, v.y, v.z);
-        let (force, moment) = (vector(&message.force), vector(&message.torque));
+        let force = vector(&message.force);
+        let moment = vector(&message.torque);
         if own.track.frame != frame {
             self.changing.insert(topic.to_owned());
         } else if !force.iter().chain(moment.iter()).all(|x| x.is_finite()) {

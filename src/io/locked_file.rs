@@ -39,12 +39,11 @@ impl Drop for LockedFile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::temp::Temp;
 
     #[test]
     fn a_dropped_lock_is_free_although_a_copy_of_its_file_is_open() {
-        let folder = Temp::new("locked-file");
-        let path = folder.0.join("lock");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lock");
         let first = LockedFile::take(&path).unwrap().unwrap();
         let copy = first.0.try_clone().unwrap();
         assert!(LockedFile::take(&path).unwrap().is_none());

@@ -182,7 +182,8 @@ fn listed(folder: &Path) -> io::Result<BTreeMap<String, Held>> {
 pub fn sha256(path: &Path) -> io::Result<String> {
     let mut file = files::open(path)?;
     // Piece by piece: results hold files of hundreds of megabytes.
-    let (mut digest, mut piece) = (Sha256::new(), vec![0; PIECE]);
+    let mut digest = Sha256::new();
+    let mut piece = vec![0; PIECE];
     loop {
         match file.read(&mut piece)? {
             0 => return Ok(hex(&digest.finalize())),
@@ -200,26 +201,25 @@ pub fn hex(bytes: &[u8]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::temp::Temp;
 
     /// A folder as a command leaves it.
-    fn written(name: &str) -> Temp {
-        let temp = Temp::new(name);
-        fs::create_dir_all(temp.0.join("meshes/visual")).unwrap();
-        fs::write(temp.0.join("report.json"), "{}").unwrap();
-        fs::write(temp.0.join("meshes/visual/lid.obj"), "v 0 0 0").unwrap();
-        Manifest::write(&temp.0, ResultKind::Reconstruct).unwrap();
+    fn written() -> tempfile::TempDir {
+        let temp = tempfile::tempdir().unwrap();
+        fs::create_dir_all(temp.path().join("meshes/visual")).unwrap();
+        fs::write(temp.path().join("report.json"), "{}").unwrap();
+        fs::write(temp.path().join("meshes/visual/lid.obj"), "v 0 0 0").unwrap();
+        Manifest::write(temp.path(), ResultKind::Reconstruct).unwrap();
         temp
     }
 
-    fn differences(temp: &Temp) -> Vec<String> {
-        Manifest::read(&temp.0).unwrap().differences(&temp.0).unwrap()
+    fn differences(temp: &tempfile::TempDir) -> Vec<String> {
+        Manifest::read(temp.path()).unwrap().differences(temp.path()).unwrap()
     }
 
     #[test]
     fn it_names_program_command_and_every_file() {
-        let temp = written("manifest-names");
-        let text = fs::read_to_string(temp.0.join(MANIFEST)).unwrap();
+        let temp = written();
+        let text = fs::read_to_string(temp.path().join(MANIFEST)).unwrap();
         let [lid, report] = [
             "7b6f74e68a82e1ba99b66e56054d46975b1869661ffa0c7f17301f69cbb64463",
             "44136fa355b3678a1146ad16f7e8649e94fb4fc21fe77e8310c060f61caaff8a",
@@ -266,8 +266,8 @@ mod tests {
             ),
         ];
         for (name, change, expected) in changes {
-            let temp = written(&format!("manifest-{name}"));
-            change(&temp.0);
+            let temp = written();
+            change(temp.path());
             assert_eq!(differences(&temp), expected, "{name}");
         }
     }
@@ -275,23 +275,23 @@ mod tests {
     #[test]
     #[cfg(unix)]
     fn a_link_is_a_change_though_it_leads_to_the_same_bytes() {
-        let temp = written("manifest-link");
-        let (file, other) = (temp.0.join("report.json"), Temp::new("manifest-link-other"));
-        fs::rename(&file, other.0.join("report.json")).unwrap();
-        std::os::unix::fs::symlink(other.0.join("report.json"), &file).unwrap();
+        let temp = written();
+        let (file, other) = (temp.path().join("report.json"), tempfile::tempdir().unwrap());
+        fs::rename(&file, other.path().join("report.json")).unwrap();
+        std::os::unix::fs::symlink(other.path().join("report.json"), &file).unwrap();
         assert_eq!(differences(&temp), ["report.json was edited"]);
-        let manifest = temp.0.join(MANIFEST);
-        fs::rename(&manifest, other.0.join(MANIFEST)).unwrap();
-        std::os::unix::fs::symlink(other.0.join(MANIFEST), &manifest).unwrap();
-        assert_eq!(Manifest::read(&temp.0), None);
+        let manifest = temp.path().join(MANIFEST);
+        fs::rename(&manifest, other.path().join(MANIFEST)).unwrap();
+        std::os::unix::fs::symlink(other.path().join(MANIFEST), &manifest).unwrap();
+        assert_eq!(Manifest::read(temp.path()), None);
     }
 
     #[test]
     fn what_is_no_manifest_is_none() {
         for text in ["", "{}", "null", "{\"artitwin\": \"1\", \"command\": \"paint\", \"files\": {}}"] {
-            let temp = Temp::new("manifest-none");
-            fs::write(temp.0.join(MANIFEST), text).unwrap();
-            assert_eq!(Manifest::read(&temp.0), None, "{text}");
+            let temp = tempfile::tempdir().unwrap();
+            fs::write(temp.path().join(MANIFEST), text).unwrap();
+            assert_eq!(Manifest::read(temp.path()), None, "{text}");
         }
     }
 }

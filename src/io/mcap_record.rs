@@ -108,7 +108,8 @@ impl ChannelRecord {
     /// What is damaged.
     pub fn read(body: &[u8]) -> Result<Self, RecordError> {
         let mut fields = Fields(body);
-        let (id, schema_id) = (fields.id()?, fields.id()?);
+        let id = fields.id()?;
+        let schema_id = fields.id()?;
         let channel = Self { id, schema_id, topic: fields.text()?, message_encoding: fields.text()? };
         // The metadata must be whole.
         fields.counted()?;
@@ -140,7 +141,8 @@ impl<'a> MessageRecord<'a> {
         let mut fields = Fields(body);
         let channel_id = fields.id()?;
         let sequence = fields.number(4)? as u32;
-        let (log_time, publish_time) = (fields.number(8)?, fields.number(8)?);
+        let log_time = fields.number(8)?;
+        let publish_time = fields.number(8)?;
         Ok(Self { channel_id, sequence, log_time, publish_time, data: fields.0 })
     }
 }
@@ -169,8 +171,10 @@ impl<'a> ChunkRecord<'a> {
         let mut fields = Fields(body);
         // First and last log time of the chunk: the messages carry their own.
         fields.bytes(16)?;
-        let (uncompressed_size, uncompressed_crc) = (fields.number(8)?, fields.number(4)? as u32);
-        let (compression, compressed_size) = (fields.text()?, fields.number(8)?);
+        let uncompressed_size = fields.number(8)?;
+        let uncompressed_crc = fields.number(4)? as u32;
+        let compression = fields.text()?;
+        let compressed_size = fields.number(8)?;
         Ok(Self { uncompressed_size, uncompressed_crc, compression, compressed_size, data: fields.0 })
     }
 }
@@ -197,8 +201,10 @@ impl ChunkIndexRecord {
         let mut fields = Fields(body);
         // Recording times of the first and last message.
         fields.bytes(16)?;
-        let (start, bytes) = (fields.number(8)?, fields.number(8)?);
-        let (mut offsets, mut channels) = (Fields(fields.counted()?), Vec::new());
+        let start = fields.number(8)?;
+        let bytes = fields.number(8)?;
+        let mut offsets = Fields(fields.counted()?);
+        let mut channels = Vec::new();
         while !offsets.0.is_empty() {
             channels.push(offsets.id()?);
             offsets.bytes(8)?;
@@ -227,7 +233,8 @@ impl StatisticsRecord {
         fields.bytes(8 + 2 + 4 + 4 + 4)?;
         let chunks = fields.number(4)?;
         fields.bytes(16)?;
-        let (mut counts, mut messages) = (Fields(fields.counted()?), Vec::new());
+        let mut counts = Fields(fields.counted()?);
+        let mut messages = Vec::new();
         while !counts.0.is_empty() {
             messages.push((counts.id()?, counts.number(8)?));
         }

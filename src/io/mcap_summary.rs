@@ -76,7 +76,8 @@ impl McapSummary {
             return None;
         }
         let mut found = Self { start, ..Self::default() };
-        let (mut types, mut channels) = (BTreeMap::new(), Vec::new());
+        let mut types = BTreeMap::new();
+        let mut channels = Vec::new();
         let mut statistics = None;
         let mut rest = section;
         while !rest.is_empty() {

@@ -115,13 +115,12 @@ pub fn read_model_folder(folder: &Path) -> Result<Folder, ModelFolderError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::temp::Temp;
 
     #[test]
     fn a_urdf_is_read_with_what_it_names_and_nothing_else() {
-        let temp = Temp::new("model-file");
+        let temp = tempfile::tempdir().unwrap();
         let put = |path: &str, text: &str| {
-            let path = temp.0.join(path);
+            let path = temp.path().join(path);
             fs::create_dir_all(path.parent().unwrap()).unwrap();
             fs::write(path, text).unwrap();
         };
@@ -135,18 +134,18 @@ mod tests {
         put("m/other.obj", "");
         let keys = |folder: Folder| folder.into_keys().collect::<Vec<_>>();
         assert_eq!(
-            keys(read_model(&temp.0.join("x.urdf")).unwrap()),
+            keys(read_model(&temp.path().join("x.urdf")).unwrap()),
             ["m/a.mtl", "m/a.obj", "m/a.png", "x.urdf"]
         );
-        assert_eq!(keys(read_model(&temp.0).unwrap()).len(), 5);
+        assert_eq!(keys(read_model(temp.path()).unwrap()).len(), 5);
         #[cfg(unix)]
         {
-            std::os::unix::fs::symlink(temp.0.join("m"), temp.0.join("link")).unwrap();
+            std::os::unix::fs::symlink(temp.path().join("m"), temp.path().join("link")).unwrap();
             put("l.urdf", &format!("<robot>{}</robot>", mesh("link/a.obj")));
-            assert_eq!(keys(read_model(&temp.0.join("l.urdf")).unwrap()), ["l.urdf"]);
+            assert_eq!(keys(read_model(&temp.path().join("l.urdf")).unwrap()), ["l.urdf"]);
         }
         for (path, words) in [("m/a.obj", "neither a folder nor a .urdf"), ("none.urdf", "No such file")] {
-            let why = read_model(&temp.0.join(path)).unwrap_err().to_string();
+            let why = read_model(&temp.path().join(path)).unwrap_err().to_string();
             assert!(why.contains(words), "{why}");
         }
     }

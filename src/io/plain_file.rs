@@ -57,8 +57,8 @@ mod tests {
 
     #[test]
     fn links_pipes_and_folders_are_not_opened_and_nothing_is_emptied() {
-        let folder = common::temp::Temp::new("plain");
-        let root = folder.0.clone();
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path().to_owned();
         fs::create_dir_all(root.join("folder")).unwrap();
         let [victim, link, pipe] = ["victim", "link", "pipe"].map(|n| root.join(n));
         fs::write(&victim, "precious").unwrap();

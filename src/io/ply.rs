@@ -254,7 +254,8 @@ pub(super) fn parse_ply(bytes: &[u8]) -> Result<TriangleMesh, PlyError> {
 }
 
 fn parse_header(header: &str) -> Result<(&str, Vec<Element>), PlyError> {
-    let (mut format, mut elements) = ("", Vec::<Element>::new());
+    let mut format = "";
+    let mut elements = Vec::<Element>::new();
     for line in header.lines() {
         let words: Vec<&str> = line.split_whitespace().collect();
         match words.as_slice() {
@@ -295,7 +296,9 @@ fn parse_header(header: &str) -> Result<(&str, Vec<Element>), PlyError> {
 }
 
 fn read_row(element: &Element, values: &mut Values, mesh: &mut TriangleMesh) -> Result<(), PlyFault> {
-    let (mut position, mut color, mut channels) = ([0.0; 3], [0u8; 3], 0);
+    let mut position = [0.0; 3];
+    let mut color = [0u8; 3];
+    let mut channels = 0;
     for property in &element.properties {
         if let Some(length) = property.length {
             let count = values.next_index(length)? as usize;

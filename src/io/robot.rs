@@ -105,8 +105,12 @@ fn inertia(node: Option<Node>) -> Result<Matrix3<f64>, UrdfFault> {
         let missing = || UrdfFault::Robot(format!("an <inertia> has no {name}"));
         numbers::<1>(Some(node), name)?.map(|[x]| x).ok_or_else(missing)
     };
-    let (xx, xy, xz) = (read("ixx")?, read("ixy")?, read("ixz")?);
-    let (yy, yz, zz) = (read("iyy")?, read("iyz")?, read("izz")?);
+    let xx = read("ixx")?;
+    let xy = read("ixy")?;
+    let xz = read("ixz")?;
+    let yy = read("iyy")?;
+    let yz = read("iyz")?;
+    let zz = read("izz")?;
     Ok(Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz))
 }
 
@@ -180,7 +184,9 @@ mod tests {
              link='a'/><child link='b'/><limit upper='0.5'/><mimic joint='k'/></joint></robot>",
         );
         let robot = robot.unwrap();
-        let (a, b, j) = (&robot.links[0], &robot.links[1], &robot.joints[0]);
+        let a = &robot.links[0];
+        let b = &robot.links[1];
+        let j = &robot.joints[0];
         assert_eq!((a.mass_kg, a.inertia, b.mass_kg), (2.0, Matrix3::zeros(), 0.0));
         assert_eq!(
             (a.meshes.len(), &a.meshes[0].file[..], a.meshes[0].scale),

@@ -263,7 +263,8 @@ impl Transform {
     /// quaternion's length is off unity by more than 1 %.
     #[must_use]
     pub fn checked(&self) -> Option<geometry::Pose> {
-        let (t, q) = (self.translation, self.rotation);
+        let t = self.translation;
+        let q = self.rotation;
         // False for NaN, too.
         if ![t.x, t.y, t.z].iter().all(|v| v.abs() <= 1e6) {
             return None;
@@ -283,7 +284,8 @@ impl Transform {
     /// The message of a pose.
     #[must_use]
     pub fn from_pose(pose: &geometry::Pose) -> Self {
-        let (t, q) = (pose.translation.vector, pose.rotation);
+        let t = pose.translation.vector;
+        let q = pose.rotation;
         Self {
             translation: Vector3 { x: t.x, y: t.y, z: t.z },
             rotation: Quaternion { x: q.i, y: q.j, z: q.k, w: q.w },

@@ -214,9 +214,16 @@ fn disk(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> RunDirErro
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::temp::Temp;
 
     const KIND: ResultKind = ResultKind::Reconstruct;
+
+    /// Names of what is in a folder, sorted.
+    fn names_in(folder: &Path) -> Vec<String> {
+        let entries = fs::read_dir(folder).unwrap();
+        let mut names: Vec<_> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
 
     fn open(place: &Place) -> RunDir {
         RunDir::open(place, KIND).unwrap()
@@ -237,54 +244,54 @@ mod tests {
 
     #[test]
     fn nothing_is_there_before_the_commit_and_all_after_it() {
-        let out = Temp::new("commit");
-        let run = open(&Place::named(&out.0, "box"));
+        let out = tempfile::tempdir().unwrap();
+        let run = open(&Place::named(out.path(), "box"));
         run.put("report.json", b"{}").unwrap();
         run.put("meshes/visual/lid.obj", b"v 0 0 0").unwrap();
-        assert!(!out.0.join("box").exists() && out.names().len() == 1);
-        assert_eq!(run.commit().unwrap(), Committed { folder: out.0.join("box"), moved_to: None });
-        assert_eq!(out.names(), ["box"]);
-        assert_eq!(fs::read(out.0.join("box/meshes/visual/lid.obj")).unwrap(), b"v 0 0 0");
+        assert!(!out.path().join("box").exists() && names_in(out.path()).len() == 1);
+        assert_eq!(run.commit().unwrap(), Committed { folder: out.path().join("box"), moved_to: None });
+        assert_eq!(names_in(out.path()), ["box"]);
+        assert_eq!(fs::read(out.path().join("box/meshes/visual/lid.obj")).unwrap(), b"v 0 0 0");
     }
 
     #[test]
     fn a_dropped_run_leaves_the_earlier_one_and_no_folder() {
-        let out = Temp::new("drop");
-        let place = Place::named(&out.0, "box");
+        let out = tempfile::tempdir().unwrap();
+        let place = Place::named(out.path(), "box");
         finished(&place, "report.json", "first");
         let second = open(&place);
         second.put("report.json", b"second").unwrap();
         drop(second);
-        assert_eq!(out.names(), ["box"]);
-        assert_eq!(fs::read(out.0.join("box/report.json")).unwrap(), b"first");
-        drop(open(&Place::named(out.0.join("new/runs"), "box")));
-        assert_eq!(out.names(), ["box"]);
+        assert_eq!(names_in(out.path()), ["box"]);
+        assert_eq!(fs::read(out.path().join("box/report.json")).unwrap(), b"first");
+        drop(open(&Place::named(out.path().join("new/runs"), "box")));
+        assert_eq!(names_in(out.path()), ["box"]);
     }
 
     #[test]
     fn an_unchanged_result_of_the_same_command_is_replaced_as_a_whole() {
-        let out = Temp::new("replace");
-        let place = Place::named(&out.0, "box");
+        let out = tempfile::tempdir().unwrap();
+        let place = Place::named(out.path(), "box");
         finished(&place, "a.txt", "first");
         assert_eq!(finished(&place, "b.txt", "second").moved_to, None);
-        assert_eq!(out.names(), ["box"]);
-        assert!(!out.0.join("box/a.txt").exists() && out.0.join("box/b.txt").exists());
+        assert_eq!(names_in(out.path()), ["box"]);
+        assert!(!out.path().join("box/a.txt").exists() && out.path().join("box/b.txt").exists());
         // With force too: nothing is lost that the command did not write.
         let forced = finished(&Place { force: true, ..place }, "c.txt", "third");
-        assert_eq!((forced.moved_to, out.names()), (None, vec!["box".to_owned()]));
+        assert_eq!((forced.moved_to, names_in(out.path())), (None, vec!["box".to_owned()]));
     }
 
     #[test]
     fn anything_else_is_refused_with_what_it_is_and_a_remedy() {
-        let out = Temp::new("refuse");
-        let place = |name: &str| Place::named(&out.0, name);
+        let out = tempfile::tempdir().unwrap();
+        let place = |name: &str| Place::named(out.path(), name);
         for name in ["edited", "added", "kind", "older"] {
             finished(&place(name), "report.json", "{}");
         }
-        fs::write(out.0.join("edited/report.json"), "mine").unwrap();
-        (0..6).for_each(|k| fs::write(out.0.join(format!("added/note{k}.txt")), "mine").unwrap());
-        fs::remove_file(out.0.join("older/manifest.json")).unwrap();
-        fs::write(out.0.join("file"), "mine").unwrap();
+        fs::write(out.path().join("edited/report.json"), "mine").unwrap();
+        (0..6).for_each(|k| fs::write(out.path().join(format!("added/note{k}.txt")), "mine").unwrap());
+        fs::remove_file(out.path().join("older/manifest.json")).unwrap();
+        fs::write(out.path().join("file"), "mine").unwrap();
         for (name, kind, why) in [
             ("edited", KIND, "since reconstruct wrote it, report.json was edited"),
             (
@@ -297,97 +304,103 @@ mod tests {
             ("older", KIND, "it holds report.json, and no manifest.json that says which command wrote it"),
             ("file", KIND, "it is no folder"),
         ] {
-            let path = out.0.join(name).display().to_string();
+            let path = out.path().join(name).display().to_string();
             let expected = format!(
                 "{path} is left as it is: {why}; give another --out or --name, or --force, which moves it \
                  to {path}.bak"
             );
             assert_eq!(refused(&place(name), kind), expected);
         }
-        fs::create_dir(out.0.join("empty")).unwrap();
+        fs::create_dir(out.path().join("empty")).unwrap();
         finished(&place("empty"), "report.json", "{}");
     }
 
     #[test]
     #[cfg(unix)]
     fn a_link_is_refused_however_it_is_written() {
-        let out = Temp::new("link");
-        fs::create_dir(out.0.join("there")).unwrap();
-        std::os::unix::fs::symlink(out.0.join("there"), out.0.join("link")).unwrap();
-        std::os::unix::fs::symlink(out.0.join("nowhere"), out.0.join("dangling")).unwrap();
+        let out = tempfile::tempdir().unwrap();
+        fs::create_dir(out.path().join("there")).unwrap();
+        std::os::unix::fs::symlink(out.path().join("there"), out.path().join("link")).unwrap();
+        std::os::unix::fs::symlink(out.path().join("nowhere"), out.path().join("dangling")).unwrap();
         for path in ["link", "link/", "link/.", "dangling", "dangling/"] {
-            let reason = refused(&Place::at(out.0.join(path)), KIND);
+            let reason = refused(&Place::at(out.path().join(path)), KIND);
             assert!(reason.contains("it is a link"), "{reason}");
         }
-        let forced = finished(&Place { force: true, ..Place::at(out.0.join("link/")) }, "a.txt", "");
-        assert_eq!((forced.moved_to, forced.folder), (Some(out.0.join("link.bak")), out.0.join("link")));
+        let forced = finished(&Place { force: true, ..Place::at(out.path().join("link/")) }, "a.txt", "");
+        assert_eq!(
+            (forced.moved_to, forced.folder),
+            (Some(out.path().join("link.bak")), out.path().join("link"))
+        );
         assert!(
-            out.0.join("link.bak").is_symlink() && out.0.join("there").read_dir().unwrap().next().is_none()
+            out.path().join("link.bak").is_symlink()
+                && out.path().join("there").read_dir().unwrap().next().is_none()
         );
         // A link to the folder around the result is followed.
-        finished(&Place::named(out.0.join("link.bak"), "box"), "a.txt", "");
-        assert!(out.0.join("there/box/a.txt").is_file());
+        finished(&Place::named(out.path().join("link.bak"), "box"), "a.txt", "");
+        assert!(out.path().join("there/box/a.txt").is_file());
     }
 
     #[test]
     fn force_moves_away_and_overwrites_no_earlier_copy() {
-        let out = Temp::new("force");
-        let place = Place { force: true, ..Place::named(&out.0, "box") };
+        let out = tempfile::tempdir().unwrap();
+        let place = Place { force: true, ..Place::named(out.path(), "box") };
         for k in 0..3 {
-            fs::create_dir_all(out.0.join("box")).unwrap();
-            fs::write(out.0.join("box/notes.txt"), format!("{k}")).unwrap();
+            fs::create_dir_all(out.path().join("box")).unwrap();
+            fs::write(out.path().join("box/notes.txt"), format!("{k}")).unwrap();
             let done = finished(&place, "report.json", "{}");
             assert_eq!(
                 done.note().unwrap().text,
                 format!(
                     "what stood at {0}/box was moved to {0}/box.bak{1}",
-                    out.0.display(),
+                    out.path().display(),
                     ["", "1", "2"][k]
                 )
             );
         }
-        assert_eq!(out.names(), ["box", "box.bak", "box.bak1", "box.bak2"]);
+        assert_eq!(names_in(out.path()), ["box", "box.bak", "box.bak1", "box.bak2"]);
         for (name, text) in [("box.bak", "0"), ("box.bak1", "1"), ("box.bak2", "2")] {
-            assert_eq!(fs::read_to_string(out.0.join(name).join("notes.txt")).unwrap(), text);
+            assert_eq!(fs::read_to_string(out.path().join(name).join("notes.txt")).unwrap(), text);
         }
-        fs::remove_dir_all(out.0.join("box")).unwrap();
-        fs::write(out.0.join("box"), "a file").unwrap();
-        assert_eq!(finished(&place, "report.json", "{}").moved_to, Some(out.0.join("box.bak3")));
-        assert_eq!(fs::read_to_string(out.0.join("box.bak3")).unwrap(), "a file");
+        fs::remove_dir_all(out.path().join("box")).unwrap();
+        fs::write(out.path().join("box"), "a file").unwrap();
+        assert_eq!(finished(&place, "report.json", "{}").moved_to, Some(out.path().join("box.bak3")));
+        assert_eq!(fs::read_to_string(out.path().join("box.bak3")).unwrap(), "a file");
     }
 
     #[test]
     fn what_was_edited_during_the_work_stays() {
-        let out = Temp::new("meanwhile");
-        let place = Place::named(&out.0, "box");
+        let out = tempfile::tempdir().unwrap();
+        let place = Place::named(out.path(), "box");
         finished(&place, "report.json", "{}");
         let run = open(&place);
         run.put("report.json", b"[]").unwrap();
-        fs::write(out.0.join("box/notes.txt"), "mine").unwrap();
+        fs::write(out.path().join("box/notes.txt"), "mine").unwrap();
         let reason = run.commit().unwrap_err().to_string();
         assert!(reason.contains("notes.txt was added"), "{reason}");
-        assert_eq!(out.names(), ["box"]);
-        assert_eq!(fs::read_to_string(out.0.join("box/report.json")).unwrap(), "{}");
+        assert_eq!(names_in(out.path()), ["box"]);
+        assert_eq!(fs::read_to_string(out.path().join("box/report.json")).unwrap(), "{}");
     }
 
     #[test]
     fn an_input_is_never_in_the_results_place() {
-        let out = Temp::new("inputs");
-        let (bag, link, deep) = (out.0.join("bags/one"), out.0.join("way"), out.0.join("data"));
+        let out = tempfile::tempdir().unwrap();
+        let bag = out.path().join("bags/one");
+        let link = out.path().join("way");
+        let deep = out.path().join("data");
         [&bag, &deep].iter().for_each(|f| fs::create_dir_all(f).unwrap());
         fs::write(deep.join("one.mcap"), "").unwrap();
         let mut cases = vec![
             (bag.clone(), bag.clone()),
-            (out.0.join("bags"), bag.clone()),
-            (out.0.join("bags"), out.0.join("data/../bags/one")),
-            (out.0.join("data/../bags"), bag.clone()),
+            (out.path().join("bags"), bag.clone()),
+            (out.path().join("bags"), out.path().join("data/../bags/one")),
+            (out.path().join("data/../bags"), bag.clone()),
         ];
         #[cfg(unix)]
         {
-            std::os::unix::fs::symlink(out.0.join("bags"), &link).unwrap();
+            std::os::unix::fs::symlink(out.path().join("bags"), &link).unwrap();
             std::os::unix::fs::symlink(deep.join("one.mcap"), bag.join("one.mcap")).unwrap();
             cases.extend([
-                (out.0.join("bags"), link.join("one")),
+                (out.path().join("bags"), link.join("one")),
                 (link.clone(), link.join("one")),
                 (link.join("one"), bag.clone()),
                 (deep, bag.clone()),
@@ -409,19 +422,19 @@ mod tests {
 
     #[test]
     fn a_disk_that_is_too_full_is_refused_before_the_work() {
-        let out = Temp::new("full");
-        let reason = Place::named(&out.0, "box").check(KIND, u64::MAX).unwrap_err().to_string();
+        let out = tempfile::tempdir().unwrap();
+        let reason = Place::named(out.path(), "box").check(KIND, u64::MAX).unwrap_err().to_string();
         assert!(
             reason.contains(" bytes free, and 18446744073709551615 at least are needed; make room"),
             "{reason}"
         );
-        assert_eq!(out.names(), [""; 0]);
+        assert_eq!(names_in(out.path()), [""; 0]);
     }
 
     #[test]
     fn paths_out_of_the_folder_are_refused() {
-        let out = Temp::new("paths");
-        let run = open(&Place::named(&out.0, "box"));
+        let out = tempfile::tempdir().unwrap();
+        let run = open(&Place::named(out.path(), "box"));
         for path in [
             "",
             "/etc/passwd",
@@ -439,7 +452,7 @@ mod tests {
         }
         for name in ["", "..", "a/b", "1box", ".box", "a b"] {
             assert!(
-                matches!(RunDir::open(&Place::named(&out.0, name), KIND), Err(RunDirError::Name(_))),
+                matches!(RunDir::open(&Place::named(out.path(), name), KIND), Err(RunDirError::Name(_))),
                 "{name}"
             );
         }

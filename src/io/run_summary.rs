@@ -263,15 +263,15 @@ fn sorted(mut joints: Vec<SummaryJoint>, root: &str) -> Option<Vec<SummaryJoint>
 mod tests {
     use super::*;
     use crate::{Place, ResultKind, RunDir, read_urdf};
-    use common::temp::Temp;
     use export::{ExportConfig, Report, RunFacts, urdf_package};
     use model::example::cabinet;
 
     #[test]
     fn a_screw_that_is_a_pair_in_the_urdf_is_one_joint_here() {
-        let (mut model, temp) = (cabinet(), Temp::new("summary-screw"));
+        let mut model = cabinet();
+        let temp = tempfile::tempdir().unwrap();
         model.joints[1].kind = JointKind::Screw { pitch_m_per_rad: 0.05 };
-        let run = RunDir::open(&Place::named(&temp.0, &model.name), ResultKind::Reconstruct).unwrap();
+        let run = RunDir::open(&Place::named(temp.path(), &model.name), ResultKind::Reconstruct).unwrap();
         for file in urdf_package(&model, &ExportConfig::default()) {
             run.put(&file.path, &file.bytes).unwrap();
         }

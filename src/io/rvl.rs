@@ -104,7 +104,8 @@ struct Nibbles<'a> {
 impl Nibbles<'_> {
     fn nibble(&mut self) -> Result<u8, RvlError> {
         // The first nibble of a word lies in the top half of its last byte.
-        let (word, place) = (self.next / 8, self.next % 8);
+        let word = self.next / 8;
+        let place = self.next % 8;
         let byte = self.data.get(word * 4 + 3 - place / 2).ok_or(RvlError::Cut)?;
         self.next += 1;
         Ok(if place % 2 == 0 { byte >> 4 } else { byte & 15 })
@@ -132,7 +133,8 @@ mod tests {
     /// 2 3 10 4 1 1 0 are the nibbles 2 3 a1 4 1 1 0, the word 0x23a14110.
     #[test]
     fn a_known_code() {
-        let (pixels, code) = ([0, 0, 5, 7, 6, 0], [0x10, 0x41, 0xa1, 0x23]);
+        let pixels = [0, 0, 5, 7, 6, 0];
+        let code = [0x10, 0x41, 0xa1, 0x23];
         assert_eq!(encode(&pixels), code);
         assert_eq!(decode(&code, 6).unwrap(), pixels);
     }

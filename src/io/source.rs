@@ -196,8 +196,8 @@ mod tests {
 
     #[test]
     fn all_states_of_a_folder_are_found_and_a_gap_is_refused() {
-        let folder = common::temp::Temp::new("states");
-        let root = folder.0.clone();
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path().to_owned();
         let add = |s: usize| std::fs::write(root.join(format!("state{s}.mcap")), b"\x89MCAP0\r\n").unwrap();
         let of = || Source::of(std::slice::from_ref(&root));
         (0..3).for_each(add);

@@ -106,7 +106,8 @@ fn put<M: RosMessage>(
 }
 
 fn put_images(bag: &mut BagWriter, stamp: i64, k: &Intrinsics, frame: &SynthFrame) -> Result<(), SynthError> {
-    let (width, height) = (k.width as u32, k.height as u32);
+    let width = k.width as u32;
+    let height = k.height as u32;
     let color = CompressedImage {
         header: header(stamp, OPTICAL),
         // As compressed_image_transport writes it: encoding of the source, codec, encoding in the JPEG.

@@ -166,7 +166,8 @@ fn put_keyframes(
 }
 
 fn put_start_end(folder: &RunDir, state: usize, recording: &SynthState) -> Result<(), SynthError> {
-    let (k, name) = (&recording.intrinsics, STATES[state]);
+    let k = &recording.intrinsics;
+    let name = STATES[state];
     // Pixel centers of this layout are at half integers.
     let mut cameras = BTreeMap::from([("K".to_owned(), serde_json::to_value(matrix(k, 0.5))?)]);
     for (i, frame) in recording.frames.iter().enumerate() {

@@ -91,7 +91,8 @@ impl SensorEntry {
 fn warp(camera: &HandheldCamera, width: usize, height: usize) -> Option<WarpEntry> {
     let step = (width / WARP_NODES).max(1);
     let at = |n: usize| (0..=n / step).map(|k| (k * step).min(n - 1)).collect::<Vec<_>>();
-    let (u_px, v_px) = (at(width), at(height));
+    let u_px = at(width);
+    let v_px = at(height);
     let row = |v: &usize| u_px.iter().map(|u| camera.depth_warp[v * width + u]).collect();
     (!camera.depth_warp.is_empty()).then(|| WarpEntry {
         relative: v_px.iter().map(row).collect(),
@@ -101,6 +102,7 @@ fn warp(camera: &HandheldCamera, width: usize, height: usize) -> Option<WarpEntr
 }
 
 fn six(pose: &Pose) -> [f64; 6] {
-    let (shift, turn) = (pose.translation.vector, pose.rotation.scaled_axis());
+    let shift = pose.translation.vector;
+    let turn = pose.rotation.scaled_axis();
     [shift.x, shift.y, shift.z, turn.x, turn.y, turn.z]
 }

@@ -49,7 +49,8 @@ pub(super) fn put_twin(folder: &RunDir, object: &Object) -> Result<(), RunDirErr
             Pose::from_parts((-j.origin.coords).into(), Default::default())
         });
         let origin = parent_from_rest * Pose::translation(joint.origin.x, joint.origin.y, joint.origin.z);
-        let (t, [r, p, y]) = (origin.translation.vector, export::roll_pitch_yaw(&origin.rotation));
+        let t = origin.translation.vector;
+        let [r, p, y] = export::roll_pitch_yaw(&origin.rotation);
         let (kind, thread) = match joint.kind {
             PartJointKind::Revolute => ("revolute", String::new()),
             PartJointKind::Prismatic => ("prismatic", String::new()),

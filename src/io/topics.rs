@@ -63,7 +63,8 @@ impl TopicSummary {
         if !IMAGE_TYPES.contains(&self.type_name.as_str()) {
             return None;
         }
-        let (name, encoding) = (self.name.to_ascii_lowercase(), self.encoding.as_str());
+        let name = self.name.to_ascii_lowercase();
+        let encoding = self.encoding.as_str();
         // Before the encoding: label images are often 16UC1, as depth is.
         let named_mask = ["mask", "segment", "label"].iter().any(|w| name.contains(w));
         let depth_encoding = ["16UC1", "32FC1", "mono16"].iter().any(|e| encoding.starts_with(e))

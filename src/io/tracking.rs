@@ -36,9 +36,13 @@ pub(super) fn track(
     (state, seed): (usize, u64),
     ahead: &Ahead,
 ) -> Result<TrackedState, CaptureError> {
-    let (unmasked, block) = (unmasked(views), views_at_a_time(views));
+    let unmasked = unmasked(views);
+    let block = views_at_a_time(views);
     let mut tracker = Tracker::new(seed ^ state as u64);
-    let (mut seen, mut boards, mut reasons, mut noise) = (Vec::new(), Vec::new(), Vec::new(), None);
+    let mut seen = Vec::new();
+    let mut boards = Vec::new();
+    let mut reasons = Vec::new();
+    let mut noise = None;
     for some in of_state.chunks(block) {
         // Views take the place of states: what is broken is left out, and the numbers say which.
         let chosen: Vec<(usize, usize)> = some.iter().map(|&v| (v, v)).collect();

@@ -186,17 +186,17 @@ mod tests {
 
     #[test]
     fn a_folder_leads_to_its_only_urdf() {
-        let temp = common::temp::Temp::new("twin-path");
-        let none = twin_path(&temp.0).unwrap_err().to_string();
+        let temp = tempfile::tempdir().unwrap();
+        let none = twin_path(temp.path()).unwrap_err().to_string();
         assert!(none.contains("holds 0 .urdf files"), "{none}");
         for name in ["box.urdf", "box.ros.urdf", ".box.urdf", "box.xml"] {
-            fs::write(temp.0.join(name), "").unwrap();
+            fs::write(temp.path().join(name), "").unwrap();
         }
-        let urdf = temp.0.join("box.urdf");
-        assert_eq!((twin_path(&temp.0).unwrap(), twin_path(&urdf).unwrap()), (urdf.clone(), urdf));
-        fs::write(temp.0.join("lid.urdf"), "").unwrap();
-        assert!(twin_path(&temp.0).unwrap_err().to_string().contains("holds 2 .urdf files; name one"));
-        assert_eq!(twin_path(&temp.0.join("gone")).unwrap(), temp.0.join("gone"));
+        let urdf = temp.path().join("box.urdf");
+        assert_eq!((twin_path(temp.path()).unwrap(), twin_path(&urdf).unwrap()), (urdf.clone(), urdf));
+        fs::write(temp.path().join("lid.urdf"), "").unwrap();
+        assert!(twin_path(temp.path()).unwrap_err().to_string().contains("holds 2 .urdf files; name one"));
+        assert_eq!(twin_path(&temp.path().join("gone")).unwrap(), temp.path().join("gone"));
     }
 
     #[test]

@@ -166,7 +166,8 @@ fn joint(joint: &RobotJoint, index: &BTreeMap<&str, usize>) -> Result<TreeJoint,
         multiplier: m.multiplier,
         offset: m.offset,
     });
-    let (parent, child) = (link(&joint.parent)?, link(&joint.child)?);
+    let parent = link(&joint.parent)?;
+    let child = link(&joint.child)?;
     Ok(TreeJoint {
         name: joint.name.clone(),
         kind,
@@ -184,14 +185,14 @@ mod tests {
 
     use super::*;
     use crate::{Place, ResultKind, RunDir};
-    use common::temp::Temp;
     use export::{ExportConfig, urdf_package};
     use model::example::cabinet;
 
     #[test]
     fn a_written_model_reads_back_in_every_pose() {
-        let (model, temp) = (cabinet(), Temp::new("urdf-written"));
-        let run = RunDir::open(&Place::named(&temp.0, &model.name), ResultKind::Reconstruct).unwrap();
+        let model = cabinet();
+        let temp = tempfile::tempdir().unwrap();
+        let run = RunDir::open(&Place::named(temp.path(), &model.name), ResultKind::Reconstruct).unwrap();
         for file in urdf_package(&model, &ExportConfig::default()) {
             run.put(&file.path, &file.bytes).unwrap();
         }
@@ -200,7 +201,8 @@ mod tests {
             let positions = model.joints.iter().map(|j| j.name.clone()).zip(state.iter().copied()).collect();
             for (i, link) in model.links.iter().enumerate() {
                 let k = tree.links.iter().position(|l| l.name == link.name).unwrap();
-                let (a, b) = (model.world_from_link(i, state), tree.world_from_link(k, &positions));
+                let a = model.world_from_link(i, state);
+                let b = tree.world_from_link(k, &positions);
                 let worst = link.visual.vertices.iter().zip(&tree.links[k].visual.vertices);
                 let worst = worst
                     .map(|(x, y)| (a * x.cast::<f64>() - b * y.cast::<f64>()).norm())
@@ -211,10 +213,10 @@ mod tests {
     }
 
     fn read(text: &str) -> Result<Tree, UrdfError> {
-        let temp = Temp::new(&format!("urdf-{:x}", text.len()));
-        let path = temp.0.join("x.urdf");
+        let temp = tempfile::tempdir().unwrap();
+        let path = temp.path().join("x.urdf");
         fs::write(&path, format!("<robot name='x'>{text}</robot>")).unwrap();
-        fs::write(temp.0.join("m.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+        fs::write(temp.path().join("m.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
         read_urdf(&path)
     }
 

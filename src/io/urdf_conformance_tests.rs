@@ -5,7 +5,6 @@
 use std::{collections::BTreeSet, fs, path::PathBuf};
 
 use super::{conformance_tests::files, read_model, read_model_folder, read_seen_twin, read_twin, twin_path};
-use common::temp::Temp;
 use export::{CheckFinding, Level, check_folder};
 
 /// What a file is to be refused or warned of for: rule and words.
@@ -87,11 +86,11 @@ const UNREAD: [(&str, &str); 5] = [
 ];
 
 /// The files, unpacked; names without their ending.
-fn unpacked(name: &str) -> (Temp, Vec<String>) {
-    let temp = Temp::new(name);
+fn unpacked() -> (tempfile::TempDir, Vec<String>) {
+    let temp = tempfile::tempdir().unwrap();
     let mut names = Vec::new();
     for (path, bytes) in files("urdf.tar.zst") {
-        let to = temp.0.join(&path);
+        let to = temp.path().join(&path);
         fs::create_dir_all(to.parent().unwrap()).unwrap();
         fs::write(to, bytes).unwrap();
         names.extend(path.strip_prefix("urdf/").and_then(|p| p.strip_suffix(".urdf")).map(str::to_owned));
@@ -100,8 +99,8 @@ fn unpacked(name: &str) -> (Temp, Vec<String>) {
     (temp, names)
 }
 
-fn file(temp: &Temp, name: &str) -> PathBuf {
-    temp.0.join("urdf").join(format!("{name}.urdf"))
+fn file(temp: &tempfile::TempDir, name: &str) -> PathBuf {
+    temp.path().join("urdf").join(format!("{name}.urdf"))
 }
 
 fn text(found: &[CheckFinding]) -> String {
@@ -110,9 +109,10 @@ fn text(found: &[CheckFinding]) -> String {
 
 #[test]
 fn every_urdf_has_the_outcome_that_its_name_says() {
-    let (temp, names) = unpacked("urdf-check");
-    let of_folder = check_folder(&read_model_folder(&temp.0.join("urdf")).unwrap());
-    let (mut faulty, mut stricter) = (0, 0);
+    let (temp, names) = unpacked();
+    let of_folder = check_folder(&read_model_folder(&temp.path().join("urdf")).unwrap());
+    let mut faulty = 0;
+    let mut stricter = 0;
     for name in &names {
         let found = check_folder(&read_model(&file(&temp, name)).unwrap());
         // A file by itself and within its folder.
@@ -140,7 +140,7 @@ fn every_urdf_has_the_outcome_that_its_name_says() {
 
 #[test]
 fn a_diagnosis_reads_every_urdf_that_is_no_error() {
-    let (temp, names) = unpacked("urdf-twin");
+    let (temp, names) = unpacked();
     let mut unread = 0;
     for name in &names {
         let read = read_twin(&twin_path(&file(&temp, name)).unwrap(), [0.0, 0.0, -9.81]);
@@ -154,13 +154,13 @@ fn a_diagnosis_reads_every_urdf_that_is_no_error() {
     }
     assert_eq!(unread, UNREAD.len());
     // All in one folder: which of them is not guessed.
-    let several = twin_path(&temp.0.join("urdf")).unwrap_err().to_string();
+    let several = twin_path(&temp.path().join("urdf")).unwrap_err().to_string();
     assert!(several.contains("holds 77 .urdf files"), "{several}");
 }
 
 #[test]
 fn cameras_are_given_what_is_whole_and_has_meshes() {
-    let (temp, names) = unpacked("urdf-seen");
+    let (temp, names) = unpacked();
     let read: Vec<&String> = names.iter().filter(|n| read_seen_twin(&file(&temp, n)).is_ok()).collect();
     assert_eq!(
         read,

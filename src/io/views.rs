@@ -164,7 +164,8 @@ impl Views {
             .filter(|_| config.isolate.use_masks)
             .map(|topic| pair(&color, &stamps(topic), slop));
         let mut matched = Vec::new();
-        let (mut no_depth, mut no_mask) = (0, 0);
+        let mut no_depth = 0;
+        let mut no_mask = 0;
         for (i, entry) in entries(&self.topics.color).iter().enumerate() {
             let Some(d) = depth[i] else {
                 no_depth += 1;
@@ -306,7 +307,8 @@ impl Views {
             ));
         }
         let frame = |topic: &str| index.images.get(topic).map_or("", |i| i.frame.as_str());
-        let (color_frame, depth_frame) = (frame(&t.color), frame(&t.depth));
+        let color_frame = frame(&t.color);
+        let depth_frame = frame(&t.depth);
         if color_frame == depth_frame {
             return Ok(());
         }
@@ -342,7 +344,8 @@ impl Views {
         let gap = (config.tf_max_gap_secs * 1e9) as i64;
         let delay = (config.pose_delay_secs * 1e9) as i64;
         let by_stamp = by_stamp(infos);
-        let (mut failures, mut first_failure) = (0, None);
+        let mut failures = 0;
+        let mut first_failure = None;
         for m in matches {
             let stamp = m.color.stamp_nanos;
             let camera = by_stamp.camera(stamp);

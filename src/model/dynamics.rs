@@ -91,14 +91,16 @@ fn pull_of(
     let inertial = &model.links[link].inertial;
     let world_from_link = model.world_from_link(link, state);
     let arm = (world_from_link * inertial.center_of_mass).coords - frame.translation.vector;
-    let (mass_kg, weight_n) = (inertial.mass_kg, GRAVITY_M_S2 * inertial.mass_kg);
+    let mass_kg = inertial.mass_kg;
+    let weight_n = GRAVITY_M_S2 * inertial.mass_kg;
     let weight = Vector3::new(0.0, 0.0, -weight_n);
     if !kind.turns() {
         return JointLoad { effort: axis.dot(&weight), inertia: mass_kg, weight: weight_n };
     }
     // Inertia about the axis: that about the center of mass and the distance (parallel axes). A thread also
     // lifts the link by its pitch, by virtual work at the turn.
-    let (across, pitch) = (arm.cross(axis).norm(), kind.pitch_m_per_rad().unwrap_or(0.0));
+    let across = arm.cross(axis).norm();
+    let pitch = kind.pitch_m_per_rad().unwrap_or(0.0);
     let turned = world_from_link.rotation.inverse() * axis;
     JointLoad {
         effort: axis.dot(&arm.cross(&weight)) + pitch * axis.dot(&weight),

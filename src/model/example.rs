@@ -55,7 +55,8 @@ fn link(name: &str, visual: TriangleMesh, mass_kg: f64) -> Link {
     let (lower, upper) = visual.bounds().unwrap_or((Point3::origin(), Point3::origin()));
     let micrometers = |x: f32| (f64::from(x) * 1e6).round() * 1e-6;
     // The corners were rounded to single precision; this gives the numbers that were meant.
-    let (lower, upper) = (lower.map(micrometers), upper.map(micrometers));
+    let lower = lower.map(micrometers);
+    let upper = upper.map(micrometers);
     let side = upper - lower;
     let moment = |a: f64, b: f64| mass_kg / 12.0 * (a * a + b * b);
     let moments = Vector3::new(moment(side.y, side.z), moment(side.x, side.z), moment(side.x, side.y));

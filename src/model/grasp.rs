@@ -129,7 +129,9 @@ fn seeds(solid: &ConvexSolid) -> Vec<Seed> {
             let all = (0..face.len()).map(|k| axis.dot(&corner(k).coords));
             all.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], x| [lo.min(x), hi.max(x)])
         };
-        let ([a, b], [c, d], height) = (range(&along), range(&across), normal.dot(&corner(0).coords));
+        let [a, b] = range(&along);
+        let [c, d] = range(&across);
+        let height = normal.dot(&corner(0).coords);
         let middle = Point3::from(along * (0.5 * (a + b)) + across * (0.5 * (c + d)) + normal * height);
         let places =
             stations(b - a).into_iter().flat_map(|u| stations(d - c).into_iter().map(move |v| (u, v)));
@@ -220,7 +222,8 @@ impl<'a> Scene<'a> {
         if off_rad > FRICTION.atan() {
             return Vec::new();
         }
-        let (width_m, lever_m) = (span.length_m(), self.lever_m(&middle));
+        let width_m = span.length_m();
+        let lever_m = self.lever_m(&middle);
         // Beside the axis a hold moves little; about it a hand turns the part.
         if lever_m < LEAST_LEVER * self.reach_m && lever_m > 0.5 * width_m {
             return Vec::new();
@@ -300,7 +303,9 @@ impl<'a> Scene<'a> {
     fn worth(&self, seed: &Seed, grasp: &Grasp, front: &Point3<f64>) -> f64 {
         let axes = grasp.link_from_grasp.rotation.to_rotation_matrix();
         let column = |k: usize| axes.matrix().column(k).into_owned();
-        let (closing, across, approach) = (column(0), column(1), column(2));
+        let closing = column(0);
+        let across = column(1);
+        let approach = column(2);
         let middle = grasp.link_from_grasp * Point3::new(0.0, 0.0, -PAD_M);
         let seen_ends = |k: i8| {
             let at = middle + across * (f64::from(k) * 0.25 * FINGER_M[1]);
@@ -309,7 +314,8 @@ impl<'a> Scene<'a> {
             span.filter(|s| s.ends_m.iter().all(meets)).map_or(0, |s| self.seen_ends(&at, &closing, &s))
         };
         let touch = (-4..=4).map(seen_ends).sum::<usize>() as f64 / 18.0;
-        let (way, lever) = (self.way(&middle), self.lever_m(&middle) / self.reach_m);
+        let way = self.way(&middle);
+        let lever = self.lever_m(&middle) / self.reach_m;
         let ahead_m = |w: Vector3<f64>| self.opens.iter().map(move |s| self.ahead_m(front, &(w * *s)));
         let ahead_m = way.into_iter().flat_map(ahead_m).fold(f64::INFINITY, f64::min);
         let straight = self.axes.iter().map(|a| a.dot(&approach).abs()).fold(0.0, f64::max);

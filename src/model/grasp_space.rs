@@ -45,7 +45,8 @@ pub(super) struct Block {
 impl Block {
     /// A box in a frame from its lower to its upper corner, meters.
     pub(crate) fn between(frame: &Pose, lower: [f64; 3], upper: [f64; 3]) -> Self {
-        let (lower, upper) = (Vector3::from(lower), Vector3::from(upper));
+        let lower = Vector3::from(lower);
+        let upper = Vector3::from(upper);
         let middle = 0.5 * (lower + upper);
         Self { pose: frame * Pose::translation(middle.x, middle.y, middle.z), half_m: 0.5 * (upper - lower) }
     }
@@ -122,14 +123,16 @@ impl Solid {
             normals: [Vector3::zeros(), Vector3::zeros()],
         };
         for plane in &self.planes {
-            let (toward, room_m) = (plane.normal.dot(way), -plane.distance_m(at));
+            let toward = plane.normal.dot(way);
+            let room_m = -plane.distance_m(at);
             if toward.abs() < 1e-9 {
                 if room_m < 0.0 {
                     return None;
                 }
                 continue;
             }
-            let (end, t) = (usize::from(toward > 0.0), room_m / toward);
+            let end = usize::from(toward > 0.0);
+            let t = room_m / toward;
             if (end == 0 && t > span.ends_m[0]) || (end == 1 && t < span.ends_m[1]) {
                 (span.ends_m[end], span.normals[end]) = (t, plane.normal);
                 if span.ends_m[0] >= span.ends_m[1] {

@@ -46,7 +46,8 @@ pub fn named(mut model: ArticulatedModel, names: PartNames, prefix: &str) -> Art
         PartNames::Semantic => semantic(&model),
     };
     let behind = |names: Vec<String>| names.into_iter().map(|n| format!("{prefix}{n}")).collect::<Vec<_>>();
-    let (links, joints) = (behind(links), behind(joints));
+    let links = behind(links);
+    let joints = behind(joints);
     let old = model.links.iter().map(|l| &l.name).chain(model.joints.iter().map(|j| &j.name));
     let new: BTreeMap<String, String> = old.cloned().zip(links.iter().chain(&joints).cloned()).collect();
     model.links.iter_mut().zip(links).for_each(|(link, name)| link.name = name);
@@ -112,7 +113,8 @@ fn kind(model: &ArticulatedModel, j: usize) -> Option<&'static str> {
     let closed = vec![0.0; model.joints.len()];
     let world_from_joint = model.world_from_link(joint.parent, &closed) * joint.parent_from_joint;
     let axis = world_from_joint.rotation * joint.axis.into_inner();
-    let (level, upright) = (axis.z.abs() < SQUARE, axis.xy().norm() < SQUARE);
+    let level = axis.z.abs() < SQUARE;
+    let upright = axis.xy().norm() < SQUARE;
     let shape = Shape::of(model, joint.child, &world_from_joint.translation.vector, &axis, &closed)?;
     let size_m = size(model, &closed)?;
     match joint.kind {
@@ -230,8 +232,11 @@ mod tests {
 
     #[test]
     fn shape_and_motion_name_a_part_where_they_decide() {
-        let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
-        let (turn, thread) = (JointKind::Revolute, JointKind::Screw { pitch_m_per_rad: 0.01 });
+        let x = Vector3::x();
+        let y = Vector3::y();
+        let z = Vector3::z();
+        let turn = JointKind::Revolute;
+        let thread = JointKind::Screw { pitch_m_per_rad: 0.01 };
         let unclear = "part_1 joint_1";
         assert_eq!(part(turn, z, [0.2, -0.25, 0.3], [0.0, 0.0, -0.2], [0.02, 0.3, 0.2]), "door door_hinge");
         // The body is 0.6 m high.

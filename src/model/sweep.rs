@@ -279,7 +279,8 @@ fn fused(mut blocks: Vec<Block>) -> Vec<Block> {
     loop {
         let pairs = (0..blocks.len()).flat_map(|a| (a + 1..blocks.len()).map(move |b| (a, b)));
         let waste = |(a, b): (usize, usize)| {
-            let (a, b) = (&blocks[a], &blocks[b]);
+            let a = &blocks[a];
+            let b = &blocks[b];
             a.and(b).volume_m3() / (a.volume_m3() + b.volume_m3())
         };
         let best = pairs.map(|p| (waste(p), p)).min_by(|x, y| x.0.total_cmp(&y.0));
@@ -324,7 +325,8 @@ fn without_block(
     config: &ConvexConfig,
 ) -> Vec<ConvexSolid> {
     let side = |i: usize| {
-        let (k, axis) = (i / 2, axes.column(i / 2).into_owned());
+        let k = i / 2;
+        let axis = axes.column(i / 2).into_owned();
         if i % 2 == 1 {
             Plane { normal: -axis, offset_m: -block.hi[k] }
         } else {
@@ -332,7 +334,8 @@ fn without_block(
         }
     };
     let mut sides: Vec<Plane> = (0..6).map(side).collect();
-    let (mut rest, mut kept) = (Some(piece), Vec::new());
+    let mut rest = Some(piece);
+    let mut kept = Vec::new();
     while let Some(solid) = rest.take() {
         let left = |p: &Plane| solid.clipped(p).map_or(0.0, |s| s.volume_m3());
         let Some(best) =
@@ -376,7 +379,8 @@ mod tests {
 
     #[test]
     fn the_path_is_cut_free_with_a_gap_and_no_more() {
-        let (mut model, config) = (jammed(), ConvexConfig::default());
+        let mut model = jammed();
+        let config = ConvexConfig::default();
         let before = model.links[0].collision[0].volume_m3();
         clear_paths(&mut model, &config);
         let body = &model.links[0].collision;
@@ -393,7 +397,8 @@ mod tests {
 
     #[test]
     fn a_link_that_is_not_its_parent_is_cut_where_it_was_seen_and_otherwise_stands_in_the_way() {
-        let (mut model, config) = (jammed(), ConvexConfig::default());
+        let mut model = jammed();
+        let config = ConvexConfig::default();
         model.joints[1].parent = 1;
         model.joints[0].parent_from_joint = Pose::identity();
         model.states = vec![vec![0.0, 0.0], vec![0.0, 0.5]];

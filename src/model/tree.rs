@@ -165,7 +165,8 @@ impl Tree {
         let mut order: Vec<usize> = (0..self.links.len()).collect();
         // Parents before children; the order of the file among equals.
         order.sort_by_key(|&i| self.depth[i]);
-        let (mut parts, mut part_of) = (Vec::<Vec<usize>>::new(), vec![0; self.links.len()]);
+        let mut parts = Vec::<Vec<usize>>::new();
+        let mut part_of = vec![0; self.links.len()];
         for link in order {
             match self.joint_of(link) {
                 Some(joint) if joint.kind == JointType::Fixed => {

@@ -293,7 +293,8 @@ impl Collector {
         let bag = self.bag.take();
         let tf = std::mem::take(&mut self.tf);
         // Cameras and transforms are no part of a session; some of them are published once.
-        let (infos, counts) = (self.infos.clone(), std::mem::take(&mut self.counts));
+        let infos = self.infos.clone();
+        let counts = std::mem::take(&mut self.counts);
         let tracking = Tracking { map: self.tracking.map + 1, ..Tracking::default() };
         let counts = counts.after_reset();
         *self = Self { tf, infos, counts, tracking, ..Self::new(self.settings.clone(), session) };

@@ -3,7 +3,6 @@
 use super::*;
 use crate::live_tracking::{Follower, TrackSettings};
 use capture::CaptureConfig;
-use common::temp::Temp;
 use io::{
     self,
     ros2msg::{CompressedImage, Image, TfMessage, decode},
@@ -71,8 +70,8 @@ fn feed(collector: &mut Collector, state: usize) -> usize {
 
 #[test]
 fn what_is_collected_has_the_frames_of_the_recording() {
-    let folder = Temp::new("collector");
-    let mut collector = Collector::new(settings(), &folder.0);
+    let folder = tempfile::tempdir().unwrap();
+    let mut collector = Collector::new(settings(), folder.path());
     assert!(collector.finish(0).unwrap_err().to_string().contains("not being collected"));
     for state in 0..2 {
         collector.start(state).unwrap();
@@ -91,22 +90,22 @@ fn what_is_collected_has_the_frames_of_the_recording() {
         assert!(own.rgb == given.rgb && own.depth_m == given.depth_m && own.mask == given.mask);
     }
     assert_eq!(own.states.iter().map(Vec::len).collect::<Vec<_>>(), [16, 16]);
-    let session = Collector::new(settings(), &folder.0);
+    let session = Collector::new(settings(), folder.path());
     assert_eq!(session.recordings(), collector.recordings(), "an earlier session is taken up");
 }
 
 #[test]
 fn a_state_that_ends_without_views_does_not_count() {
-    let folder = Temp::new("collector-empty");
+    let folder = tempfile::tempdir().unwrap();
     let names = || {
-        let mut names: Vec<_> = std::fs::read_dir(&folder.0)
+        let mut names: Vec<_> = std::fs::read_dir(folder.path())
             .unwrap()
             .map(|e| e.unwrap().file_name().into_string().unwrap())
             .collect();
         names.sort();
         names
     };
-    let mut collector = Collector::new(settings(), &folder.0);
+    let mut collector = Collector::new(settings(), folder.path());
     // As if never started.
     collector.start(0).unwrap();
     assert!(collector.finish(0).unwrap_err().to_string().contains("no view of state 0 was kept"));
@@ -116,26 +115,26 @@ fn a_state_that_ends_without_views_does_not_count() {
     collector.start(0).unwrap();
     feed(&mut collector, 0);
     collector.finish(0).unwrap();
-    let recording = folder.0.join("state0/state0_0.mcap");
+    let recording = folder.path().join("state0/state0_0.mcap");
     let before = std::fs::read(&recording).unwrap();
     collector.start(0).unwrap();
     assert!(names().contains(&"state0_replaced1".to_owned()));
     assert!(collector.finish(0).is_err());
     assert_eq!(
         (collector.recordings(), collector.kept(), names()),
-        ([Some(folder.0.join("state0")), None], [16, 0], vec!["state0".to_owned()])
+        ([Some(folder.path().join("state0")), None], [16, 0], vec!["state0".to_owned()])
     );
     assert_eq!(std::fs::read(&recording).unwrap(), before);
     // A reset forgets a state without views likewise.
     collector.start(1).unwrap();
-    collector.reset(&folder.0.join("next")).unwrap();
+    collector.reset(&folder.path().join("next")).unwrap();
     assert_eq!(names(), ["state0"]);
 }
 
 #[test]
 fn known_views_and_a_second_replay_add_nothing() {
-    let folder = Temp::new("collector-again");
-    let mut collector = Collector::new(settings(), &folder.0);
+    let folder = tempfile::tempdir().unwrap();
+    let mut collector = Collector::new(settings(), folder.path());
     collector.start(0).unwrap();
     feed(&mut collector, 0);
     // The same stamps again: time went back, and what was kept stays the only copy.
@@ -143,10 +142,10 @@ fn known_views_and_a_second_replay_add_nothing() {
     assert_eq!(collector.kept()[0], 16);
     assert!(collector.counts.jumps >= 1 && collector.counts.late > 0, "{:?}", collector.counts);
     assert_eq!(collector.finish(0).unwrap(), 16);
-    let recordings = std::fs::read_dir(&folder.0).unwrap().count();
+    let recordings = std::fs::read_dir(folder.path()).unwrap().count();
     collector.start(0).unwrap();
     assert_eq!(
-        std::fs::read_dir(&folder.0).unwrap().count(),
+        std::fs::read_dir(folder.path()).unwrap().count(),
         recordings + 1,
         "what was collected before is kept"
     );
@@ -156,8 +155,8 @@ fn known_views_and_a_second_replay_add_nothing() {
 
 #[test]
 fn without_poses_or_partners_the_answer_says_what_is_missing() {
-    let folder = Temp::new("collector-missing");
-    let mut collector = Collector::new(settings(), &folder.0);
+    let folder = tempfile::tempdir().unwrap();
+    let mut collector = Collector::new(settings(), folder.path());
     collector.start(0).unwrap();
     assert!(collector.finish(0).unwrap_err().to_string().contains(COLOR));
     collector.start(0).unwrap();
@@ -168,14 +167,14 @@ fn without_poses_or_partners_the_answer_says_what_is_missing() {
     let why = collector.finish(0).unwrap_err().to_string();
     assert!(why.contains("/tf"), "{why}");
     assert_eq!(collector.waiting(), (0, 16));
-    collector.reset(&folder.0.join("next")).unwrap();
+    collector.reset(&folder.path().join("next")).unwrap();
     assert_eq!((collector.phase(), collector.waiting()), (Phase::Idle, (0, 0)));
 }
 
 #[test]
 fn broken_images_are_counted_and_not_kept() {
-    let folder = Temp::new("collector-broken");
-    let mut collector = Collector::new(settings(), &folder.0);
+    let folder = tempfile::tempdir().unwrap();
+    let mut collector = Collector::new(settings(), folder.path());
     collector.start(0).unwrap();
     let mut count = 0;
     for (time, mut sample) in samples(0) {
@@ -196,8 +195,8 @@ fn broken_images_are_counted_and_not_kept() {
 
 #[test]
 fn views_without_transforms_are_tracked_kept_and_recorded_without_poses() {
-    let folder = Temp::new("collector-tracked");
-    let mut posed = Collector::new(settings(), &folder.0.join("posed"));
+    let folder = tempfile::tempdir().unwrap();
+    let mut posed = Collector::new(settings(), &folder.path().join("posed"));
     let truth: Vec<Seen> = samples(0)
         .into_iter()
         .flat_map(|(time, sample)| posed.accept(sample, time, false).unwrap())
@@ -210,7 +209,7 @@ fn views_without_transforms_are_tracked_kept_and_recorded_without_poses() {
         most: 50,
     };
     let mut follower = Follower::new(&track);
-    let mut collector = Collector::new(settings, &folder.0);
+    let mut collector = Collector::new(settings, folder.path());
     collector.start(0).unwrap();
     let mut found = Vec::new();
     for (time, sample) in samples(0).into_iter().filter(|(_, s)| !matches!(s, Sample::Transforms(_))) {
@@ -245,7 +244,7 @@ fn views_without_transforms_are_tracked_kept_and_recorded_without_poses() {
     assert_eq!(collector.tf.moving_root("camera_color_optical_frame"), None);
     // Those that were lost are recorded, too.
     assert_eq!(collector.finish(0).unwrap(), 16);
-    let recorded = io::inspect(&folder.0.join("state0")).unwrap();
+    let recorded = io::inspect(&folder.path().join("state0")).unwrap();
     let recorded = &recorded.recordings[0];
     assert!(recorded.untracked && recorded.views == 16, "{recorded:?}");
     assert!(recorded.transforms.iter().all(|t| t.contains("static")), "{recorded:?}");
@@ -253,12 +252,12 @@ fn views_without_transforms_are_tracked_kept_and_recorded_without_poses() {
 
 #[test]
 fn a_view_of_an_earlier_map_is_left_out_and_one_that_asks_for_poses_is_not_tracked() {
-    let folder = Temp::new("collector-maps");
+    let folder = tempfile::tempdir().unwrap();
     let mut always =
-        Collector::new(CollectorSettings { tracking: TrackCamera::Always, ..settings() }, &folder.0);
+        Collector::new(CollectorSettings { tracking: TrackCamera::Always, ..settings() }, folder.path());
     let mut asked = Collector::new(
         CollectorSettings { tracking: TrackCamera::Auto, poses_asked: true, ..settings() },
-        &folder.0.join("asked"),
+        &folder.path().join("asked"),
     );
     let mut views = Vec::new();
     for (time, sample) in samples(0) {

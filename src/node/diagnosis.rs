@@ -111,8 +111,9 @@ impl Diagnoser {
         match report(&outcome, &request.twin) {
             Ok(report) => {
                 log::info!("{}: {} ({})", Self::NAME, report.verdict, report.folder);
-                let (message, folder, verdict) =
-                    (report.summary.clone(), report.folder.clone(), report.verdict.clone());
+                let message = report.summary.clone();
+                let folder = report.folder.clone();
+                let verdict = report.verdict.clone();
                 // Noted before it is published: a node that is killed now publishes it again.
                 note_report(request.out.parent().unwrap_or(Path::new("")), &report);
                 self.reports.send_replace(Some(Arc::new(report)));

@@ -91,7 +91,8 @@ mod tests {
     #[test]
     fn gaps_are_losses_by_publisher() {
         let count = InputCount::default();
-        let (a, b) = ([1; 16], [2; 16]);
+        let a = [1; 16];
+        let b = [2; 16];
         [5, 6, 9].iter().for_each(|s| count.receive(a, *s));
         [100, 101].iter().for_each(|s| count.receive(b, *s));
         assert_eq!(count.snapshot(), InputSnapshot { received: 5, lost: 2, ..InputSnapshot::default() });

@@ -125,9 +125,11 @@ pub(crate) fn subscribe(
     clock: &Arc<NodeClock>,
 ) -> Result<Vec<Input>, NodeError> {
     let depth = usize::try_from(p.queue_depth).unwrap_or(10);
-    let (images, infos) = (named(&p.image_qos, depth), named(&p.info_qos, depth));
+    let images = named(&p.image_qos, depth);
+    let infos = named(&p.info_qos, depth);
     let mut s = Subscriber { participant, outbox, inputs: Vec::new() };
-    let (tf, tf_static) = (s.participant.resolve("/tf"), s.participant.resolve("/tf_static"));
+    let tf = s.participant.resolve("/tf");
+    let tf_static = s.participant.resolve("/tf_static");
     // Explicit profiles: the library's default is best effort with a depth of 1. Best effort fits every
     // publisher, reliable does not, and a mismatch is silent. tf2 publishes reliably, and /tf_static latched.
     s.add("tf", &tf, &reliable(TF_DEPTH), Sample::Transforms)?;
@@ -155,7 +157,8 @@ pub(crate) fn subscribe(
     // The library subscribes to /clock as builtin_interfaces/Time, which no publisher of ROS 2 matches.
     if p.use_sim_time {
         let count = Arc::new(InputCount::default());
-        let (clock, commands) = (Arc::clone(clock), outbox.commands.clone());
+        let clock = Arc::clone(clock);
+        let commands = outbox.commands.clone();
         let topic = participant.resolve("/clock");
         participant.subscribe(&topic, &sensor_data(1), Arc::clone(&count), move |m: Clock| {
             // A replay that starts again, or a simulator that was reset: what waits is of another time.

@@ -82,7 +82,8 @@ impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
         let to_client = send.clone();
         // Two threads: the work must not wait for a slow client, and the pipeline knows no async.
         std::thread::spawn(move || {
-            let (start, mut last) = (Instant::now(), None::<Instant>);
+            let start = Instant::now();
+            let mut last = None::<Instant>;
             for event in listener {
                 if let Event::Warning { message, .. } = &event {
                     log::warn!("{message}");

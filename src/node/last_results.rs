@@ -107,8 +107,8 @@ mod tests {
 
     #[test]
     fn what_is_noted_is_found_and_damage_is_left_out() {
-        let folder = common::temp::Temp::new("last");
-        let session = folder.0.clone();
+        let folder = tempfile::tempdir().unwrap();
+        let session = folder.path().to_owned();
         fs::create_dir_all(session.join("gap_1")).unwrap();
         assert!(last_twin(&session).is_none() && last_report(&session).is_none());
         let folder = session.join("gap_1").display().to_string();

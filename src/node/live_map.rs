@@ -323,7 +323,8 @@ mod tests {
     use io::image_codec::Raster;
 
     fn view(frame: &RgbdFrame, key: MapKey) -> KeptView {
-        let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+        let width = frame.intrinsics.width;
+        let height = frame.intrinsics.height;
         KeptView {
             key,
             stamp_nanos: frame.stamp_nanos,

@@ -141,7 +141,8 @@ fn point(p: &Point3<f64>) -> Point {
 fn square(patch: &UnseenPatch) -> [Point3<f64>; 6] {
     let across = patch.normal.cross(&Vector3::ith(patch.normal.iamin(), 1.0)).normalize();
     let half = 0.5 * patch.area_m2.sqrt();
-    let (u, v) = (across * half, patch.normal.cross(&across) * half);
+    let u = across * half;
+    let v = patch.normal.cross(&across) * half;
     let [a, b, c, d] = [-u - v, u - v, u + v, -u + v].map(|offset| patch.center + offset);
     [a, b, c, a, c, d]
 }

@@ -73,8 +73,10 @@ impl LiveOutputs {
         tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         let mut sent = Sent::default();
         let mut shown: Option<Arc<LiveProducts>> = None;
-        let (mut rest_at, mut rest_of) = (Instant::now(), None);
-        let (mut longest, mut longest_at) = (Duration::ZERO, Instant::now());
+        let mut rest_at = Instant::now();
+        let mut rest_of = None;
+        let mut longest = Duration::ZERO;
+        let mut longest_at = Instant::now();
         loop {
             tick.tick().await;
             let begun = *results.begun.borrow();
@@ -161,7 +163,8 @@ impl Sent {
                 self.again.0 = 0;
             }
         }
-        let (mut markers, mut bytes) = (Vec::new(), 0);
+        let mut markers = Vec::new();
+        let mut bytes = 0;
         for id in ids {
             if bytes >= MESSAGE_BYTES {
                 break;

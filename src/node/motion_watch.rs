@@ -199,7 +199,8 @@ impl MotionWatch {
 
     /// Whether a view contradicts the earlier ones.
     fn moved(&self, view: &Small) -> bool {
-        let (mut compared, mut through) = (0, 0);
+        let mut compared = 0;
+        let mut through = 0;
         for reference in &self.references {
             // Both ways: a part that left is looked through in the new view, one that came in the old view.
             for (from, to) in [(reference, view), (view, reference)] {
@@ -246,9 +247,12 @@ impl Small {
     /// through.
     fn looked_through_by(&self, other: &Self) -> (usize, usize) {
         let other_from_self = other.world_from_camera.inverse() * self.world_from_camera;
-        let (mut compared, mut through) = (0, 0);
+        let mut compared = 0;
+        let mut through = 0;
         for (k, z) in self.depth_m.iter().enumerate().filter(|(k, z)| **z > 0.0 && self.object[*k]) {
-            let (u, v, z) = ((k % WIDTH) as f64, (k / WIDTH) as f64, f64::from(*z));
+            let u = (k % WIDTH) as f64;
+            let v = (k / WIDTH) as f64;
+            let z = f64::from(*z);
             let c = &self.camera;
             let p = other_from_self * nalgebra::Point3::new((u - c.cx) / c.fx * z, (v - c.cy) / c.fy * z, z);
             let c = &other.camera;
@@ -256,7 +260,8 @@ impl Small {
             if p.z < 0.05 {
                 continue;
             }
-            let (u, v) = (c.fx * p.x / p.z + c.cx, c.fy * p.y / p.z + c.cy);
+            let u = c.fx * p.x / p.z + c.cx;
+            let v = c.fy * p.y / p.z + c.cy;
             let Some(nearest) = other.nearest(u, v) else { continue };
             // In front of the expected place something hides it: that point says nothing and is not compared.
             let tolerance = THROUGH_M + THROUGH_SHARE * p.z;
@@ -276,7 +281,8 @@ impl Small {
         if !(u >= 1.0 && v >= 1.0 && u < WIDTH as f64 - 2.0 && v < HEIGHT as f64 - 2.0) {
             return None;
         }
-        let (u, v) = (u as usize, v as usize);
+        let u = u as usize;
+        let v = v as usize;
         let around = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(du, dv)| self.depth_m[(v + dv) * WIDTH + u + du]);
         around.iter().all(|z| *z > 0.0).then(|| around.into_iter().fold(f32::INFINITY, f32::min))
     }
@@ -293,7 +299,8 @@ mod tests {
 
     /// A wall at 1.5 m with a box in front of it whose face stands at `face_m`, seen from `x`.
     fn view(x: f64, face_m: f64) -> (Pixels, Pose) {
-        let (width, height) = (320, 240);
+        let width = 320;
+        let height = 240;
         let camera = Intrinsics { width, height, fx: 300.0, fy: 300.0, cx: 160.0, cy: 120.0 };
         let depth = |i: usize| {
             let ray =

@@ -100,7 +100,8 @@ fn flatten(map: &Mapping, prefix: &str, found: &mut Vec<(String, Value)>) {
 fn is_for(path: &str, node: &NodeIdentity) -> bool {
     let tokens =
         |text: &str| text.split('/').filter(|t| !t.is_empty()).map(str::to_owned).collect::<Vec<_>>();
-    let (pattern, name) = (tokens(path), tokens(&node.full()));
+    let pattern = tokens(path);
+    let name = tokens(&node.full());
     // A name without namespace stands for the node in the root namespace, or wherever it was put by `__ns`.
     fits(&pattern, &name) || matches!(pattern.as_slice(), [only] if *only == node.name)
 }

@@ -168,8 +168,8 @@ mod tests {
 
     #[test]
     fn settings_that_are_there_stay() {
-        let folder = common::temp::Temp::new("settings");
-        let session = folder.0.clone();
+        let folder = tempfile::tempdir().unwrap();
+        let session = folder.path().to_owned();
         let read = |name: &str| fs::read_to_string(session.join(name)).unwrap();
         fs::write(session.join("settings.yaml"), "# mine").unwrap();
         let config = Config::default();

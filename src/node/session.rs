@@ -135,13 +135,16 @@ pub(super) fn in_runtime<T>(work: impl Future<Output = Result<T, NodeError>>) ->
 }
 
 async fn live(start: &Start) -> Result<(), NodeError> {
-    let (environment, identity, p) = (&start.environment, &start.identity, &start.parameters);
+    let environment = &start.environment;
+    let identity = &start.identity;
+    let p = &start.parameters;
     let topics = inputs::topics(&start.arguments, identity, p);
     // What cannot work is refused before anybody sees the node.
     let resolved = settings::run_settings(p, &topics)?;
     // Also for ~/reset, which goes on in the next free folder.
     let next_session: Arc<dyn Fn() -> PathBuf + Send + Sync> = {
-        let (out, name) = (PathBuf::from(&p.out_folder), p.session.clone());
+        let out = PathBuf::from(&p.out_folder);
+        let name = p.session.clone();
         Arc::new(move || free_folder(&out, &name))
     };
     // A named session is taken up again; one by time is always new.

@@ -115,7 +115,8 @@ impl<T> Synchronizer<T> {
         let mut images: Vec<Vec<(usize, (i64, T))>> = Vec::new();
         self.unmatched[0] += hopeless.len() as u64;
         for r in 0..ROLES {
-            let (mut kept, mut out) = (VecDeque::new(), Vec::new());
+            let mut kept = VecDeque::new();
+            let mut out = Vec::new();
             for (i, entry) in std::mem::take(&mut self.queues[r]).into_iter().enumerate() {
                 if taken[r].contains(&i) {
                     out.push((i, entry));

@@ -26,8 +26,10 @@ const LOOK_EVERY: Duration = Duration::from_millis(200);
 pub(crate) fn start(shared: &Arc<Shared>, config: &Config) -> Result<Arc<Ahead>, NodeError> {
     let failed = |source| NodeError::System { what: "starting the work ahead", source };
     let ahead = Arc::new(Ahead::new());
-    let (found, shared) = (Arc::clone(&ahead), Arc::downgrade(shared));
-    let (capture, seed) = (config.capture.clone(), config.run.seed);
+    let found = Arc::clone(&ahead);
+    let shared = Arc::downgrade(shared);
+    let capture = config.capture.clone();
+    let seed = config.run.seed;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
     let pool = pool.map_err(|error| failed(io::Error::other(error)))?;
     let work = move || pool.install(|| work(&shared, &capture, seed, &found));

@@ -22,7 +22,8 @@ impl IndexSets {
 
     /// Makes the sets of two indices one.
     pub fn join(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.root(a), self.root(b));
+        let a = self.root(a);
+        let b = self.root(b);
         // The smallest index is the root, so that a set's name does not depend on the order of joining.
         self.0[a.max(b)] = a.min(b);
     }

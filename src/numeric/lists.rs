@@ -36,7 +36,8 @@ impl<T: Copy + Default + Ord> Lists<T> {
     pub fn unique(mut self) -> Self {
         let mut kept = 0;
         for list in 0..self.first.len() - 1 {
-            let (range, start) = (self.range(list as u32), kept);
+            let range = self.range(list as u32);
+            let start = kept;
             for i in range {
                 if kept == start || self.all[i] != self.all[kept - 1] {
                     self.all[kept] = self.all[i];

@@ -23,7 +23,8 @@ pub(super) fn checked_name(request: &ReconstructRequest) -> Result<String, RunEr
         );
         return Err(RunError::stage("articulate", message));
     }
-    let (run, many) = (&request.config.run, request.config.radiance.many_parts);
+    let run = &request.config.run;
+    let many = request.config.radiance.many_parts;
     if run.method == Method::Radiance && many && run.init == Init::Identity && run.parts.is_none() {
         let message = "the method does not find the number of parts; give it with --parts N";
         return Err(RunError::stage("radiance/free", message));
@@ -74,12 +75,12 @@ mod tests {
 
     #[test]
     fn a_recording_of_rerun_takes_no_place_of_another_file() {
-        let folder = common::temp::Temp::new("rerun");
-        let taken = folder.0.join("mine.rrd");
+        let folder = tempfile::tempdir().unwrap();
+        let taken = folder.path().join("mine.rrd");
         std::fs::write(&taken, "mine").unwrap();
         let bag = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/drawer");
-        let mut request = ReconstructRequest::new([bag], folder.0.join("runs"));
-        request.rerun = Some(folder.0.join("new.rrd"));
+        let mut request = ReconstructRequest::new([bag], folder.path().join("runs"));
+        request.rerun = Some(folder.path().join("new.rrd"));
         assert_eq!(checked_name(&request).unwrap(), "drawer");
         request.rerun = Some(taken);
         let refused = chain(&checked_name(&request).unwrap_err());

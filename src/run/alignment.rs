@@ -151,7 +151,8 @@ fn refined(
         drift.world_from_world0 *= fine.corrected_from_reported.inverse();
         drift.covariance = fine.covariance;
     }
-    let (motion, center) = (&drift.world_from_world0, scene.center);
+    let motion = &drift.world_from_world0;
+    let center = scene.center;
     let by = match by {
         AlignedBy::Surroundings => "its surroundings",
         AlignedBy::LargestPart => "its largest part",

@@ -75,7 +75,8 @@ pub(super) fn register_state(
     // A stream for each state: what is drawn for one does not depend on the others.
     let mut rng = stage_rng(scene.config.run.seed, "register", state as u64 - 1);
     let free: [Option<FreeSpace>; 2] = [Some(&empty[0]), Some(&empty[1])];
-    let (matches, config) = (&states[state].matches, &scene.config.register);
+    let matches = &states[state].matches;
+    let config = &scene.config.register;
     let mut search = Registrar::new(matches, surfaces, free, parts, config, &mut rng).map_err(failed)?;
     let file = format!("{}-search", stage.replace('/', "-"));
     if let Some(saved) = checkpoint.and_then(|c| c.load(&file, monitor)) {
@@ -104,7 +105,8 @@ pub(super) fn unite_states(
     let empty: Vec<_> = states.iter().map(|s| empty_in(&s.surface)).collect();
     let mut pairs = Vec::with_capacity(found.len());
     for ((state, empty), found) in states.iter().zip(&empty).skip(1).zip(found) {
-        let (matches, surface) = (&state.matches, &state.surface.samples);
+        let matches = &state.matches;
+        let surface = &state.surface.samples;
         pairs.push(StatePair { matches, surface, free: Some(empty), found });
     }
     unite(
@@ -151,7 +153,8 @@ fn optimise(
     scene: &Scene,
     stages: &mut Stages,
 ) -> Result<Articulation, RunError> {
-    let (config, checkpoint) = (scene.config, stages.checkpoint);
+    let config = scene.config;
+    let checkpoint = stages.checkpoint;
     // Rays, distances and colors of both states, all in the world of state 0.
     let rays = states.map(|s| surface_rays(s.frames, &scene.noise, config.surface.points));
     let cameras: [Vec<(Intrinsics, Pose)>; 2] =
@@ -213,7 +216,8 @@ fn run(
             return Err(stopped.into());
         }
         let losses = trainer.step();
-        let (done, total) = (trainer.steps(), trainer.total());
+        let done = trainer.steps();
+        let total = trainer.total();
         monitor.report(Event::Step { stage: CHECKPOINT.to_owned(), done, total, loss: losses.total });
     }
     Ok(())
@@ -236,7 +240,8 @@ fn surface_rays(frames: &[RgbdFrame], noise: &NoiseConfig, count: usize) -> Vec<
 
 fn surface_ray(index: usize, frame: &RgbdFrame, pixel: usize, noise: &NoiseConfig) -> SurfaceRay {
     let depth_m = f64::from(frame.depth_m[pixel]);
-    let (u, v) = (pixel % frame.intrinsics.width, pixel / frame.intrinsics.width);
+    let u = pixel % frame.intrinsics.width;
+    let v = pixel / frame.intrinsics.width;
     SurfaceRay {
         origin: frame.world_from_camera.translation.vector.into(),
         // Of unit depth, not of unit length: depth is along the optical axis.

@@ -175,7 +175,8 @@ mod tests {
     fn a_place_is_empty_where_a_state_saw_it_or_the_field_is_far() {
         let scene = SceneBox::around(&Point3::new(-0.5, -0.5, -0.5), &Point3::new(0.5, 0.5, 0.5));
         let mut field = Grid3::over(&scene, 41, f32::NAN);
-        let (mut still, mut moved) = (Grid3::over(&scene, 41, false), Grid3::over(&scene, 41, false));
+        let mut still = Grid3::over(&scene, 41, false);
+        let mut moved = Grid3::over(&scene, 41, false);
         for i in 0..field.values.len() {
             let p = field.position(i);
             if p.x > 0.2 {

@@ -134,7 +134,8 @@ pub fn demonstrate(
         files::read_text(&dir.working().join(name), limits::REPORT)
             .map_err(|source| DemonstrateError::Result { name, source })
     };
-    let (table, json) = (read("demo.txt")?, read("demo.json")?);
+    let table = read("demo.txt")?;
+    let json = read("demo.json")?;
     let report: Report = serde_json::from_str(&json)
         .map_err(|e| DemonstrateError::Result { name: "demo.json", source: e.into() })?;
     let committed = dir.commit()?;
@@ -224,12 +225,11 @@ fn lines(output: ChildStderr) -> Receiver<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::temp::Temp;
 
-    fn request(folder: &Temp, python: &str) -> DemonstrateRequest {
+    fn request(folder: &tempfile::TempDir, python: &str) -> DemonstrateRequest {
         DemonstrateRequest {
-            twin: folder.0.join("twin"),
-            place: Place::at(folder.0.join("demo")),
+            twin: folder.path().join("twin"),
+            place: Place::at(folder.path().join("demo")),
             python: python.into(),
             robot: "gripper".to_owned(),
             tries: 1,
@@ -239,9 +239,9 @@ mod tests {
 
     /// A script in place of Python.
     #[cfg(unix)]
-    fn peer(folder: &Temp, script: &str) -> String {
+    fn peer(folder: &tempfile::TempDir, script: &str) -> String {
         use std::os::unix::fs::PermissionsExt as _;
-        let path = folder.0.join("peer");
+        let path = folder.path().join("peer");
         std::fs::write(&path, format!("#!/bin/sh\ncat > /dev/null\n{script}\n")).unwrap();
         std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
         path.to_string_lossy().into_owned()
@@ -249,22 +249,22 @@ mod tests {
 
     #[test]
     fn what_cannot_be_demonstrated_is_said_and_leaves_nothing() {
-        let folder = Temp::new("demonstrate-refused");
+        let folder = tempfile::tempdir().unwrap();
         let ended = |python: &str| {
             let error = demonstrate(&request(&folder, python), &AtomicBool::new(false), |_| {}).unwrap_err();
             error.to_string()
         };
         assert!(ended("python3").contains("folder of a finished run"));
-        std::fs::create_dir(folder.0.join("twin")).unwrap();
+        std::fs::create_dir(folder.path().join("twin")).unwrap();
         assert!(ended("no-such-python").contains("--python"));
-        assert_eq!(folder.names(), ["twin"]);
+        assert!(!folder.path().join("demo").exists());
     }
 
     #[test]
     #[cfg(unix)]
     fn a_peer_that_fails_is_quoted_and_one_that_hangs_can_be_stopped() {
-        let folder = Temp::new("demonstrate-peer");
-        std::fs::create_dir(folder.0.join("twin")).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("twin")).unwrap();
         let python = peer(&folder, "echo step >&2; echo 'pip install mujoco' >&2; exit 1");
         let mut said = Vec::new();
         let error = demonstrate(&request(&folder, &python), &AtomicBool::new(false), |l| {
@@ -279,6 +279,6 @@ mod tests {
         let python = peer(&folder, "exit 0");
         let nothing = demonstrate(&request(&folder, &python), &AtomicBool::new(false), |_| {});
         assert!(matches!(nothing, Err(DemonstrateError::Result { .. })));
-        assert_eq!(folder.names(), ["peer", "twin"]);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "a peer and a twin");
     }
 }

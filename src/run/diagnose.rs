@@ -254,7 +254,8 @@ fn assessed(
         input_doubts(&mut recordings, tree, &moving, (request.hold, &request.told), &mut warnings);
     // By joint, in the order of the twin.
     let mut joints: BTreeMap<usize, JointReport> = BTreeMap::new();
-    let (mut examined, mut left_out) = (Vec::new(), Vec::new());
+    let mut examined = Vec::new();
+    let mut left_out = Vec::new();
     for &j in &moving {
         monitor.check()?;
         let name = tree.joints[j].name.clone();
@@ -367,7 +368,8 @@ fn ready(
     let plant = Plant::of(tree, joint).map_err(|e| e.to_string())?;
     let split = split(recordings, tree, joint, (request.hold, &request.told), names, warnings);
     let mut split = split.map_err(|e| e.to_string())?;
-    let (fitted, held_out) = (&mut split.fitted, &mut split.held_out);
+    let fitted = &mut split.fitted;
+    let held_out = &mut split.held_out;
     let plant = actuated(&tree.joints[joint].name, &plant, fitted, held_out, &request.told)
         .map_err(|e| e.to_string())?;
     Ok((plant, split))
@@ -398,7 +400,8 @@ fn beside(
     effects: &Catalogue,
 ) -> (Vec<(&'static str, String)>, Vec<ExportNote>) {
     let read = |path: PathBuf, limit: FileLimit| files::read_text(&path, limit).ok();
-    let (mut files, mut remarks) = (Vec::new(), Vec::new());
+    let mut files = Vec::new();
+    let mut remarks = Vec::new();
     let absent =
         |format, why: &str| joints.iter().flat_map(|j| missing(format, j, effects, why)).collect::<Vec<_>>();
     match read(twin.with_file_name("model.sdf"), SDF)
@@ -467,7 +470,8 @@ fn split(
     let name = &tree.joints[joint].name;
     let chain = tree.chain(joint);
     let moving: Vec<usize> = (0..tree.joints.len()).filter(|j| *j == joint || chain.contains(j)).collect();
-    let (mut fitted, mut held_out) = (Vec::new(), Vec::new());
+    let mut fitted = Vec::new();
+    let mut held_out = Vec::new();
     for (recording, held) in recordings {
         let mut log = recording.joint(name, names, told, warnings)?;
         // The others of a chain load this joint by their recorded motion.

@@ -15,7 +15,8 @@ pub fn compare(capture: &Capture, model: &ArticulatedModel, looks: &[Look]) -> V
         let of_view = |frame: &RgbdFrame| {
             frame.mask.as_ref()?;
             let twin = draw(model, state, frame, &shapes);
-            let (mut view, mut links) = (Tally::default(), vec![Tally::default(); model.links.len()]);
+            let mut view = Tally::default();
+            let mut links = vec![Tally::default(); model.links.len()];
             for (difference, item) in differ(capture, state, frame, &twin).into_iter().zip(&twin.item) {
                 view.count(difference);
                 if let Some(tally) = item.and_then(|i| links.get_mut(usize::from(i))) {

@@ -108,7 +108,8 @@ pub(super) fn ended(error: RunError, checkpoint: Checkpoint, keep: bool, monitor
     if !keep || !error.can_continue() || bytes == 0 {
         return checkpoint.discard().err().map_or(error, RunError::from);
     }
-    let (megabytes, folder) = (bytes.div_ceil(1_000_000), checkpoint.path().display());
+    let megabytes = bytes.div_ceil(1_000_000);
+    let folder = checkpoint.path().display();
     let kept = format!(
         "what it finished is kept in {folder} ({megabytes} MB): give the same command to continue \
          with --resume"

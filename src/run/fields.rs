@@ -34,7 +34,8 @@ pub(super) fn train_field(
     checkpoint: Option<&Checkpoint>,
     monitor: &Monitor,
 ) -> Result<TrainedField, RunError> {
-    let (config, stage) = (scene.config, stage.to_owned());
+    let config = scene.config;
+    let stage = stage.to_owned();
     let settings = TrainConfig {
         truncation_m: Some(scene.band.truncation_m),
         noise: scene.noise,

@@ -194,9 +194,10 @@ fn a_residual_starts_as_the_fused_distances_and_keeps_to_the_side_that_was_seen(
     assert!(off(&settings, 0, |_| true) < 1e-7, "{}", off(&settings, 0, |_| true));
     // Behind the middle of the wall the cameras know nothing: their readings would go on into it.
     let behind = |z: f64| (0.607..0.62).contains(&z);
-    let (with, without) = (off(&settings, 200, behind), {
+    let with = off(&settings, 200, behind);
+    let without = {
         let all = TrainConfig { side_test: false, ..settings };
         off(&all, 200, behind)
-    });
+    };
     assert!(without > 0.003 && with < 0.5 * without, "{with} {without}");
 }

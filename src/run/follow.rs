@@ -83,7 +83,8 @@ struct Follower<'a> {
 impl Follower<'_> {
     /// Looks at the recording until it is closed.
     fn until_closed(&mut self) -> Result<(), RunError> {
-        let (mut grown, mut bytes) = (Some(Instant::now()), 0);
+        let mut grown = Some(Instant::now());
+        let mut bytes = 0;
         while !self.growing.is_closed() {
             self.monitor.check()?;
             self.look();
@@ -150,8 +151,8 @@ mod tests {
 
     #[test]
     fn a_folder_that_is_no_recording_holds_two_that_come() {
-        let folder = common::temp::Temp::new("follow");
-        let one = folder.0.join("session");
+        let folder = tempfile::tempdir().unwrap();
+        let one = folder.path().join("session");
         assert_eq!(followed(std::slice::from_ref(&one)), ["state0", "state1"].map(|s| one.join(s)));
         std::fs::create_dir_all(&one).unwrap();
         std::fs::write(one.join("metadata.yaml"), "").unwrap();

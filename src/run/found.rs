@@ -36,7 +36,8 @@ impl Found {
     pub(crate) fn of_starts(starts: &[Pose]) -> Self {
         let starts = std::iter::once(Pose::identity()).chain(starts.iter().copied()).collect();
         let articulation = Articulation::new(Vec::new(), Vec::new(), starts);
-        let (registered, curve) = (Vec::new(), Vec::new());
+        let registered = Vec::new();
+        let curve = Vec::new();
         Self { articulation, registered, curve, notes: Vec::new(), warnings: Vec::new() }
     }
 }

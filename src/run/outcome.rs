@@ -218,7 +218,8 @@ mod tests {
             beside: vec!["mine.yaml".into()],
             ..ReconstructRequest::new(["state0", "state1"], "runs")
         };
-        let (place, rejected) = (request.place("box"), request.rejected_place("box"));
+        let place = request.place("box");
+        let rejected = request.rejected_place("box");
         assert_eq!(place.inputs, ["state0", "state1", "mine.yaml", "matcher.onnx"].map(PathBuf::from));
         assert_eq!(
             (place.target().unwrap(), rejected.target().unwrap()),

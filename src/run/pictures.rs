@@ -84,7 +84,8 @@ fn photo_and_twin(
     }
     let recorded = photo(frame, false, caption("photo")).cropped(&window);
     let cutout = frame.mask.is_some().then(|| {
-        let (k, is_object) = (frame.intrinsics, |i| frame.is_object(i));
+        let k = frame.intrinsics;
+        let is_object = |i| frame.is_object(i);
         (
             cutout_png(&frame.rgb, k.width, k.height, is_object),
             RecordedCamera::new(k, &frame.world_from_camera),
@@ -125,7 +126,8 @@ fn psnr_db(frame: &RgbdFrame, rgb: &[u8]) -> Option<f64> {
 
 /// The part of a frame that shows the object and some points, pixels; points outside the frame do not count.
 fn window(frame: &RgbdFrame, points: &[[f64; 2]]) -> Window {
-    let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+    let width = frame.intrinsics.width;
+    let height = frame.intrinsics.height;
     let mut shown: Vec<bool> =
         (0..width * height).map(|i| frame.mask.is_some() && frame.is_object(i)).collect();
     for [u, v] in points {
@@ -169,7 +171,8 @@ fn photo(frame: &RgbdFrame, only_object: bool, caption: String) -> Picture {
 
 fn picture(drawn: Rendered, kind: PictureKind, caption: String) -> Picture {
     let Rendered { intrinsics, rgb, .. } = drawn;
-    let (width, height) = (intrinsics.width, intrinsics.height);
+    let width = intrinsics.width;
+    let height = intrinsics.height;
     Picture { width, height, rgb: rgb.into_iter().flatten().collect(), kind, caption, ..Picture::default() }
 }
 

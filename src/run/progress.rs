@@ -166,7 +166,8 @@ mod tests {
             let pace = 3.0 / WEIGHT_OF_SECOND;
             let stages = plan::plan(&config, 2);
             let whole = pace * stages.iter().map(|p| p.weight).sum::<f64>();
-            let (mut now, mut last) = (0.0, 0.0);
+            let mut now = 0.0;
+            let mut last = 0.0;
             for planned in &stages {
                 progress.take(&started(&planned.stage), seconds(now));
                 assert_eq!(progress.stage(), Some((planned.stage.as_str(), 0)));

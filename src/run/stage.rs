@@ -77,7 +77,8 @@ impl<'a> Stages<'a> {
             return Ok(found);
         }
         // Copied, as `run` borrows all of the stages.
-        let (checkpoint, folder) = (self.checkpoint, self.folder);
+        let checkpoint = self.checkpoint;
+        let folder = self.folder;
         self.run(name, steps, |monitor| {
             let result = stage(monitor)?;
             let (saved, later) = match folder {

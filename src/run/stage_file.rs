@@ -94,7 +94,8 @@ impl StageFile<'_> {
             Ok(value) => Some(value),
             Err(error) if error.kind() == io::ErrorKind::NotFound => None,
             Err(error) => {
-                let (path, stage) = (self.path.display(), self.stage);
+                let path = self.path.display();
+                let stage = self.stage;
                 let text = format!("checkpoint {path} cannot be used ({error}); {stage} is computed again");
                 monitor.warn(&Note::new(NoteCode::StageComputedAgain, text));
                 None

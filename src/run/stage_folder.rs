@@ -64,14 +64,13 @@ impl StageFolder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use common::temp::Temp;
 
     #[test]
     fn a_result_serves_all_runs_that_it_follows_for() {
-        let folder = Temp::new("stages");
+        let folder = tempfile::tempdir().unwrap();
         let run = |density: u32| {
             let facts = Fingerprint::default().with("source0", "a").with("config.model.density", density);
-            StageFolder::open(&folder.0, facts).unwrap()
+            StageFolder::open(folder.path(), facts).unwrap()
         };
         run(1).save("register", &7u8).unwrap();
         run(1).save("assemble", &8u8).unwrap();
@@ -82,6 +81,6 @@ mod tests {
         );
         run(2).save("assemble", &9u8).unwrap();
         assert_eq!([found(1, "assemble"), found(2, "assemble")], [Some(8), Some(9)]);
-        assert_eq!(fs::read_dir(&folder.0).unwrap().count(), 3);
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
     }
 }

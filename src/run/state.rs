@@ -101,7 +101,8 @@ fn field(
     let Some(occupancy) = occupancy else { return Ok(None) };
     let fused = volume.tsdf(scene.band.min_weight);
     let input = TrainInput { frames, scene: scene.bounds, occupancy, fused: Some(&fused) };
-    let (stage, checkpoint) = (format!("field/state{state}"), stages.checkpoint);
+    let stage = format!("field/state{state}");
+    let checkpoint = stages.checkpoint;
     let train = |m: &super::Monitor| train_field(&stage, &input, scene, checkpoint, m);
     stages.run(&stage, Some(scene.config.train.steps), train).map(Some)
 }

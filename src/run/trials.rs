@@ -120,7 +120,8 @@ pub fn trials(request: &TrialsRequest, monitor: &Monitor) -> Result<TrialTable, 
     for object in &objects {
         let (name, _, truth) = object;
         for method in &request.methods {
-            let (mut records, mut runs) = (Vec::new(), Vec::new());
+            let mut records = Vec::new();
+            let mut runs = Vec::new();
             for seed in 0..request.seeds {
                 let own = of_trial(name, method, seed);
                 let run = run(object, method, seed);

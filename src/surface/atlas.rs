@@ -121,7 +121,9 @@ fn pack(charts: &[Chart], texel_m: f64, max_px: usize) -> Option<(usize, Vec<Vec
         if side > max_px as f64 {
             return None;
         }
-        let (mut at, mut shelf, mut places) = (Vector2::zeros(), 0.0, Vec::with_capacity(charts.len()));
+        let mut at = Vector2::zeros();
+        let mut shelf = 0.0;
+        let mut places = Vec::with_capacity(charts.len());
         for chart in charts {
             let s = size(chart);
             if at.x + s.x > side {
@@ -150,7 +152,8 @@ mod tests {
     /// Share of the texels that more than one chart claims, and the distortion of areas.
     fn defects(mesh: &TriangleMesh, atlas: &Atlas) -> (usize, f64) {
         let mut owner = vec![u32::MAX; atlas.size_px * atlas.size_px];
-        let (mut twice, mut worst) = (0, 1.0f64);
+        let mut twice = 0;
+        let mut worst = 1.0f64;
         for (t, c) in atlas.corners_px.iter().enumerate() {
             let flat = area(c).abs() * atlas.texel_m * atlas.texel_m;
             worst = worst.min(flat / (0.5 * f64::from(mesh.area_normal(t).norm())));

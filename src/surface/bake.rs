@@ -41,7 +41,8 @@ pub fn shown(mesh: &TriangleMesh, views: &[BakeView], count: usize, rng: &mut im
     let spots = sample_surface(mesh, count, rng);
     let eyes: Vec<Eye> = views.iter().map(Eye::of).collect();
     let shown = |(point, normal): (&Point3<f32>, &Vector3<f32>)| {
-        let (point, normal) = (point.cast(), normal.cast());
+        let point = point.cast();
+        let normal = normal.cast();
         let of = |(photo, eye): (usize, &Eye)| {
             let (weight, color) = eye.sample(&point, &normal)?;
             Some(Shown { photo, weight, color, normal: eye.view.world_from_mesh.rotation * normal })
@@ -94,7 +95,8 @@ fn texels(mesh: &TriangleMesh, atlas: &Atlas, normals: &[[Vector3<f64>; 3]]) -> 
         if turn.abs() < 1e-12 || mesh.area_normal(t) == Vector3::zeros() {
             continue;
         }
-        let (lo, hi) = (c[0].inf(&c[1]).inf(&c[2]), c[0].sup(&c[1]).sup(&c[2]));
+        let lo = c[0].inf(&c[1]).inf(&c[2]);
+        let hi = c[0].sup(&c[1]).sup(&c[2]);
         let corners = mesh.corners(t).map(|p| p.coords.cast::<f64>());
         let colors = mesh.triangles[t].map(|v| mesh.colors.get(v as usize).copied().unwrap_or(PLAIN));
         for y in (lo.y - 0.5).floor().max(0.0) as usize..=((hi.y as usize).min(size - 1)) {
@@ -190,14 +192,16 @@ impl<'a> Eye<'a> {
             return None;
         }
         let pixel = k.pixel_at((u, v))?;
-        let (model, measured) = (f64::from(depth_m[pixel]), f64::from(frame.depth_m[pixel]));
+        let model = f64::from(depth_m[pixel]);
+        let measured = f64::from(frame.depth_m[pixel]);
         // Readings scatter more than the depth of the model: three times its slack.
         let hidden = (model > 0.0 && p.z > model * (1.0 + DEPTH_SHARE))
             || (measured > 0.0 && p.z > measured * (1.0 + 3.0 * DEPTH_SHARE));
         if hidden || !frame.is_object(pixel) {
             return None;
         }
-        let (x, y) = (u as usize, v as usize);
+        let x = u as usize;
+        let y = v as usize;
         let at = |dx: usize, dy: usize| frame.rgb[(y + dy) * k.width + x + dx];
         let color = bilinear(at, [(u - x as f64) as f32, (v - y as f64) as f32]);
         Some(((cosine / p.z).powi(SHARPNESS) as f32, color.component_div(gain)))
@@ -210,8 +214,10 @@ fn spread(texture: &[Option<[u8; 3]>], size: usize) -> Vec<Option<[u8; 3]>> {
         if texture[i].is_some() {
             return texture[i];
         }
-        let (x, y) = (i % size, i / size);
-        let (mut sum, mut count) = ([0u32; 3], 0);
+        let x = i % size;
+        let y = i / size;
+        let mut sum = [0u32; 3];
+        let mut count = 0;
         for v in y.saturating_sub(1)..=(y + 1).min(size - 1) {
             for u in x.saturating_sub(1)..=(x + 1).min(size - 1) {
                 if let Some(c) = texture[v * size + u] {

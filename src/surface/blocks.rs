@@ -41,7 +41,8 @@ pub(super) fn sight(tiles: &DepthTiles, camera: &RowCamera, ranges: &[Range<usiz
         return if camera.is_before(far) { Sight::Mixed } else { Sight::Nothing };
     }
     // The projection of a box before the camera lies within that of its corners.
-    let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
+    let mut low = [f32::INFINITY; 2];
+    let mut high = [f32::NEG_INFINITY; 2];
     for pixel in corners.iter().map(|p| camera.project(p)) {
         for k in 0..2 {
             (low[k], high[k]) = (low[k].min(pixel[k]), high[k].max(pixel[k]));
@@ -84,7 +85,9 @@ mod tests {
     #[test]
     fn a_block_is_decided_as_its_nodes_are() {
         let k = Intrinsics { width: 150, height: 110, fx: 140.0, fy: 150.0, cx: 70.3, cy: 52.1 };
-        let (mut front, mut nothing, mut mixed) = (0, 0, 0);
+        let mut front = 0;
+        let mut nothing = 0;
+        let mut mixed = 0;
         for eye in [[0.6, 0.3, 0.4], [0.1, -0.5, 0.2], [0.05, 0.02, 0.24]] {
             let frame = view_of(&sphere(0.2), k, looking_at_origin(Point3::from(eye)));
             // What lies behind the sphere is far away on one half, and unknown on the other.
@@ -93,7 +96,8 @@ mod tests {
                 _ if i % k.width > 70 => f32::INFINITY,
                 _ => 0.0,
             };
-            let (n, spacing_m) = (64, 0.01);
+            let n = 64;
+            let spacing_m = 0.01;
             let origin = Point3::new(-0.32, -0.3, -0.34);
             let camera = RowCamera::new(&k, &frame.world_from_camera.inverse(), &origin, spacing_m);
             let tiles = DepthTiles::of(k.width, k.height, |i| [depth(i); 2]);
@@ -104,7 +108,8 @@ mod tests {
                 })
             }) {
                 let sight = sight(&tiles, &camera, &[x.clone(), y.clone(), z.clone()]);
-                let (mut all_in_front, mut none_says) = (true, true);
+                let mut all_in_front = true;
+                let mut none_says = true;
                 for (z, y) in z.flat_map(|z| y.clone().map(move |y| (z, y))) {
                     let row = camera.row(y, z, n);
                     for x in x.clone() {

@@ -66,7 +66,8 @@ impl MeshDistance {
             order[range.clone()].select_nth_unstable_by(middle, |&a, &b| {
                 center(a)[axis].total_cmp(&center(b)[axis]).then(a.cmp(&b))
             });
-            let (left, right) = (range.start..range.start + middle, range.start + middle..range.end);
+            let left = range.start..range.start + middle;
+            let right = range.start + middle..range.end;
             tree.nodes[node].first = tree.nodes.len() as u32;
             tree.nodes[node].count = 0;
             open.extend([(tree.nodes.len(), left.clone()), (tree.nodes.len() + 1, right.clone())]);
@@ -127,7 +128,8 @@ impl Node {
 
 /// The leaf around the given triangles, which begin at `first`.
 fn bounds(all: &[[Vector3<f32>; 3]], triangles: &[u32], first: usize) -> Node {
-    let (low, high) = (Vector3::repeat(f32::INFINITY), Vector3::repeat(f32::NEG_INFINITY));
+    let low = Vector3::repeat(f32::INFINITY);
+    let high = Vector3::repeat(f32::NEG_INFINITY);
     let corners = triangles.iter().flat_map(|&t| &all[t as usize]);
     let (low, high) = corners.fold((low, high), |(l, h), p| (l.inf(p), h.sup(p)));
     Node { low, high, first: first as u32, count: triangles.len() as u32 }

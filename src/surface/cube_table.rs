@@ -62,7 +62,8 @@ fn cube_edges() -> [CubeEdge; 12] {
 fn cube_faces() -> Vec<[usize; 4]> {
     let mut faces = Vec::with_capacity(6);
     for axis in 0..3 {
-        let (u, v) = (AXIS_BIT[(axis + 1) % 3], AXIS_BIT[(axis + 2) % 3]);
+        let u = AXIS_BIT[(axis + 1) % 3];
+        let v = AXIS_BIT[(axis + 2) % 3];
         let upper = AXIS_BIT[axis];
         // The far face, then the near one, which is seen from the other side.
         faces.push([upper, upper | u, upper | u | v, upper | v]);
@@ -73,7 +74,8 @@ fn cube_faces() -> Vec<[usize; 4]> {
 
 /// Number of the edge between two neighboring corners.
 fn edge_between(a: usize, b: usize, edges: &[CubeEdge; 12]) -> usize {
-    let (corner, bit) = (a & b, a ^ b);
+    let corner = a & b;
+    let bit = a ^ b;
     edges.iter().position(|e| AXIS_BIT[e.axis] == bit && e.corner == corner).unwrap_or(0)
 }
 
@@ -133,7 +135,8 @@ fn triangulate(piece: &[usize], edges: &[CubeEdge; 12]) -> Vec<[u8; 3]> {
             cost[i][j] = (best.0 + own, best.1);
         }
     }
-    let (mut triangles, mut open) = (Vec::new(), vec![(0, n - 1)]);
+    let mut triangles = Vec::new();
+    let mut open = vec![(0, n - 1)];
     while let Some((i, j)) = open.pop() {
         if j > i + 1 {
             let k = cost[i][j].1;

@@ -20,8 +20,10 @@ impl DepthTiles {
     pub(crate) fn of(width: usize, height: usize, depths_m: impl Fn(usize) -> [f32; 2] + Sync) -> Self {
         let columns = width.div_ceil(TILE);
         let tile = |t: usize| {
-            let (left, top) = (t % columns * TILE, t / columns * TILE);
-            let (right, bottom) = ((left + TILE).min(width), (top + TILE).min(height));
+            let left = t % columns * TILE;
+            let top = t / columns * TILE;
+            let right = (left + TILE).min(width);
+            let bottom = (top + TILE).min(height);
             let pixels = (top..bottom).flat_map(|y| y * width + left..y * width + right);
             pixels.map(&depths_m).fold([f32::INFINITY, 0.0], join)
         };

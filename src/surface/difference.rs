@@ -65,7 +65,8 @@ struct Around {
 
 impl Around {
     fn of(model: &Rendered, k: &Intrinsics, pixel: usize) -> Self {
-        let (x, y) = (pixel % k.width, pixel / k.width);
+        let x = pixel % k.width;
+        let y = pixel / k.width;
         let mut found = Self { nearest_m: f64::INFINITY, farthest_m: 0.0, is_bare: false };
         for v in y.saturating_sub(1)..(y + 2).min(k.height) {
             for u in x.saturating_sub(1)..(x + 2).min(k.width) {

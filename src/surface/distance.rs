@@ -95,7 +95,9 @@ pub fn signed_distance<T>(
     free: Option<&Grid3<bool>>,
     options: &DistanceOptions,
 ) -> Result<Grid3<f32>, DistanceError> {
-    let (origin, spacing_m, dims) = (nodes.origin, nodes.spacing_m, nodes.dims);
+    let origin = nodes.origin;
+    let spacing_m = nodes.spacing_m;
+    let dims = nodes.dims;
     if dims.iter().any(|&n| n < 2) {
         return Err(DistanceError::TooFewNodes { dims });
     }
@@ -153,7 +155,8 @@ fn at_nodes<V: Send + Default + Clone>(
 ) -> Vec<V> {
     let mut values = vec![V::default(); nx * ny * nz];
     values.par_chunks_mut(nx).enumerate().with_min_len(16).for_each(|(row, values)| {
-        let (y, z) = (row % ny, row / ny);
+        let y = row % ny;
+        let z = row / ny;
         for (x, v) in values.iter_mut().enumerate() {
             *v = value(row * nx + x, [x, y, z]);
         }
@@ -223,7 +226,8 @@ impl Nearest {
             return own;
         }
         let [nx, ny, nz] = self.dims;
-        let (row, layer) = (nx as isize, (nx * ny) as isize);
+        let row = nx as isize;
+        let layer = (nx * ny) as isize;
         let around = [
             (x > 0, -1),
             (x + 1 < nx, 1),
@@ -260,7 +264,8 @@ impl Nearest {
 /// Place of a seed.
 fn seed_at(seed: u32, [nx, ny, _]: [usize; 3]) -> [usize; 3] {
     // Divisions of 32 bits take half as long.
-    let (row, x) = (seed / nx as u32, seed % nx as u32);
+    let row = seed / nx as u32;
+    let x = seed % nx as u32;
     [x, row % ny as u32, row / ny as u32].map(|c| c as usize)
 }
 
@@ -291,7 +296,8 @@ struct Side {
 impl Band {
     fn of(surface: &Pseudonormals, dims: [usize; 3]) -> Self {
         let [nx, ny, nz] = dims;
-        let (plane, count) = (nx * ny, nx * ny * nz);
+        let plane = nx * ny;
+        let count = nx * ny * nz;
         let mut band = Self {
             triangle: vec![NO_SEED; count],
             seeds: vec![false; count],
@@ -365,7 +371,8 @@ fn visit_band(
 ) {
     let corners = &surface.corners[t];
     let [a, b, c] = corners;
-    let (low, high) = (a.inf(b).inf(c).add_scalar(-BAND), a.sup(b).sup(c).add_scalar(BAND));
+    let low = a.inf(b).inf(c).add_scalar(-BAND);
+    let high = a.sup(b).sup(c).add_scalar(BAND);
     let range = |k: usize, from: usize| {
         (low[k].ceil().max(from as f32) as usize)
             ..((high[k].floor() + 1.0).clamp(0.0, end[k] as f32) as usize)
@@ -378,7 +385,8 @@ fn visit_band(
             let height = normal.y * (y as f32 - a.y) + normal.z * (z as f32 - a.z) - normal.x * a.x;
             // Some slack for rounding: a node too many costs one distance, one too few is wrong.
             if normal.x.abs() > 1e-3 {
-                let (u, v) = ((-BAND - height) / normal.x, (BAND - height) / normal.x);
+                let u = (-BAND - height) / normal.x;
+                let v = (BAND - height) / normal.x;
                 row.start = row.start.max((u.min(v) - 0.01).ceil().max(0.0) as usize);
                 row.end = row.end.min((u.max(v) + 1.01).floor().max(0.0) as usize);
             } else if height.abs() > BAND + 0.01 + 1e-3 * end[0] as f32 {
@@ -401,7 +409,9 @@ fn fill_cavities(grid: &mut Grid3<f32>, is_free: impl Fn(usize) -> bool) {
     let mut reached = vec![false; grid.values.len()];
     let mut open = Vec::new();
     for (i, value) in grid.values.iter().enumerate() {
-        let (x, y, z) = (i % nx, i / nx % ny, i / plane);
+        let x = i % nx;
+        let y = i / nx % ny;
+        let z = i / plane;
         let at_border = x == 0 || y == 0 || z == 0 || x + 1 == nx || y + 1 == ny || z + 1 == nz;
         if *value >= 0.0 && (at_border || is_free(i)) {
             reached[i] = true;
@@ -409,7 +419,9 @@ fn fill_cavities(grid: &mut Grid3<f32>, is_free: impl Fn(usize) -> bool) {
         }
     }
     while let Some(i) = open.pop() {
-        let (x, y, z) = (i % nx, i / nx % ny, i / plane);
+        let x = i % nx;
+        let y = i / nx % ny;
+        let z = i / plane;
         let mut reach = |inside: bool, j: usize| {
             if inside && !reached[j] && grid.values[j] >= 0.0 {
                 reached[j] = true;

@@ -10,9 +10,11 @@ use crate::{
 
 /// Largest error in spacings, and the number of wrong signs further than 0.1 spacings from the surface.
 fn errors(grid: &Grid3<f32>, truth: impl Fn(&Point3<f64>) -> f64) -> (f64, usize) {
-    let (mut worst, mut wrong) = (0.0f64, 0);
+    let mut worst = 0.0f64;
+    let mut wrong = 0;
     for i in 0..grid.values.len() {
-        let (d, t) = (f64::from(grid.values[i]), truth(&grid.position(i)));
+        let d = f64::from(grid.values[i]);
+        let t = truth(&grid.position(i));
         worst = worst.max((d.abs() - t.abs()).abs() / grid.spacing_m);
         wrong += usize::from(d * t < 0.0 && t.abs() > 0.1 * grid.spacing_m);
     }
@@ -58,7 +60,10 @@ fn a_rough_mesh_agrees_with_brute_force() {
     let grid = distance(&mesh, &nodes);
     let positions: Vec<Vector3<f32>> = mesh.vertices.iter().map(|p| p.coords).collect();
     let surface = Pseudonormals::of(&mesh, &positions);
-    let (mut worst, mut wrong, mut off, mut sum) = (0.0f64, 0, 0, 0.0);
+    let mut worst = 0.0f64;
+    let mut wrong = 0;
+    let mut off = 0;
+    let mut sum = 0.0;
     for i in 0..grid.values.len() {
         let p = grid.position(i).coords.cast::<f32>();
         let candidates = (0..surface.corners.len()).map(|t| {
@@ -87,7 +92,8 @@ fn far_nodes_are_right_to_a_spacing_and_near_ones_are_as_ever() {
     let near_m = 4.0 * nodes.spacing_m;
     let options = DistanceOptions { near_m, ..DistanceOptions::default() };
     let some = signed_distance(&ring, &nodes, None, &options).unwrap();
-    let (mut near, mut far) = (0, 0);
+    let mut near = 0;
+    let mut far = 0;
     for (a, b) in whole.values.iter().zip(&some.values) {
         assert_eq!(*a < 0.0, *b < 0.0);
         if f64::from(a.abs()) <= near_m {
@@ -199,7 +205,8 @@ fn unusable_input_is_refused() {
 
 #[test]
 fn the_number_of_threads_does_not_matter() {
-    let (mesh, nodes) = (sphere_mesh(0.3, 30), grid_of(0.5, 31, |_| 0.0));
+    let mesh = sphere_mesh(0.3, 30);
+    let nodes = grid_of(0.5, 31, |_| 0.0);
     let with = |n| {
         rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap().install(|| distance(&mesh, &nodes))
     };

@@ -95,7 +95,8 @@ impl Line {
             if seed == NO_SEED {
                 continue;
             }
-            let (q, f) = (position as f32, height(seed));
+            let q = position as f32;
+            let f = height(seed);
             let mut begins = f32::NEG_INFINITY;
             while let Some(&(p, g, _, other)) = self.parabolas.last() {
                 // A parabola that the new one undercuts before it becomes the lowest never is.

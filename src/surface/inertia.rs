@@ -29,7 +29,9 @@ pub(crate) fn plates_inertia(
     let mut plates = plates.peekable();
     // About a point of the first, so that what is far from the origin loses no digits.
     let origin = plates.peek()?.0[0];
-    let (mut mass, mut first, mut second) = (0.0, Vector3::zeros(), Matrix3::zeros());
+    let mut mass = 0.0;
+    let mut first = Vector3::zeros();
+    let mut second = Matrix3::zeros();
     for (corners, thickness_m) in plates {
         let surface_density = thickness_m * density_kg_m3;
         if !(thickness_m > 0.0 && surface_density > 0.0 && surface_density.is_finite()) {

@@ -9,7 +9,8 @@ pub(crate) const TERMS: usize = 8;
 /// what a matt surface makes of distant light (Ramamoorthi and Hanrahan 2001).
 #[must_use]
 pub(crate) fn harmonics(n: &Vector3<f64>) -> SVector<f64, TERMS> {
-    let ([one, pair, zonal], mixed) = ([3.0_f64, 15.0, 1.25].map(f64::sqrt), 3.75_f64.sqrt());
+    let [one, pair, zonal] = [3.0_f64, 15.0, 1.25].map(f64::sqrt);
+    let mixed = 3.75_f64.sqrt();
     SVector::from([
         one * n.x,
         one * n.y,

@@ -146,12 +146,14 @@ impl Equations {
         let color = seen.iter().map(|s| s.color * s.weight).sum::<Vector3<f64>>() / sum;
         let facing = seen.iter().map(|s| s.harmonics * s.weight).sum::<SVector<f64, TERMS>>() / sum;
         for s in &seen {
-            let (i, w) = (s.photo, s.weight);
+            let i = s.photo;
+            let w = s.weight;
             self.normal[(i, i)] += w;
             for other in &seen {
                 self.normal[(i, other.photo)] -= w * other.weight / sum;
             }
-            let (off, turned) = (s.color - color, s.harmonics - facing);
+            let off = s.color - color;
+            let turned = s.harmonics - facing;
             for k in 0..3 {
                 self.right[(i, k)] += w * off[k];
             }

@@ -73,7 +73,8 @@ impl Layer {
         let plane = nx * ny;
         let mut layer = Self { slots: Vec::new(), positions: Vec::new() };
         for axis in 0..3 {
-            let (mx, my) = (nx - usize::from(axis == 0), ny - usize::from(axis == 1));
+            let mx = nx - usize::from(axis == 0);
+            let my = ny - usize::from(axis == 1);
             if axis == 2 && z + 1 == nz {
                 break;
             }
@@ -85,8 +86,8 @@ impl Layer {
                 {
                     // Cut, and known at both ends: an unknown end sets another bit.
                     if a ^ b == INSIDE {
-                        let (from, to) =
-                            (f64::from(grid.values[row + x]), f64::from(grid.values[row + x + stride]));
+                        let to = f64::from(grid.values[row + x + stride]);
+                        let from = f64::from(grid.values[row + x]);
                         let t =
                             ((f64::from(iso) - from) / (to - from)).clamp(MIN_FRACTION, 1.0 - MIN_FRACTION);
                         let mut p = grid.node(x, y, z);
@@ -129,7 +130,8 @@ fn layer_triangles(
         })
         .collect();
     // Numbers of two layers at a time: a table of the whole grid would take three numbers a node.
-    let (mut below, mut above) = (vec![0; 3 * plane], vec![0; 3 * plane]);
+    let mut below = vec![0; 3 * plane];
+    let mut above = vec![0; 3 * plane];
     layers[range.start].fill(firsts[range.start], &mut above);
     let mut triangles = Vec::new();
     for z in range {
@@ -137,12 +139,16 @@ fn layer_triangles(
         layers[z + 1].fill(firsts[z + 1], &mut above);
         for y in 0..ny - 1 {
             let row = |dy: usize, dz: usize| &flags[(z + dz) * plane + (y + dy) * nx..][..nx];
-            let (r0, r1, r2, r3) = (row(0, 0), row(1, 0), row(0, 1), row(1, 1));
+            let r0 = row(0, 0);
+            let r1 = row(1, 0);
+            let r2 = row(0, 1);
+            let r3 = row(1, 1);
             let column = |x: usize| r0[x] | r1[x] << 1 | r2[x] << 2 | r3[x] << 3;
             let mut left = column(0);
             for x in 0..nx - 1 {
                 let right = column(x + 1);
-                let (a, b) = (left, right);
+                let a = left;
+                let b = right;
                 left = right;
                 // All corners outside, all inside, or one unknown.
                 if (a == b && (a == 0 || a == 15)) || (a | b) & 0xF0 != 0 {

@@ -39,7 +39,8 @@ impl Rendered {
     /// Draws the straight line between two points of the world.
     pub fn draw_line(&mut self, from: &Point3<f64>, to: &Point3<f64>, style: &LineStyle) {
         let camera = self.world_from_camera;
-        let (mut a, mut b) = (camera.inverse_transform_point(from), camera.inverse_transform_point(to));
+        let mut a = camera.inverse_transform_point(from);
+        let mut b = camera.inverse_transform_point(to);
         if a.z > b.z {
             // Then only the first end can be before the near plane.
             std::mem::swap(&mut a, &mut b);
@@ -74,18 +75,22 @@ impl Rendered {
 
     /// Draws between two pixel positions with inverse depths; each pixel once.
     fn stroke(&mut self, p: (f64, f64, f64), q: (f64, f64, f64), style: &LineStyle) {
-        let (width, height) = (self.intrinsics.width, self.intrinsics.height);
+        let width = self.intrinsics.width;
+        let height = self.intrinsics.height;
         let radius = 0.5 * style.width_px.max(1.0);
         let range = |a: f64, b: f64, count: usize| {
-            let (low, high) = (a.min(b) - radius, a.max(b) + radius);
+            let low = a.min(b) - radius;
+            let high = a.max(b) + radius;
             low.ceil().max(0.0) as usize..(high.floor() + 1.0).clamp(0.0, count as f64) as usize
         };
-        let (du, dv) = (q.0 - p.0, q.1 - p.1);
+        let du = q.0 - p.0;
+        let dv = q.1 - p.1;
         let length2 = du * du + dv * dv;
         // Each pixel once: a faded line would be mixed in twice where strokes overlap.
         for y in range(p.1, q.1, height) {
             for x in range(p.0, q.0, width) {
-                let (u, v) = (x as f64 - p.0, y as f64 - p.1);
+                let u = x as f64 - p.0;
+                let v = y as f64 - p.1;
                 let share = if length2 > 0.0 { ((u * du + v * dv) / length2).clamp(0.0, 1.0) } else { 0.0 };
                 if (u - share * du).hypot(v - share * dv) > radius {
                     continue;
@@ -101,7 +106,8 @@ impl Rendered {
                     _ => 1.0,
                 };
                 for k in 0..3 {
-                    let (old, new) = (f32::from(self.rgb[i][k]), f32::from(style.color[k]));
+                    let old = f32::from(self.rgb[i][k]);
+                    let new = f32::from(style.color[k]);
                     self.rgb[i][k] = (old + (new - old) * keep).round() as u8;
                 }
             }
@@ -112,7 +118,8 @@ impl Rendered {
 /// The part of a line near the image (Liang and Barsky 1984); inverse depth is linear along it.
 fn clipped(ends: [(f64, f64, f64); 2], width: f64, height: f64, margin: f64) -> Option<[(f64, f64, f64); 2]> {
     let [p, q] = ends;
-    let (mut first, mut last) = (0.0f64, 1.0f64);
+    let mut first = 0.0f64;
+    let mut last = 1.0f64;
     for (from, step, limit) in [(p.0, q.0 - p.0, width), (p.1, q.1 - p.1, height)] {
         for (delta, room) in [(-step, from + margin), (step, limit + margin - from)] {
             if delta == 0.0 && room < 0.0 {
@@ -153,7 +160,8 @@ mod tests {
 
     #[test]
     fn surfaces_in_front_hide_fade_or_leave_a_line() {
-        let (beside, behind) = (60 * 160 + 25, 60 * 160 + 80);
+        let beside = 60 * 160 + 25;
+        let behind = 60 * 160 + 80;
         for occlusion in [Occlusion::Ignore, Occlusion::Fade, Occlusion::Hide] {
             let image = drawn(occlusion);
             assert_eq!(image.rgb[beside], RED);

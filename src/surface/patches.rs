@@ -56,14 +56,17 @@ pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
         if taken[seed] {
             continue;
         }
-        let (mut sums, mut triangles, mut queue) = (Sums::default(), Vec::new(), VecDeque::from([seed]));
+        let mut sums = Sums::default();
+        let mut triangles = Vec::new();
+        let mut queue = VecDeque::from([seed]);
         taken[seed] = true;
         let first = normals[seed].normalize();
         while let Some(t) = queue.pop_front() {
             triangles.push(t as u32);
             sums.add(&normals[t], &corners[t]);
             // The plane follows what has joined so far.
-            let (normal, center) = (sums.normal.normalize(), sums.center / sums.area);
+            let normal = sums.normal.normalize();
+            let center = sums.center / sums.area;
             for &n in &neighbors[t] {
                 let n = n as usize;
                 let flat = |p: &Point3<f64>| (p.coords - center).dot(&normal).abs() <= tolerance_m;
@@ -76,7 +79,8 @@ pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
             }
         }
         triangles.sort_unstable();
-        let (normal, center) = (sums.normal.normalize(), Point3::from(sums.center / sums.area));
+        let normal = sums.normal.normalize();
+        let center = Point3::from(sums.center / sums.area);
         found.push(Patch { triangles, normal, center, area_m2: sums.area });
     }
     found.sort_by(|a, b| b.area_m2.total_cmp(&a.area_m2));
@@ -98,7 +102,8 @@ mod tests {
     #[test]
     fn a_sphere_has_as_many_as_the_tolerance_asks_for() {
         let mesh = sphere_mesh(0.3, 60);
-        let (few, many) = (patches(&mesh, 0.03), patches(&mesh, 0.003));
+        let few = patches(&mesh, 0.03);
+        let many = patches(&mesh, 0.003);
         assert!(few.len() < many.len(), "{} {}", few.len(), many.len());
         assert_eq!(many.iter().map(|p| p.triangles.len()).sum::<usize>(), mesh.triangles.len());
     }

@@ -43,7 +43,8 @@ impl Pseudonormals {
         for ((t, c), face) in mesh.triangles.iter().zip(&corners).zip(&faces) {
             for k in 0..3 {
                 // By the angle at the corner: it does not matter how a flat face is cut into triangles.
-                let (u, v) = (c[(k + 1) % 3] - c[k], c[(k + 2) % 3] - c[k]);
+                let u = c[(k + 1) % 3] - c[k];
+                let v = c[(k + 2) % 3] - c[k];
                 vertices[t[k] as usize] += face * u.cross(&v).norm().atan2(u.dot(&v));
             }
         }
@@ -85,7 +86,8 @@ impl Pseudonormals {
                 }
                 // A walk crosses sides of two triangles; at one of more it would not know where to go.
                 [(_, one), (_, other)] => {
-                    let ((t, k), (u, l)) = (place(one), place(other));
+                    let (t, k) = place(one);
+                    let (u, l) = place(other);
                     (self.across[t][k], self.across[u][l]) = (u as u32, t as u32);
                 }
                 _ => {}
@@ -141,7 +143,8 @@ impl Pseudonormals {
             }
         }
         for _ in 0..MAX_STEPS {
-            let (before, t) = (best.0, best.1 as usize);
+            let before = best.0;
+            let t = best.1 as usize;
             match best.2 {
                 Feature::Face => break,
                 Feature::Edge(i) => {

@@ -86,7 +86,8 @@ pub fn render(
     world_from_camera: &Pose,
     shading: bool,
 ) -> Rendered {
-    let (width, height) = (intrinsics.width, intrinsics.height);
+    let width = intrinsics.width;
+    let height = intrinsics.height;
     let facets: Vec<Facet> = items
         .iter()
         .enumerate()
@@ -96,7 +97,8 @@ pub fn render(
     let mut bands = vec![Vec::new(); height.div_ceil(ROWS_PER_TASK)];
     for (f, facet) in facets.iter().enumerate() {
         let v = facet.corners.map(|c| c.v);
-        let (low, high) = (v[0].min(v[1]).min(v[2]).max(0.0), v[0].max(v[1]).max(v[2]));
+        let low = v[0].min(v[1]).min(v[2]).max(0.0);
+        let high = v[0].max(v[1]).max(v[2]);
         if high >= 0.0 && low <= (height - 1) as f32 {
             let last = (high as usize).min(height - 1) / ROWS_PER_TASK;
             for band in &mut bands[low as usize / ROWS_PER_TASK..=last] {
@@ -172,7 +174,8 @@ fn facets(
         (0..positions.len()).into_par_iter().with_min_len(4096).map(color).collect();
     let corner = |(p, color): (Vector3<f32>, Vector3<f32>)| {
         let inverse = 1.0 / p.z;
-        let (u, v) = (k.fx as f32 * p.x * inverse + k.cx as f32, k.fy as f32 * p.y * inverse + k.cy as f32);
+        let u = k.fx as f32 * p.x * inverse + k.cx as f32;
+        let v = k.fy as f32 * p.y * inverse + k.cy as f32;
         Corner { u, v, inverse, color: color * inverse }
     };
     let mut facets = Vec::with_capacity(mesh.triangles.len());
@@ -195,7 +198,8 @@ fn facets(
 fn in_front(triangle: &[(Vector3<f32>, Vector3<f32>); 3]) -> Vec<(Vector3<f32>, Vector3<f32>)> {
     let mut kept = Vec::with_capacity(4);
     for i in 0..3 {
-        let (a, b) = (triangle[i], triangle[(i + 1) % 3]);
+        let a = triangle[i];
+        let b = triangle[(i + 1) % 3];
         if a.0.z >= NEAR_M {
             kept.push(a);
         }
@@ -224,7 +228,8 @@ fn fill(
     }
     let rows = inverse.len() / width;
     let span = |values: [f32; 3], from: usize, count: usize| {
-        let (low, high) = (values[0].min(values[1]).min(values[2]), values[0].max(values[1]).max(values[2]));
+        let low = values[0].min(values[1]).min(values[2]);
+        let high = values[0].max(values[1]).max(values[2]);
         let first = (low.ceil() - from as f32).max(0.0) as usize;
         first..((high.floor() - from as f32 + 1.0).clamp(0.0, count as f32) as usize)
     };
@@ -294,7 +299,8 @@ mod tests {
         let pose = looking_at_origin(Point3::new(-0.6, 0.2, 0.3));
         let image = render(&[item(&sphere_mesh(0.2, 150))], &K, &pose, true);
         let truth = view_of(&sphere(0.2), K, pose);
-        let (mut worst, mut holes) = (0.0f32, 0);
+        let mut worst = 0.0f32;
+        let mut holes = 0;
         for y in 1..K.height - 1 {
             for x in 1..K.width - 1 {
                 let i = y * K.width + x;
@@ -323,8 +329,10 @@ mod tests {
             paint: Paint::Tint(tint),
         };
         let pose = Pose::identity();
-        let (near, far) = (at(0.6, [255, 0, 0]), at(1.5, [0, 0, 255]));
-        let (one, two) = (render(&[near, far], &K, &pose, false), render(&[far, near], &K, &pose, false));
+        let near = at(0.6, [255, 0, 0]);
+        let far = at(1.5, [0, 0, 255]);
+        let one = render(&[near, far], &K, &pose, false);
+        let two = render(&[far, near], &K, &pose, false);
         assert_eq!((&one.rgb, &one.depth_m), (&two.rgb, &two.depth_m));
         let middle = 59 * K.width + 80;
         assert_eq!((one.item[middle], two.item[middle]), (Some(0), Some(1)));

@@ -38,7 +38,8 @@ fn over_any(sweep: Sweep<'_>, row: &Row, sums: RowSums<'_>, near: &mut Vec<usize
     for first in row.range.clone().step_by(LANES) {
         let count = LANES.min(row.range.end - first);
         let (free, close) = lanes(sweep, row, first);
-        let (sums, weights) = (&mut sums[first..first + count], &mut weights[first..first + count]);
+        let sums = &mut sums[first..first + count];
+        let weights = &mut weights[first..first + count];
         match (<&mut [f32; LANES]>::try_from(&mut *sums), <&mut [f32; LANES]>::try_from(&mut *weights)) {
             (Ok(sums), Ok(weights)) => add(sums, weights, &free),
             // The end of a row.
@@ -65,12 +66,14 @@ fn add(sums: &mut [f32], weights: &mut [f32], free: &[f32]) {
 fn lanes(sweep: Sweep<'_>, row: &Row, first: usize) -> ([f32; LANES], [u8; LANES]) {
     let Sweep { camera, readings, truncation_m } = sweep;
     let (pixels, z) = camera.pixels(row, first);
-    let (mut depth_m, mut weight) = ([0.0f32; LANES], [0.0f32; LANES]);
+    let mut depth_m = [0.0f32; LANES];
+    let mut weight = [0.0f32; LANES];
     for k in 0..LANES {
         let reading = readings[pixels[k] as usize];
         (depth_m[k], weight[k]) = (reading.depth_m, reading.signed_weight());
     }
-    let (mut free, mut close) = ([0.0; LANES], [0; LANES]);
+    let mut free = [0.0; LANES];
+    let mut close = [0; LANES];
     for k in 0..LANES {
         let ahead_m = depth_m[k] - z[k];
         free[k] = if ahead_m >= truncation_m { FREE_WEIGHT * weight[k].abs() } else { 0.0 };
@@ -95,7 +98,8 @@ mod tests {
     fn a_row_is_read_as_its_nodes_are_one_by_one() {
         let k = Intrinsics { width: 64, height: 48, fx: 60.0, fy: 58.0, cx: 30.3, cy: 25.1 };
         let truncation_m = 0.04;
-        let (mut free, mut surface) = (0, 0);
+        let mut free = 0;
+        let mut surface = 0;
         for eye in [[0.5, 0.4, 0.3], [0.0, -0.6, 0.1], [0.15, 0.02, 0.2]] {
             let mut frame = view_of(&sphere(0.2), k, looking_at_origin(Point3::from(eye)));
             // Pixels off the object that read a depth, and that read none.
@@ -107,7 +111,8 @@ mod tests {
             let sweep = Sweep { camera: &camera, readings: &view.readings, truncation_m };
             for (y, z) in (0..50).flat_map(|y| (0..50).map(move |z| (y, z))) {
                 let row = camera.row(y, z, 50);
-                let (mut sums, mut listed) = (vec![0.0; 50], Vec::new());
+                let mut sums = vec![0.0; 50];
+                let mut listed = Vec::new();
                 for x in row.range.clone() {
                     match said(&view.readings, &k, &camera, &row.at(x), truncation_m) {
                         Some(Said::Free { weight }) => sums[x] = FREE_WEIGHT * weight,
@@ -118,7 +123,9 @@ mod tests {
                 free += sums.iter().filter(|s| **s > 0.0).count();
                 surface += listed.len();
                 for kernel in [over_any, sweep_over] {
-                    let (mut found, mut weights, mut near) = (vec![0.0; 50], vec![0.0; 50], Vec::new());
+                    let mut found = vec![0.0; 50];
+                    let mut weights = vec![0.0; 50];
+                    let mut near = Vec::new();
                     let row_sums = RowSums { sums: &mut found, weights: &mut weights };
                     kernel(sweep, &row, row_sums, &mut near);
                     assert_eq!((&found, &weights), (&sums, &sums));

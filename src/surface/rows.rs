@@ -63,8 +63,10 @@ impl RowCamera {
     pub(crate) fn row(&self, y: usize, z: usize, nx: usize) -> Row {
         let start = self.origin + self.steps[1] * y as f64 + self.steps[2] * z as f64;
         let k = &self.intrinsics;
-        let (left, right) = (k.cx + 0.5, k.width as f64 - 0.5 - k.cx);
-        let (top, bottom) = (k.cy + 0.5, k.height as f64 - 0.5 - k.cy);
+        let left = k.cx + 0.5;
+        let right = k.width as f64 - 0.5 - k.cx;
+        let top = k.cy + 0.5;
+        let bottom = k.height as f64 - 0.5 - k.cy;
         // Each is `at least zero` inside the view. The sides of the image as half spaces through the camera,
         // and the near plane.
         let planes = [
@@ -75,7 +77,8 @@ impl RowCamera {
             Vector3::z(),
         ];
         // Along the row each value is linear in x; its zero cuts the row.
-        let (mut first, mut last) = (0.0f64, nx as f64 - 1.0);
+        let mut first = 0.0f64;
+        let mut last = nx as f64 - 1.0;
         for (i, plane) in planes.iter().enumerate() {
             let value = plane.dot(&start) - if i == 4 { NEAR_M } else { 0.0 };
             let slope = plane.dot(&self.steps[0]);
@@ -115,7 +118,8 @@ impl RowCamera {
     pub(crate) fn pixels(&self, row: &Row, x: usize) -> ([u32; LANES], [f32; LANES]) {
         let width = self.intrinsics.width as u32;
         let last = [self.intrinsics.width, self.intrinsics.height].map(|n| n as f32 - 1.0);
-        let (mut pixels, mut depths_m) = ([0; LANES], [0.0; LANES]);
+        let mut pixels = [0; LANES];
+        let mut depths_m = [0.0; LANES];
         for k in 0..LANES {
             let p = row.at(x + k);
             let [u, v] = self.project(&p);
@@ -132,8 +136,8 @@ impl RowCamera {
     pub(crate) fn pixel(&self, p: &Vector3<f32>) -> usize {
         let [u, v] = self.project(p);
         // Rounding may put a point of the row's ends just outside.
-        let (x, y) =
-            ((u as usize).min(self.intrinsics.width - 1), (v as usize).min(self.intrinsics.height - 1));
+        let x = (u as usize).min(self.intrinsics.width - 1);
+        let y = (v as usize).min(self.intrinsics.height - 1);
         y * self.intrinsics.width + x
     }
 }

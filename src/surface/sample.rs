@@ -37,7 +37,8 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> 
         // The first triangle whose end lies beyond; triangles without area have no width.
         let t = cumulative.partition_point(|&end| end <= at).min(cumulative.len() - 1);
         // Uniform on the triangle (Osada et al. 2002).
-        let (root, v) = (unit(rng).sqrt(), unit(rng));
+        let root = unit(rng).sqrt();
+        let v = unit(rng);
         let shares = [1.0 - root, root * (1.0 - v), root * v].map(|s| s as f32);
         let [a, b, c] = mesh.corners(t);
         samples.points.push(Point3::from(a.coords * shares[0] + b.coords * shares[1] + c.coords * shares[2]));

@@ -35,7 +35,8 @@ pub fn box_mesh(half: Vector3<f32>) -> TriangleMesh {
 
 /// A sphere as latitude bands; closed, outward.
 pub fn sphere_mesh(radius_m: f32, bands: u32) -> TriangleMesh {
-    let (rows, columns) = (bands, 2 * bands);
+    let rows = bands;
+    let columns = 2 * bands;
     let mut mesh =
         TriangleMesh { vertices: vec![Point3::new(0.0, 0.0, -radius_m)], ..TriangleMesh::default() };
     for r in 1..rows {

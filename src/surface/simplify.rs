@@ -73,7 +73,8 @@ impl Quadric {
 fn solved(a: &Matrix3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
     let root = |square: f64| (square > 0.0).then(|| square.sqrt());
     let l00 = root(a[(0, 0)])?;
-    let (l10, l20) = (a[(1, 0)] / l00, a[(2, 0)] / l00);
+    let l10 = a[(1, 0)] / l00;
+    let l20 = a[(2, 0)] / l00;
     let l11 = root(a[(1, 1)] - l10 * l10)?;
     let l21 = (a[(2, 1)] - l10 * l20) / l11;
     let l22 = root(a[(2, 2)] - l20 * l20 - l21 * l21)?;
@@ -189,7 +190,8 @@ impl Collapse {
         for (a, same) in edges.all() {
             let (b, side) = same[0];
             if same.len() == 1 {
-                let (p, q) = (self.positions[a as usize], self.positions[b as usize]);
+                let p = self.positions[a as usize];
+                let q = self.positions[b as usize];
                 let across = (q - p).cross(&self.area_normal(&mesh.triangles[side as usize / 3]));
                 if let Some(unit) = across.try_normalize(0.0) {
                     // By the square of the side's length, as a triangle counts by its area.
@@ -264,7 +266,8 @@ impl Collapse {
             return;
         }
         if !self.colors.is_empty() {
-            let (p, q) = (self.positions[a as usize], self.positions[b as usize]);
+            let p = self.positions[a as usize];
+            let q = self.positions[b as usize];
             let share = ((place - p).dot(&(q - p)) / (q - p).norm_squared().max(1e-300)).clamp(0.0, 1.0);
             self.colors[a as usize] = self.colors[a as usize].lerp(&self.colors[b as usize], share);
         }
@@ -364,7 +367,8 @@ mod tests {
             costs in prop::collection::vec(0..=f64::MAX.to_bits(), 1..80),
             late in prop::collection::vec(0..=f64::MAX.to_bits(), 0..20),
         ) {
-            let (mut left, late) = (candidates(&costs, 0), candidates(&late, 100));
+            let mut left = candidates(&costs, 0);
+            let late = candidates(&late, 100);
             let mut queue = Queue::new();
             left.iter().for_each(|c| queue.push(*c));
             let first = queue.pop(|_| true);
@@ -409,7 +413,8 @@ mod tests {
             b in prop::array::uniform3(-9.0..9.0f64),
         ) {
             let root = Matrix3::from_row_slice(&v);
-            let (system, b) = (root * root.transpose(), Vector3::from(b));
+            let system = root * root.transpose();
+            let b = Vector3::from(b);
             prop_assert_eq!(solved(&system, &b), system.cholesky().map(|c| c.solve(&b)));
             prop_assert_eq!(solved(&-system, &b), None);
         }

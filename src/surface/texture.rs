@@ -16,7 +16,8 @@ pub struct Texture<'a> {
 impl Texture<'_> {
     /// Place of a vertex, pixels from the middle of the upper left one.
     pub(super) fn place_px(&self, vertex: usize) -> Vector2<f32> {
-        let ([u, v], size) = (self.uv[vertex], self.size_px as f64);
+        let [u, v] = self.uv[vertex];
+        let size = self.size_px as f64;
         Vector2::new((u * size - 0.5) as f32, ((1.0 - v) * size - 0.5) as f32)
     }
 
@@ -24,8 +25,10 @@ impl Texture<'_> {
     pub(super) fn color(&self, place_px: Vector2<f32>) -> Vector3<f32> {
         let last = self.size_px - 1;
         let [x, y] = [place_px.x, place_px.y].map(|p| p.clamp(0.0, last as f32));
-        let (column, row) = (x as usize, y as usize);
-        let (fx, fy) = (x - column as f32, y - row as f32);
+        let column = x as usize;
+        let row = y as usize;
+        let fx = x - column as f32;
+        let fy = y - row as f32;
         let at =
             |dx: usize, dy: usize| self.pixels[(row + dy).min(last) * self.size_px + (column + dx).min(last)];
         bilinear(at, [fx, fy])

@@ -17,14 +17,18 @@ pub(super) enum Feature {
 /// sides.
 pub(super) fn closest_on_triangle(p: &Vector3<f32>, corners: &[Vector3<f32>; 3]) -> (Vector3<f32>, Feature) {
     let [a, b, c] = corners;
-    let (ab, ac, ap) = (b - a, c - a, p - a);
-    let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
+    let ab = b - a;
+    let ac = c - a;
+    let ap = p - a;
+    let d1 = ab.dot(&ap);
+    let d2 = ac.dot(&ap);
     // The regions of corners and sides in turn; the interior is what remains.
     if d1 <= 0.0 && d2 <= 0.0 {
         return (*a, Feature::Corner(0));
     }
     let bp = p - b;
-    let (d3, d4) = (ab.dot(&bp), ac.dot(&bp));
+    let d3 = ab.dot(&bp);
+    let d4 = ac.dot(&bp);
     if d3 >= 0.0 && d4 <= d3 {
         return (*b, Feature::Corner(1));
     }
@@ -33,7 +37,8 @@ pub(super) fn closest_on_triangle(p: &Vector3<f32>, corners: &[Vector3<f32>; 3])
         return (a + ab * (d1 / (d1 - d3)), Feature::Edge(0));
     }
     let cp = p - c;
-    let (d5, d6) = (ab.dot(&cp), ac.dot(&cp));
+    let d5 = ab.dot(&cp);
+    let d6 = ac.dot(&cp);
     if d6 >= 0.0 && d5 <= d6 {
         return (*c, Feature::Corner(2));
     }
@@ -60,7 +65,8 @@ pub(super) fn closest_on_triangle(p: &Vector3<f32>, corners: &[Vector3<f32>; 3])
 fn closest_on_sides(p: &Vector3<f32>, corners: &[Vector3<f32>; 3]) -> (Vector3<f32>, Feature) {
     let mut best = (f32::INFINITY, corners[0], Feature::Corner(0));
     for i in 0..3u8 {
-        let (from, to) = (corners[i as usize], corners[(i as usize + 1) % 3]);
+        let from = corners[i as usize];
+        let to = corners[(i as usize + 1) % 3];
         let along = to - from;
         let length2 = along.norm_squared();
         let share = if length2 > 0.0 { ((p - from).dot(&along) / length2).clamp(0.0, 1.0) } else { 0.0 };
@@ -97,7 +103,8 @@ mod tests {
             let distance = (p - q).norm();
             for i in 0..=20u8 {
                 for j in 0..=20 - i {
-                    let (s, t) = (f32::from(i) / 20.0, f32::from(j) / 20.0);
+                    let s = f32::from(i) / 20.0;
+                    let t = f32::from(j) / 20.0;
                     prop_assert!(distance <= (p - (a + (b - a) * s + (c - a) * t)).norm() + 1e-5);
                 }
             }
@@ -105,7 +112,8 @@ mod tests {
             let on_feature = match feature {
                 Feature::Face => (b - a).cross(&(c - a)).normalize().dot(&(q - a)).abs(),
                 Feature::Edge(i) => {
-                    let (from, to) = (corners[i as usize], corners[(i as usize + 1) % 3]);
+                    let from = corners[i as usize];
+                    let to = corners[(i as usize + 1) % 3];
                     (q - from).norm() + (q - to).norm() - (to - from).norm()
                 }
                 Feature::Corner(i) => (q - corners[i as usize]).norm(),

@@ -54,9 +54,11 @@ impl TsdfVolume {
     /// depend on the number of threads. See docs/method.md (3.2).
     pub fn integrate(&mut self, views: &[TsdfView]) {
         let cameras = self.cameras(views);
-        let (truncation_m, [nx, ny, _]) = (self.truncation_m, self.sums.dims);
+        let truncation_m = self.truncation_m;
+        let [nx, ny, _] = self.sums.dims;
         self.slabs().for_each(|slab| {
-            let (layers, mut near) = (slab.weights.len() / (nx * ny), Vec::new());
+            let layers = slab.weights.len() / (nx * ny);
+            let mut near = Vec::new();
             // All views of a few rows at a time: both then stay in the cache.
             for lines in (0..ny).step_by(LINES) {
                 for (view, (camera, _)) in views.iter().zip(&cameras) {
@@ -64,8 +66,10 @@ impl TsdfVolume {
                     for (z, y) in
                         (0..layers).flat_map(|z| (lines..(lines + LINES).min(ny)).map(move |y| (z, y)))
                     {
-                        let (row, at) = (camera.row(y, slab.first + z, nx), (z * ny + y) * nx);
-                        let (sums, weights) = (&mut slab.sums[at..at + nx], &mut slab.weights[at..at + nx]);
+                        let row = camera.row(y, slab.first + z, nx);
+                        let at = (z * ny + y) * nx;
+                        let sums = &mut slab.sums[at..at + nx];
+                        let weights = &mut slab.weights[at..at + nx];
                         near.clear();
                         sweep_over(sweep, &row, RowSums { sums, weights }, &mut near);
                         for &x in &near {
@@ -93,13 +97,15 @@ impl TsdfVolume {
     /// of six directions instead.) Nodes that no view sees so stay. See docs/method.md (3.4).
     pub fn face(&mut self, views: &[TsdfView]) {
         let cameras = self.cameras(views);
-        let (first, truncation_m) = (self.tsdf(0.0), self.truncation_m);
+        let first = self.tsdf(0.0);
+        let truncation_m = self.truncation_m;
         let [nx, ny, _] = first.dims;
         self.slabs().for_each(|slab| {
             let layers = slab.weights.len() / (nx * ny);
             let mut near: Vec<FacedNode> = Vec::new();
             for (z, y) in (0..layers).flat_map(|z| (0..ny).map(move |y| (z, y))) {
-                let (at, layer) = ((z * ny + y) * nx, slab.first + z);
+                let at = (z * ny + y) * nx;
+                let layer = slab.first + z;
                 near.clear();
                 let start = first.index(0, y, layer);
                 // A node that no view measured is NaN and left out as well.
@@ -126,7 +132,8 @@ impl TsdfVolume {
     fn cameras(&self, views: &[TsdfView]) -> Vec<(RowCamera, Vector3<f32>)> {
         let of = |view: &TsdfView| {
             let volume_from_camera = view.volume_from_world * view.frame.world_from_camera;
-            let (origin, spacing_m) = (&self.sums.origin, self.sums.spacing_m);
+            let origin = &self.sums.origin;
+            let spacing_m = self.sums.spacing_m;
             let inverse = volume_from_camera.inverse();
             let camera = RowCamera::new(&view.frame.intrinsics, &inverse, origin, spacing_m);
             (camera, volume_from_camera.translation.vector.cast())

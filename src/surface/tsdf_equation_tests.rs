@@ -24,7 +24,8 @@ impl View {
     fn new(world_from_camera: Pose, volume_from_world: Pose) -> Self {
         let count = K.width * K.height;
         let depth_of = |i: usize| {
-            let (u, v) = (i % K.width, i / K.width);
+            let u = i % K.width;
+            let v = i / K.width;
             let ray = K.ray(u as f64, v as f64);
             let ahead_m = if u > 19 { 0.55 } else { 0.75 };
             if i % 53 == 7 { 0.0 } else { (ahead_m / Vector3::new(0.3, -0.2, 1.0).dot(&ray)) as f32 }
@@ -66,10 +67,12 @@ impl View {
     /// What the view says of a place, and whether rounding may decide otherwise.
     fn says(&self, x: &Point3<f64>) -> (Option<Says>, bool) {
         let p = self.frame.world_from_camera.inverse() * (self.volume_from_world.inverse() * x);
-        let (u, v) = (K.fx * p.x / p.z + K.cx, K.fy * p.y / p.z + K.cy);
+        let u = K.fx * p.x / p.z + K.cx;
+        let v = K.fy * p.y / p.z + K.cy;
         let near_border = |c: f64| (c + 0.5 - (c + 0.5).round()).abs() < 1e-3 || (c - c.round()).abs() < 1e-3;
         let unclear = near_border(u) || near_border(v);
-        let (column, line) = ((u + 0.5).floor(), (v + 0.5).floor());
+        let column = (u + 0.5).floor();
+        let line = (v + 0.5).floor();
         if !(0.0..K.width as f64).contains(&column) || !(0.0..K.height as f64).contains(&line) {
             return (None, unclear);
         }
@@ -96,7 +99,8 @@ impl View {
 
     /// Depth between four pixels of one surface, linear in inverse depth.
     fn between(&self, u: f64, v: f64) -> Option<f64> {
-        let (x, y) = (u.floor(), v.floor());
+        let x = u.floor();
+        let y = v.floor();
         if x < 0.0 || y < 0.0 || x + 1.0 >= K.width as f64 || y + 1.0 >= K.height as f64 {
             return None;
         }
@@ -113,7 +117,8 @@ impl View {
             return None;
         }
         let share = |(dx, dy): (usize, usize)| {
-            let (a, b) = (u - x, v - y);
+            let a = u - x;
+            let b = v - y;
             (if dx == 1 { a } else { 1.0 - a }) * (if dy == 1 { b } else { 1.0 - b })
         };
         Some(1.0 / four.iter().zip(&depths).map(|(c, z)| share(*c) / z).sum::<f64>())
@@ -185,7 +190,9 @@ fn every_node_holds_the_weighted_mean_of_what_views_say() {
     let views = views();
     let mut volume = empty();
     volume.integrate(&views.each_ref().map(View::tsdf_view));
-    let (mut near, mut free, mut skipped) = (0, 0, 0);
+    let mut near = 0;
+    let mut free = 0;
+    let mut skipped = 0;
     for node in 0..DIMS.iter().product() {
         let (x, _) = place(node);
         let mut sums = Sums::default();
@@ -212,10 +219,13 @@ fn every_node_near_the_surface_is_fused_again_by_the_views_of_its_side() {
     let mut volume = empty();
     volume.integrate(&tsdf_views);
     let first = volume.tsdf(0.0);
-    let (sums_before, weights_before) = (volume.sums.values.clone(), volume.weights.clone());
+    let sums_before = volume.sums.values.clone();
+    let weights_before = volume.weights.clone();
     let before = |at: [usize; 3]| f64::from(first.values[first.index(at[0], at[1], at[2])]);
     volume.face(&tsdf_views);
-    let (mut checked, mut behind, mut alone) = (0, 0, 0);
+    let mut checked = 0;
+    let mut behind = 0;
+    let mut alone = 0;
     for node in 0..DIMS.iter().product() {
         let (x, at) = place(node);
         let share = before(at).abs() / TRUNCATION_M;
@@ -226,7 +236,8 @@ fn every_node_near_the_surface_is_fused_again_by_the_views_of_its_side() {
             continue;
         }
         let slope = Vector3::from_fn(|k, _| {
-            let (mut low, mut high) = (at, at);
+            let mut low = at;
+            let mut high = at;
             low[k] = at[k].saturating_sub(1);
             high[k] = (at[k] + 1).min(DIMS[k] - 1);
             let slope = before(high) - before(low);

@@ -148,7 +148,8 @@ pub(super) fn said(
 ) -> Option<Said> {
     let pixel = camera.pixel(p);
     let reading = readings[pixel];
-    let (weight, ahead_m) = (reading.weight(), reading.depth_m - p.z);
+    let weight = reading.weight();
+    let ahead_m = reading.depth_m - p.z;
     if weight <= 0.0 || ahead_m <= -truncation_m {
         return None;
     }
@@ -198,15 +199,20 @@ fn interpolated_depth(
     shifted: [f32; 2],
     truncation_m: f32,
 ) -> Option<f32> {
-    let (u, v) = (shifted[0] - 0.5, shifted[1] - 0.5);
+    let u = shifted[0] - 0.5;
+    let v = shifted[1] - 0.5;
     if u < 0.0 || v < 0.0 || u >= (k.width - 1) as f32 || v >= (k.height - 1) as f32 {
         return None;
     }
-    let (x, y) = (u as usize, v as usize);
-    let (a, b) = (u - x as f32, v - y as f32);
+    let x = u as usize;
+    let y = v as usize;
+    let a = u - x as f32;
+    let b = v - y as f32;
     let first = y * k.width + x;
     let four = [first, first + 1, first + k.width, first + k.width + 1].map(|i| readings[i]);
-    let (mut low, mut high, mut inverse) = (f32::INFINITY, 0.0f32, 0.0);
+    let mut low = f32::INFINITY;
+    let mut high = 0.0f32;
+    let mut inverse = 0.0;
     for (r, share) in four.iter().zip([(1.0 - a) * (1.0 - b), a * (1.0 - b), (1.0 - a) * b, a * b]) {
         if !r.is_surface() {
             return None;

@@ -52,7 +52,8 @@ pub fn free_space_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, rule: &FreeSpa
 
 /// For each pixel the z-depth up to which its ray is certainly empty; 0 where nothing is known.
 fn free_reach(frame: &RgbdFrame, rule: &FreeSpaceRule) -> Vec<f32> {
-    let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
+    let w = frame.intrinsics.width;
+    let h = frame.intrinsics.height;
     let reach = |i: usize| {
         let d = f64::from(frame.depth_m[i]);
         if d > 0.0 {
@@ -78,7 +79,8 @@ fn free_reach(frame: &RgbdFrame, rule: &FreeSpaceRule) -> Vec<f32> {
         }
     }
     let around = |i: usize| {
-        let (x, y) = (i % w, i / w);
+        let x = i % w;
+        let y = i / w;
         let least =
             (y.saturating_sub(1)..(y + 2).min(h)).fold(f32::INFINITY, |a, y| a.min(across[y * w + x]));
         if single[i] > 0.0 { least } else { 0.0 }
@@ -93,11 +95,14 @@ fn views_in_front<T>(
     min_views: u8,
     reach: impl Fn(&RgbdFrame) -> Vec<f32> + Sync,
 ) -> Grid3<bool> {
-    let (origin, spacing_m, [nx, ny, nz]) = (nodes.origin, nodes.spacing_m, nodes.dims);
+    let origin = nodes.origin;
+    let spacing_m = nodes.spacing_m;
+    let [nx, ny, nz] = nodes.dims;
     let views: Vec<(RowCamera, Vec<f32>, DepthTiles)> = frames
         .par_iter()
         .map(|f| {
-            let (k, reach) = (&f.intrinsics, reach(f));
+            let k = &f.intrinsics;
+            let reach = reach(f);
             let tiles = DepthTiles::of(k.width, k.height, |i| [reach[i]; 2]);
             (RowCamera::new(k, &f.world_from_camera.inverse(), &origin, spacing_m), reach, tiles)
         })

@@ -21,9 +21,11 @@ impl Bounds {
 
     /// Whether a ray meets the box before `farthest`; `inverse` is one over its direction.
     fn meets(&self, origin: &Point3<f64>, inverse: &Vector3<f64>, farthest: f64) -> bool {
-        let (mut near, mut far) = (0.0f64, farthest);
+        let mut near = 0.0f64;
+        let mut far = farthest;
         for k in 0..3 {
-            let (a, b) = ((self.lower[k] - origin[k]) * inverse[k], (self.upper[k] - origin[k]) * inverse[k]);
+            let a = (self.lower[k] - origin[k]) * inverse[k];
+            let b = (self.upper[k] - origin[k]) * inverse[k];
             // A ray in the plane of a side gives NaN, which min and max pass over.
             near = near.max(a.min(b));
             far = far.min(a.max(b));

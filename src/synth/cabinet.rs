@@ -56,7 +56,9 @@ pub(super) fn cabinet(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<
 }
 
 fn boards(c: &Carcass, wood: &Material) -> Vec<Solid> {
-    let (x, y, t) = (c.front, c.side, c.board);
+    let x = c.front;
+    let y = c.side;
+    let t = c.board;
     vec![
         Solid::between([-x, -y, c.bottom], [x, -y + t, c.top], wood),
         Solid::between([-x, y - t, c.bottom], [x, y, c.top], wood),
@@ -89,7 +91,8 @@ fn divide(
         let margin = MIN_CELL_M.min(0.4 * (high - low));
         let at = (low + (high - low) * range(rng, 0.35, 0.65)).clamp(low + margin, high - margin);
         let [before, after] = [at - 0.5 * t, at + 0.5 * t];
-        let (x0, x1) = (-c.front + 0.5 * t, c.front);
+        let x0 = -c.front + 0.5 * t;
+        let x1 = c.front;
         if upright {
             solids.push(Solid::between([x0, before, cell.z[0]], [x1, after, cell.z[1]], wood));
             cells.extend([Cell { y: [low, before], ..cell }, Cell { y: [after, high], ..cell }]);
@@ -114,7 +117,9 @@ fn legs(c: &Carcass, trim: &Material, solids: &mut Vec<Solid>) {
 
 /// A compartment on top with a lid that is hinged at the back.
 fn add_lid(c: &Carcass, look: &Look, wood: &Material, solids: &mut Vec<Solid>, rng: &mut impl Rng) -> Part {
-    let (x, y, t) = (c.front, c.side, c.board);
+    let x = c.front;
+    let y = c.side;
+    let t = c.board;
     let rim = c.top + range(rng, 0.05, 0.15);
     solids.extend([
         Solid::between([-x, -y, c.top], [x, -y + t, rim], wood),

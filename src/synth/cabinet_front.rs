@@ -138,9 +138,12 @@ fn drawer(
     rng: &mut impl Rng,
 ) -> Part {
     let length = range(rng, 0.6, 0.85) * (2.0 * c.front - c.board);
-    let (x0, x1) = (slab.x[0] - length, slab.x[0]);
-    let (y0, y1) = (cell.y[0] + 2.0 * GAP_M, cell.y[1] - 2.0 * GAP_M);
-    let (z0, z1) = (cell.z[0] + 2.0 * GAP_M, cell.z[0] + range(rng, 0.5, 0.85) * cell.height());
+    let x0 = slab.x[0] - length;
+    let x1 = slab.x[0];
+    let y0 = cell.y[0] + 2.0 * GAP_M;
+    let y1 = cell.y[1] - 2.0 * GAP_M;
+    let z0 = cell.z[0] + 2.0 * GAP_M;
+    let z1 = cell.z[0] + range(rng, 0.5, 0.85) * cell.height();
     let solids = vec![
         slab.solid(material),
         Solid::between([x0, y0, z0], [x1, y1, z0 + WALL_M], material),

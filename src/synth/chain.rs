@@ -21,7 +21,8 @@ pub(super) fn lamp(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Par
     let mut all = vec![Part::fixed("foot", base)];
     // A first link that turns about the post lies level; all others turn about level axes.
     let turntable = links > 1 && chance(rng, 0.4);
-    let (mut x, mut z) = (0.0, post - 0.5 * thick);
+    let mut x = 0.0;
+    let mut z = post - 0.5 * thick;
     for link in 1..=links {
         let material = look.material(rng);
         let length = range(rng, 0.14, 0.26);
@@ -64,7 +65,8 @@ pub(super) fn lamp(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Par
         let tip = z + length;
         // The head of the lamp, on the last link.
         if link == links {
-            let (wide, tall) = (range(rng, 0.03, 0.05), range(rng, 0.03, 0.05));
+            let wide = range(rng, 0.03, 0.05);
+            let tall = range(rng, 0.03, 0.05);
             let middle = 0.5 * (y[0] + y[1]);
             solids.push(Solid::between(
                 [x - wide, middle - wide, tip],
@@ -92,7 +94,8 @@ pub(super) fn lamp(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Par
 pub(super) fn folding_door(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
     let panels = parts - 1;
     let width = range(rng, 0.14, 0.26);
-    let (bottom, top) = (0.035, range(rng, 0.3, 0.55));
+    let bottom = 0.035;
+    let top = range(rng, 0.3, 0.55);
     let thick = range(rng, 0.014, 0.022);
     look.scale_m = top;
     let frame = look.material(rng);

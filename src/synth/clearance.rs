@@ -43,14 +43,16 @@ fn lowest(pose: &Pose, solid: &Solid) -> f64 {
 /// Separating axes of two boxes (Gottschalk, Lin and Manocha 1996), each shrunk by half of what may touch.
 fn overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
     let shrink = |s: &Solid| s.shape.half_sides().map(|h| (h - 0.5 * TOUCH_M).max(0.0));
-    let (half_a, half_b) = (shrink(a), shrink(b));
+    let half_a = shrink(a);
+    let half_b = shrink(b);
     let between = pose_b.translation.vector - pose_a.translation.vector;
     // Spheres settle most pairs.
     if between.norm() > half_a.norm() + half_b.norm() {
         return false;
     }
     let axes = |p: &Pose| [Vector3::x(), Vector3::y(), Vector3::z()].map(|e| p.rotation * e);
-    let (axes_a, axes_b) = (axes(pose_a), axes(pose_b));
+    let axes_a = axes(pose_a);
+    let axes_b = axes(pose_b);
     let reach = |axes: &[Vector3<f64>; 3], half: &Vector3<f64>, along: &Vector3<f64>| {
         (0..3).map(|k| half[k] * axes[k].dot(along).abs()).sum::<f64>()
     };

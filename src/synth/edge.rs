@@ -22,7 +22,8 @@ impl DepthStep {
 
 /// The step at a pixel of a depth image.
 pub(super) fn depth_step(depth_m: &[f64], k: &Intrinsics, i: usize) -> DepthStep {
-    let (x, y) = (i % k.width, i / k.width);
+    let x = i % k.width;
+    let y = i / k.width;
     let mut around = [i; 4];
     if x > 0 {
         around[0] = i - 1;

@@ -50,7 +50,8 @@ struct Plate {
 
 impl Plate {
     fn of(part: &Part) -> Option<Self> {
-        let (solid, joint) = (part.solids.first()?, part.joint?);
+        let solid = part.solids.first()?;
+        let joint = part.joint?;
         let Shape::Cuboid(half) = solid.shape else { return None };
         let center = solid.part_from_solid.translation.vector;
         let slides = part.name.starts_with("drawer_");
@@ -87,7 +88,8 @@ impl Plate {
             [range(rng, 0.096, 0.16), range(rng, 0.008, 0.012), range(rng, 0.025, 0.035)];
         let s = self.scale(length_m, thickness_m);
         let [length_m, thickness_m, clearance_m] = [s * length_m, s * thickness_m, s * clearance_m];
-        let (half, out_m) = (0.5 * thickness_m, clearance_m + 0.5 * thickness_m);
+        let half = 0.5 * thickness_m;
+        let out_m = clearance_m + 0.5 * thickness_m;
         let part_from_handle = self.frame(thickness_m, out_m);
         solids.push(if chance(rng, 0.5) {
             let along = Pose::rotation(std::f64::consts::FRAC_PI_2 * Vector3::y());
@@ -116,7 +118,8 @@ impl Plate {
         let diameter_m = range(rng, 0.025, 0.035);
         let diameter_m = diameter_m * self.scale(diameter_m, diameter_m);
         // Half of it is stem, so that fingers reach behind the head.
-        let (stem, head) = (0.5 * diameter_m, 0.4 * diameter_m);
+        let stem = 0.5 * diameter_m;
+        let head = 0.4 * diameter_m;
         let part_from_handle = self.frame(diameter_m, stem + 0.5 * head);
         let half_stem = 0.5 * (stem + SUNK_M);
         let behind = Pose::translation(0.0, 0.0, -0.5 * head - half_stem);
@@ -137,8 +140,11 @@ impl Plate {
             solid.part_from_solid = part_from_handle * solid.part_from_solid;
             solid
         };
-        let (lower, upper) = (-self.half - from_face, self.half - from_face);
-        let (a, b, back) = (0.5 * length_m, 0.5 * width_m, -2.0 * self.half.z);
+        let lower = -self.half - from_face;
+        let upper = self.half - from_face;
+        let a = 0.5 * length_m;
+        let b = 0.5 * width_m;
+        let back = -2.0 * self.half.z;
         let plate = &self.material;
         let mut pieces = vec![
             between([lower.x, lower.y, back], [upper.x, -b, 0.0], plate),
@@ -149,7 +155,9 @@ impl Plate {
         if depth_m < -back {
             pieces.push(between([-a, -b, back], [a, b, -depth_m], trim));
         } else {
-            let (c, d, floor) = (a + CUP_M, b + CUP_M, -depth_m - CUP_M);
+            let c = a + CUP_M;
+            let d = b + CUP_M;
+            let floor = -depth_m - CUP_M;
             pieces.push(between([-c, -d, floor], [c, d, -depth_m], trim));
             for [x, y] in [[[-c, -a], [-d, d]], [[a, c], [-d, d]], [[-a, a], [-d, -b]], [[-a, a], [b, d]]] {
                 pieces.push(between([x[0], y[0], -depth_m], [x[1], y[1], back], trim));

@@ -178,7 +178,8 @@ mod tests {
         let of = |motion_scale| {
             generate(&SynthConfig { seed: 4, motion_scale, ..SynthConfig::default() }).unwrap()
         };
-        let (whole, half) = (of(1.0), of(0.5));
+        let whole = of(1.0);
+        let half = of(0.5);
         for (a, b) in whole.parts.iter().zip(&half.parts).filter_map(|(a, b)| Some((a.joint?, b.joint?))) {
             let moved = |j: PartJoint| j.positions[1] - j.positions[0];
             assert!(a.positions[0] == b.positions[0] && (moved(b) - 0.5 * moved(a)).abs() < 1e-12);
@@ -189,7 +190,8 @@ mod tests {
     #[test]
     fn skewed_axes_are_tilted_by_the_angle_and_nothing_else_changes() {
         let of = |skew_deg| generate(&SynthConfig { seed: 4, skew_deg, ..SynthConfig::default() }).unwrap();
-        let (square, skewed) = (of(0.0), of(1.5));
+        let square = of(0.0);
+        let skewed = of(1.5);
         for (a, b) in square.parts.iter().zip(&skewed.parts).filter_map(|(a, b)| Some((a.joint?, b.joint?))) {
             assert!((a.axis.angle(&b.axis).to_degrees() - 1.5).abs() < 1e-6);
             assert!(a.origin == b.origin && a.positions == b.positions);

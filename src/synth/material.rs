@@ -47,7 +47,9 @@ impl Material {
 
     fn own_color(&self, point: &Point3<f64>, footprint_m: f64) -> Vector3<f64> {
         let Some(wavelength_m) = self.wavelength_m else { return self.base };
-        let (mut sum, mut amplitude, mut scale) = (0.0, 1.0, 1.0);
+        let mut sum = 0.0;
+        let mut amplitude = 1.0;
+        let mut scale = 1.0;
         for octave in 0..OCTAVES {
             // Waves shorter than two pixels would alias.
             if wavelength_m.min() * scale < 2.0 * footprint_m {

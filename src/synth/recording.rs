@@ -257,10 +257,8 @@ mod tests {
         };
         let by_hand =
             SynthConfig { sensor: Some(HandheldSensor::new(1.0)), views: 100, ..SynthConfig::default() };
-        let (slow, fast) = (
-            seconds(&SynthConfig { rate_hz: Some(5.0), ..by_hand.clone() }),
-            seconds(&SynthConfig { rate_hz: Some(30.0), ..by_hand.clone() }),
-        );
+        let slow = seconds(&SynthConfig { rate_hz: Some(5.0), ..by_hand.clone() });
+        let fast = seconds(&SynthConfig { rate_hz: Some(30.0), ..by_hand.clone() });
         let (_, whole_s) = seconds(&by_hand);
         assert!(slow.0.abs_diff((5.0 * whole_s) as usize) <= 1, "{slow:?} {whole_s}");
         assert!(fast.0.abs_diff((30.0 * whole_s) as usize) <= 4, "{fast:?} {whole_s}");

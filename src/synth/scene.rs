@@ -113,7 +113,8 @@ impl<'a> Scene<'a> {
         self.bvh.visit(origin, ray, nearest, |i| {
             let p = &self.placed[i];
             let nearest = best.as_ref().map_or(farthest, |b| b.at);
-            let (o, r) = (p.solid_from_world * origin, p.solid_from_world * ray);
+            let o = p.solid_from_world * origin;
+            let r = p.solid_from_world * ray;
             // In the frame of the solid; a rigid motion leaves the multiple of the ray as it is.
             let Some(hit) = p.shape.hit(&o, &r, 0.0).filter(|h| h.at < nearest) else { return nearest };
             best = Some(Sight {

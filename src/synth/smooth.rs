@@ -34,7 +34,8 @@ mod tests {
     #[test]
     fn smoothed_noise_keeps_its_variance_and_is_correlated() {
         let rng = &mut stage_rng(5, "noise", 0);
-        let (w, h) = (200, 150);
+        let w = 200;
+        let h = 150;
         let white: Vec<f64> = (0..w * h).map(|_| random::normal(rng)).collect();
         let noise = smooth(&white, w, h, 0.58);
         let n = (w * h) as f64;

@@ -56,7 +56,8 @@ impl Solid {
     /// An axis-aligned box between two corners of the part's frame, meters.
     #[must_use]
     pub fn between(lower: [f64; 3], upper: [f64; 3], material: &Material) -> Self {
-        let (lower, upper) = (Vector3::from(lower), Vector3::from(upper));
+        let lower = Vector3::from(lower);
+        let upper = Vector3::from(upper);
         let center = (lower + upper) * 0.5;
         Self {
             shape: Shape::Cuboid((upper - lower) * 0.5),
@@ -121,7 +122,9 @@ impl Shape {
 
 /// Slab method: the latest entry lies before the earliest exit.
 fn cuboid(origin: &Point3<f64>, ray: &Vector3<f64>, half: &Vector3<f64>) -> Option<Hit> {
-    let (mut near, mut far, mut axis) = (f64::NEG_INFINITY, f64::INFINITY, 0);
+    let mut near = f64::NEG_INFINITY;
+    let mut far = f64::INFINITY;
+    let mut axis = 0;
     for k in 0..3 {
         // A ray along a slab crosses neither side: it runs inside or misses.
         if ray[k] == 0.0 {
@@ -131,10 +134,8 @@ fn cuboid(origin: &Point3<f64>, ray: &Vector3<f64>, half: &Vector3<f64>) -> Opti
             continue;
         }
         // The sign of the ray says which side comes first.
-        let (enter, leave) = (
-            (-half[k].copysign(ray[k]) - origin[k]) / ray[k],
-            (half[k].copysign(ray[k]) - origin[k]) / ray[k],
-        );
+        let enter = (-half[k].copysign(ray[k]) - origin[k]) / ray[k];
+        let leave = (half[k].copysign(ray[k]) - origin[k]) / ray[k];
         if enter > near {
             (near, axis) = (enter, k);
         }
@@ -152,7 +153,9 @@ fn cylinder(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64
     let a = ray.x * ray.x + ray.y * ray.y;
     let b = origin.x * ray.x + origin.y * ray.y;
     let c = origin.x * origin.x + origin.y * origin.y - radius_m * radius_m;
-    let (mut near, mut far, mut side) = (f64::NEG_INFINITY, f64::INFINITY, true);
+    let mut near = f64::NEG_INFINITY;
+    let mut far = f64::INFINITY;
+    let mut side = true;
     // A ray along the axis never crosses the side.
     if a > 0.0 {
         let root = b * b - a * c;
@@ -199,7 +202,8 @@ fn capsule(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64)
     };
     let ball = |z: f64| {
         let from = origin - Vector3::z() * z;
-        let (a, b) = (ray.norm_squared(), from.coords.dot(ray));
+        let a = ray.norm_squared();
+        let b = from.coords.dot(ray);
         let root = b * b - a * (from.coords.norm_squared() - radius_m * radius_m);
         let at = (-b - root.max(0.0).sqrt()) / a;
         let p = from + ray * at;
@@ -232,10 +236,13 @@ fn cylinder_mesh(radius_m: f64, half_m: f64) -> TriangleMesh {
         mesh.vertices.push(Point3::new(0.0, 0.0, z).cast());
     }
     // Middles of both ends.
-    let (bottom, top) = (n, 2 * n + 1);
+    let bottom = n;
+    let top = 2 * n + 1;
     for i in 0..n {
-        let (a, b) = (i, (i + 1) % n);
-        let (c, d) = (a + n + 1, b + n + 1);
+        let a = i;
+        let b = (i + 1) % n;
+        let c = a + n + 1;
+        let d = b + n + 1;
         mesh.triangles.extend([[a, b, d], [a, d, c], [b, a, bottom], [c, d, top]]);
     }
     mesh
@@ -289,8 +296,10 @@ mod tests {
             assert!(is_watertight(&mesh));
             let mut hits = 0;
             for i in 0..400 {
-                let (u, v) = (f64::from(i % 20) / 10.0 - 0.95, f64::from(i / 20) / 10.0 - 0.95);
-                let (origin, target) = (Point3::new(1.0, 1.3 * u, 1.1), Point3::new(0.0, 0.4 * v, 0.3 * u));
+                let u = f64::from(i % 20) / 10.0 - 0.95;
+                let v = f64::from(i / 20) / 10.0 - 0.95;
+                let origin = Point3::new(1.0, 1.3 * u, 1.1);
+                let target = Point3::new(0.0, 0.4 * v, 0.3 * u);
                 let ray = target - origin;
                 let Some(hit) = shape.hit(&origin, &ray, 0.0) else { continue };
                 hits += 1;

@@ -57,16 +57,21 @@ pub(super) fn capped_box(parts: usize, look: &mut Look, rng: &mut impl Rng) -> V
 
 /// Two flat shells, hinged at the back of the lower one, with keys on it.
 pub(super) fn clamshell(look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
-    let (half_x, half_y) = (0.5 * range(rng, 0.18, 0.28), 0.5 * range(rng, 0.25, 0.4));
+    let half_x = 0.5 * range(rng, 0.18, 0.28);
+    let half_y = 0.5 * range(rng, 0.25, 0.4);
     let thick = range(rng, 0.015, 0.03);
     look.scale_m = 2.0 * half_y;
-    let (lower, upper) = (look.material(rng), look.material(rng));
+    let lower = look.material(rng);
+    let upper = look.material(rng);
     let mut base = vec![Solid::between([-half_x, -half_y, 0.0], [half_x, half_y, thick], &lower)];
     let keys = look.trim(rng);
-    let (rows, columns) = (4, 9);
+    let rows = 4;
+    let columns = 9;
     for k in 0..rows * columns {
-        let (row, column) = (f64::from(k / columns), f64::from(k % columns));
-        let (x, y) = (-0.7 * half_x + row * 0.25 * half_x, (-0.8 + 0.18 * column) * half_y);
+        let row = f64::from(k / columns);
+        let column = f64::from(k % columns);
+        let x = -0.7 * half_x + row * 0.25 * half_x;
+        let y = (-0.8 + 0.18 * column) * half_y;
         base.push(Solid::between([x, y, thick], [x + 0.2 * half_x, y + 0.14 * half_y, thick + 0.002], &keys));
     }
     let lid_thick = range(rng, 0.006, 0.014);

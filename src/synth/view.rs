@@ -46,7 +46,8 @@ impl View {
     pub fn cast(scene: &Scene, intrinsics: &Intrinsics, world_from_camera: &Pose, light: &Light) -> Self {
         let eye = Point3::from(world_from_camera.translation.vector);
         let rays = Rays { scene, intrinsics, world_from_camera, light, eye };
-        let (width, pixels) = (intrinsics.width, intrinsics.width * intrinsics.height);
+        let width = intrinsics.width;
+        let pixels = intrinsics.width * intrinsics.height;
         let sights: Vec<Option<Sight>> =
             (0..pixels).into_par_iter().with_min_len(width).map(|i| rays.sight(rays.center(i))).collect();
         let shades: Vec<Shade> =
@@ -126,8 +127,10 @@ impl Rays<'_> {
 
     /// Whether a pixel beside this one shows another surface.
     fn is_on_edge(&self, sights: &[Option<Sight>], pixel: usize) -> bool {
-        let (width, height) = (self.intrinsics.width, self.intrinsics.height);
-        let (x, y) = (pixel % width, pixel / width);
+        let width = self.intrinsics.width;
+        let height = self.intrinsics.height;
+        let x = pixel % width;
+        let y = pixel / width;
         let beside = [
             (x > 0).then(|| pixel - 1),
             (x + 1 < width).then(|| pixel + 1),

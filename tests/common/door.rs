@@ -4,8 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "a failed helper fails its test")]
 
 use std::path::PathBuf;
-
-use super::common::TempDir;
+use tempfile::TempDir;
 
 const INERTIA: f64 = 2.0;
 /// Damping that the twin knows of, N m s/rad.
@@ -60,7 +59,7 @@ pub const INERTIAL: &str = "<inertial><origin xyz=\"1 0 0\"/><mass value=\"2\"/>
 
 /// The twin: a door on a post, its hinge half a meter from the world's origin, with a handle a meter from it.
 pub fn twin(folder: &TempDir, inertial: &str) -> PathBuf {
-    let path = folder.join("twin.urdf");
+    let path = folder.path().join("twin.urdf");
     let text = format!(
         "<robot name=\"twin\"><link name=\"base\"/><link name=\"door\">{inertial}</link>\
          <link name=\"handle\"/>\

@@ -6,7 +6,8 @@ use std::path::PathBuf;
 
 use io::ros2msg::{Header, JointState, Time};
 
-use crate::common::{BagWriter, START, TempDir};
+use crate::common::{BagWriter, START};
+use tempfile::TempDir;
 
 /// Viscous friction of each door, N m s.
 pub const DAMPING: [f64; 2] = [0.4, 0.7];
@@ -17,7 +18,7 @@ const SMALL_STEPS: usize = 10;
 
 /// Writes the URDF of the twin and bags of so many runs of so many seconds.
 pub fn write(folder: &TempDir, runs: usize, seconds: f64) -> (PathBuf, Vec<PathBuf>) {
-    let twin = folder.join("doors.urdf");
+    let twin = folder.path().join("doors.urdf");
     let door = |name: &str, mass: f64| {
         format!(
             "<link name=\"{name}\"><inertial><origin xyz=\"1 0 0\"/><mass value=\"{mass}\"/>\
@@ -39,7 +40,7 @@ pub fn write(folder: &TempDir, runs: usize, seconds: f64) -> (PathBuf, Vec<PathB
 
 /// Both doors under pushes of three frequencies and a weak spring, with noise of a milliradian.
 fn write_run(folder: &TempDir, run: usize, seconds: f64) -> PathBuf {
-    let path = folder.join(&format!("push_{run}.mcap"));
+    let path = folder.path().join(&format!("push_{run}.mcap"));
     let mut bag = BagWriter::create(&path, None, 100_000);
     let mut noise = Noise(run as u64 + 1);
     let (mut angle, mut speed) = ([0.3f64, 0.5], [0.0f64; 2]);

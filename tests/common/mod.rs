@@ -8,7 +8,7 @@ use std::{
     collections::BTreeMap,
     fs::File,
     io::{BufWriter, Cursor},
-    path::{Path, PathBuf},
+    path::Path,
 };
 
 use geometry::{Intrinsics, Pose};
@@ -22,28 +22,6 @@ use io::{
 };
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use serde::Serialize;
-
-/// A folder under the system's temporary directory that goes away with the value.
-pub struct TempDir(pub PathBuf);
-
-impl TempDir {
-    pub fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("artitwin-{name}-{}", std::process::id()));
-        std::fs::remove_dir_all(&path).ok();
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
-    pub fn join(&self, name: &str) -> PathBuf {
-        self.0.join(name)
-    }
-}
-
-impl Drop for TempDir {
-    fn drop(&mut self) {
-        std::fs::remove_dir_all(&self.0).ok();
-    }
-}
 
 /// Camera of the made recordings.
 pub const CAMERA: Intrinsics =

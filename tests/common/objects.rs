@@ -357,22 +357,3 @@ fn ply(mesh: &TriangleMesh) -> String {
     }
     text
 }
-
-/// A folder that goes away at the end of a test.
-pub struct Temp(pub std::path::PathBuf);
-
-impl Temp {
-    /// A fresh empty folder.
-    pub fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("artitwin-test-{name}-{}", std::process::id()));
-        fs::remove_dir_all(&path).ok();
-        fs::create_dir_all(&path).expect("a folder");
-        Self(path)
-    }
-}
-
-impl Drop for Temp {
-    fn drop(&mut self) {
-        fs::remove_dir_all(&self.0).ok();
-    }
-}

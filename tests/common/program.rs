@@ -10,7 +10,8 @@ use std::{
 
 use io::ros2msg::{CompressedImage, decode, encode};
 
-use crate::common::{BagWriter, TempDir, write_metadata};
+use crate::common::{BagWriter, write_metadata};
+use tempfile::TempDir;
 
 /// Settings that make a run on `bags/drawer` a matter of seconds; enough for its parts to be found.
 pub const SMALL: [&str; 12] = [
@@ -113,7 +114,7 @@ pub fn rewrite(from: &Path, to: &Path, mut change: impl FnMut(&mut Message) -> b
 /// A copy of `bags/drawer` in `folder/drawer` whose states went through `change`, which is also told the
 /// state.
 pub fn drawer(folder: &TempDir, mut change: impl FnMut(usize, &mut Message) -> bool) -> PathBuf {
-    let bag = folder.join("drawer");
+    let bag = folder.path().join("drawer");
     for state in 0..2 {
         rewrite(&shipped(&format!("drawer/state{state}")), &bag.join(format!("state{state}")), |m| {
             change(state, m)

@@ -42,7 +42,8 @@ impl DrawnResiduals {
                 surfaces[s].normals[i].dot(&draws[s].of(i)[draw].cast::<f64>())
             };
             let of_point = |i: usize| -> Vec<f32> {
-                let (point, normal) = (warp * surfaces[s].points[i], warp * surfaces[s].normals[i]);
+                let point = warp * surfaces[s].points[i];
+                let normal = warp * surfaces[s].normals[i];
                 let partner = indices[1 - s].nearest(&point, &normal);
                 // A point that lies too high is too far away; a surface that lies too high is too near.
                 let change = |d: usize| partner.map_or(0.0, |j| along(s, i, d) - along(1 - s, j, d)) as f32;

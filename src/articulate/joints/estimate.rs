@@ -82,8 +82,10 @@ fn outlier(motions: &[JointMotion], place: PartPlace, all: f64, config: &RefineC
 /// The estimate with a position for the motion that it leaves out, and what that motion needs beyond the
 /// joint.
 fn with_contradiction(mut estimate: JointEstimate, found: &FreeFits, left_out: usize) -> JointEstimate {
-    let (joint, middle) = (estimate.placed(), &found.place.middle);
-    let (relative, parent) = (found.relative(left_out), found.parent(left_out));
+    let joint = estimate.placed();
+    let middle = &found.place.middle;
+    let relative = found.relative(left_out);
+    let parent = found.parent(left_out);
     let q = joint.nearest(&relative, middle);
     let pose = parent.state1_from_state0 * joint.at(q);
     // In the coordinates of state 0, where the part's middle is known.

@@ -97,7 +97,8 @@ mod tests {
     #[test]
     fn a_ball_has_no_faces() {
         let normals = (0..2000).map(|k| {
-            let (z, turn) = (1.0 - (k as f64 + 0.5) / 1000.0, 2.4 * k as f64);
+            let z = 1.0 - (k as f64 + 0.5) / 1000.0;
+            let turn = 2.4 * k as f64;
             Vector3::new((1.0f64 - z * z).sqrt() * turn.cos(), (1.0f64 - z * z).sqrt() * turn.sin(), z)
         });
         assert!(flat_faces(&surface(normals.collect())).is_empty());

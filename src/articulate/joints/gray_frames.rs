@@ -44,7 +44,8 @@ impl<'a> GrayFrames<'a> {
         let f = &self.frames[frame];
         let in_camera = self.camera_from_world[frame] * point;
         let (u, v) = f.intrinsics.project(&in_camera)?;
-        let (w, h) = (f.intrinsics.width, f.intrinsics.height);
+        let w = f.intrinsics.width;
+        let h = f.intrinsics.height;
         let pixel = f.intrinsics.pixel_at((u, v))?;
         let depth = f64::from(f.depth_m[pixel]);
         // A reading at another depth is of a surface before or behind the point, whose texture is not its
@@ -55,11 +56,13 @@ impl<'a> GrayFrames<'a> {
         {
             return None;
         }
-        let (x, y) = (u.max(0.0) as usize, v.max(0.0) as usize);
+        let x = u.max(0.0) as usize;
+        let y = v.max(0.0) as usize;
         if x + 1 >= w || y + 1 >= h {
             return None;
         }
-        let (a, b) = ((u - x as f64) as f32, (v - y as f64) as f32);
+        let a = (u - x as f64) as f32;
+        let b = (v - y as f64) as f32;
         let g = |i: usize, j: usize| self.gray[frame][(y + j) * w + x + i];
         Some((g(0, 0) * (1.0 - a) + g(1, 0) * a) * (1.0 - b) + (g(0, 1) * (1.0 - a) + g(1, 1) * a) * b)
     }
@@ -94,7 +97,8 @@ impl<'a> GrayFrames<'a> {
             for u in -radius..=radius {
                 let point = tangent.center
                     + (tangent.axes[0] * f64::from(u) + tangent.axes[1] * f64::from(v)) * tangent.spacing_m;
-                let (mut sum, mut seen) = (0.0, 0);
+                let mut sum = 0.0;
+                let mut seen = 0;
                 for &f in frames {
                     if let Some(g) = self.see(f, &point) {
                         sum += g;

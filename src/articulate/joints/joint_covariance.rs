@@ -56,7 +56,8 @@ impl<'a> JointCovariance<'a> {
 
     /// What every draw makes of motion `k` in the world, on top of that.
     pub(crate) fn drawn_motion(&self, k: usize) -> Vec<Vector6<f64>> {
-        let (t, parent) = (&self.fit.tangents[k], self.found.parent(k));
+        let t = &self.fit.tangents[k];
+        let parent = self.found.parent(k);
         let motion = |(draw, by): (usize, &DVector<f64>)| {
             let own = t * by;
             parent.drawn(draw) + Vector6::from_fn(|r, _| own[r])

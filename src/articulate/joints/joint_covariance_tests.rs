@@ -61,14 +61,13 @@ fn quadratic(k: usize) -> Quadratic {
 
 /// The test of a joint that was fitted to two motions of its part, whose parents moved by two draws.
 fn of_joint(freedom: Freedom, positions: [f64; STATES], test: impl Fn(&JointFit, &FreeFits)) {
-    let (samples, draws) = (SurfaceSamples::default(), SurfaceDraws::alike(0, &[Vector3::zeros(); 2]));
+    let samples = SurfaceSamples::default();
+    let draws = SurfaceDraws::alike(0, &[Vector3::zeros(); 2]);
     let nothing = &[draws.clone(), draws];
     let drawn = DrawnResiduals::new(nothing, [&samples, &samples], &[], &Pose::identity(), 0.1);
     let grid = |dims| Grid3 { origin: Point3::origin(), spacing_m: 1.0, dims, values: vec![0.0f32; 8] };
-    let (sdf, seen) = (
-        grid([2; 3]),
-        Grid3 { origin: Point3::origin(), spacing_m: 1.0, dims: [2; 3], values: vec![true; 8] },
-    );
+    let sdf = grid([2; 3]);
+    let seen = Grid3 { origin: Point3::origin(), spacing_m: 1.0, dims: [2; 3], values: vec![true; 8] };
     let evidence = MotionEvidence {
         surfaces: [&samples; 2],
         sdf: [&sdf; 2],
@@ -185,11 +184,13 @@ fn assert_near(found: &DMatrix<f64>, expected: &DMatrix<f64>) {
 fn a_covariance_is_made_of_residuals_displacements_parents_and_draws() {
     for freedom in [Freedom::Slide, Freedom::Turn, Freedom::Helix] {
         of_joint(freedom, [0.4, 0.5], |fit, found| {
-            let (covariance, response) = (JointCovariance::new(fit, found), Response::of(fit));
+            let covariance = JointCovariance::new(fit, found);
+            let response = Response::of(fit);
             let shared = response.shared(fit);
             assert!(shared > 1.05, "{shared}");
             assert!((covariance.dispersion / (DISPERSION * shared) - 1.0).abs() < 1e-9);
-            let (own, total) = (response.own(fit), response.total(fit));
+            let own = response.own(fit);
+            let total = response.total(fit);
             assert_near(covariance.own.as_ref().unwrap(), &own);
             assert_near(covariance.total.as_ref().unwrap(), &total);
             for k in 0..STATES {
@@ -225,7 +226,8 @@ fn the_axis_has_the_covariance_that_its_parameters_give_it() {
         for (positions, farthest) in [([0.4, 0.7], 1), ([0.4, -0.7], 1), ([-0.9, 0.7], 0)] {
             of_joint(freedom, positions, |fit, found| {
                 let covariance = JointCovariance::new(fit, found);
-                let (n, sign) = (fit.joint.dimension(), positions[farthest].signum());
+                let n = fit.joint.dimension();
+                let sign = positions[farthest].signum();
                 let mut slopes = DMatrix::<f64>::zeros(8, n);
                 for i in 0..n {
                     let mut step = DVector::<f64>::zeros(n);

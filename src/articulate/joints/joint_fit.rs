@@ -100,7 +100,8 @@ impl Residuals<'_> {
 /// Information and half the gradient of all motions in the joint's parameters. See docs/method.md (8.8).
 fn normal_equations(tangents: &[DMatrix<f64>], quadratics: &[Quadratic]) -> (DMatrix<f64>, DVector<f64>) {
     let n = tangents.first().map_or(0, DMatrix::ncols);
-    let (mut h, mut g) = (DMatrix::zeros(n, n), DVector::zeros(n));
+    let mut h = DMatrix::zeros(n, n);
+    let mut g = DVector::zeros(n);
     for (t, q) in tangents.iter().zip(quadratics) {
         h += t.transpose() * q.information * t;
         g += t.transpose() * q.gradient;

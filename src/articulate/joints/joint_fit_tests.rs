@@ -57,7 +57,8 @@ impl Empty {
         };
         let still = vec![Vector3::zeros(); draws.len()];
         let both = [SurfaceDraws::alike(ends.len(), &still), SurfaceDraws::alike(ends.len(), draws)];
-        let (first, second) = (points(0), points(1));
+        let first = points(0);
+        let second = points(1);
         let drawn = DrawnResiduals::new(&both, [&first, &second], &ends, &Pose::identity(), 0.01);
         Self { samples: SurfaceSamples::default(), sdf, seen: grid(1.0), drawn }
     }
@@ -153,9 +154,11 @@ fn free_motions_are_found_and_weighed_by_what_bears_them_out() {
     });
     // Where no match is, at least two readings count.
     let one = matches(&screw(0.4, 0.0), 0.0, 1);
-    let (around, still) = (Empty::new(&one, &[]), ParentMotion::still());
+    let around = Empty::new(&one, &[]);
+    let still = ParentMotion::still();
     let motion = JointMotion { start: screw(0.4, 0.0), parent: &still, evidence: around.evidence(&[]) };
-    let (motions, config) = ([motion], RefineConfig::default());
+    let motions = [motion];
+    let config = RefineConfig::default();
     let found = FreeFits::new(&motions, PLACE, &config);
     assert_eq!((found.free[0].independent(), found.count), (2.0, 2.0));
 }

@@ -56,7 +56,8 @@ impl PlacedJoint {
     /// The slide that takes a point where a motion relative to the parent takes it; without positions.
     pub fn slide(motion: &Pose, near: &Point3<f64>) -> Self {
         let direction = Unit::try_new(motion * near - near, LEAST_SLIDE_M).unwrap_or_else(Vector3::x_axis);
-        let (point, positions) = (*near, Vec::new());
+        let point = *near;
+        let positions = Vec::new();
         Self { freedom: Freedom::Slide, direction, point, pitch_m_per_rad: 0.0, positions }
     }
 

@@ -133,7 +133,8 @@ fn tangents_are_the_twists_of_the_parameters() {
     let turn_of = |rotation: &nalgebra::UnitQuaternion<f64>| *rotation.to_rotation_matrix().matrix();
     let turned = turn_of(&parent.rotation);
     for joint in ALL.map(joint) {
-        let (k, first) = (1, joint.axis_dimension());
+        let k = 1;
+        let first = joint.axis_dimension();
         let tangent = joint.tangent(k, &parent);
         assert_eq!((tangent.nrows(), tangent.ncols()), (6, joint.dimension()));
         let column = |i: usize| Vector6::from_fn(|r, _| tangent[(r, i)]);
@@ -184,7 +185,8 @@ fn the_frame_across_is_right_handed_for_every_direction() {
 
 #[test]
 fn the_foot_is_the_nearest_point_of_a_line() {
-    let (point, near) = (Point3::new(0.2, 0.1, -0.3), Point3::new(0.5, -0.2, 0.1));
+    let point = Point3::new(0.2, 0.1, -0.3);
+    let near = Point3::new(0.5, -0.2, 0.1);
     let foot = foot(&point, &direction(), &near);
     assert!((foot - point).cross(&direction()).norm() < 1e-12);
     assert!((near - foot).dot(&direction()).abs() < 1e-12 && (foot - point).norm() > 0.1);

@@ -29,7 +29,9 @@ pub(crate) struct TypeFits {
 
 impl TypeFits {
     pub(crate) fn new(found: &FreeFits) -> Self {
-        let (slide, turn, helix) = (found.slide(), found.turn(), found.helix());
+        let slide = found.slide();
+        let turn = found.turn();
+        let helix = found.helix();
         let score = |cost: f64, parameters: f64| cost / found.dispersion + parameters * found.count.ln();
         // A part at rest is scored for the report alone: no choice rests on it.
         let still = found.residuals.at(|k| found.parent(k).state1_from_state0);

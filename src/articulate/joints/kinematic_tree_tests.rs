@@ -35,7 +35,9 @@ fn tree_of(scene: &Scene) -> Vec<TreeJointEstimate> {
         draws: &none,
     });
     let off = Pose::new(Vector3::new(0.001, -0.0008, 0.0012), Vector3::new(0.004, 0.003, -0.004));
-    let (config, noise, extent_m) = (JointConfig::default(), NoiseConfig::default(), 0.5);
+    let config = JointConfig::default();
+    let noise = NoiseConfig::default();
+    let extent_m = 0.5;
     let gather = |k: usize| {
         PairEvidence::gather(k as u8, &(off * scene.truth(k)), states, &[], &noise, extent_m, &config)
     };

@@ -46,7 +46,8 @@ pub(crate) fn minimise<M, Q>(
         let Some(step) = damped.cholesky().map(|c| -c.solve(&g)) else { break };
         let next = stepped(&model, &step);
         let trial = linearise(&next);
-        let (before, after) = (cost(&q), cost(&trial));
+        let before = cost(&q);
+        let after = cost(&trial);
         if after <= before {
             (model, q, damping) = (next, trial, damping * DAMPING_FALL);
             if before - after < LEAST_GAIN * before.max(1e-12) {

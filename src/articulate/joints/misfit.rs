@@ -25,7 +25,8 @@ impl Misfit {
         let mut of_gradient = DMatrix::zeros(size, size);
         let mut drawn: Vec<DVector<f64>> = Vec::new();
         for (k, free) in found.free.iter().enumerate() {
-            let (at, information) = (6 * k, &free.quadratic.information);
+            let at = 6 * k;
+            let information = &free.quadratic.information;
             let own: Matrix6<f64> =
                 free.quadratic.displacements() + information * found.parent(k).covariance * information;
             by_residuals.fixed_view_mut::<6, 6>(at, at).copy_from(information);

@@ -173,7 +173,8 @@ impl MotionEvidence<'_> {
         // A point without a partner costs as much as the worst partner: leaving the evidence must not pay.
         let missing = share * config.robust_sigmas * config.robust_sigmas;
         for i in points {
-            let (x, n) = (&self.surfaces[state].points[i], &self.surfaces[state].normals[i]);
+            let x = &self.surfaces[state].points[i];
+            let n = &self.surfaces[state].normals[i];
             let y = warp * x;
             let Some((d, g)) = self.distance(1 - state, &y) else {
                 q.cost += missing;
@@ -217,7 +218,8 @@ impl MotionEvidence<'_> {
             return None;
         }
         let (d, g) = self.sdf[state].sample_with_gradient(y);
-        let (d, g) = (f64::from(d), g.cast::<f64>());
+        let d = f64::from(d);
+        let g = g.cast::<f64>();
         (SLOPES.contains(&g.norm()) && d.abs() <= self.reach_m).then_some((d, g))
     }
 
@@ -257,7 +259,8 @@ impl MotionEvidence<'_> {
             let block =
                 q.block_gradients.entry(Block::of(&m.point0, self.block_m, Source::Matches)).or_default();
             for i in 0..3 {
-                let (a, b) = (move_by.row(i), turn_by.row(i));
+                let a = move_by.row(i);
+                let b = turn_by.row(i);
                 // The residual is what was measured less what was moved, so that its slope is negative.
                 let row = -Vector6::new(a[0], a[1], a[2], b[0], b[1], b[2]);
                 q.information += row * row.transpose() * weight;

@@ -139,7 +139,8 @@ impl<'a> PairEvidence<'a> {
     /// Rounds of offsets of the surfaces, joint and dense texture.
     fn refine(&mut self, noise: &NoiseConfig, config: &JointConfig) {
         let (frames, sdf) = (self.states.map(|s| s.frames), self.states.map(|s| s.sdf));
-        let (spacing_m, correlation_m) = (sdf[0].spacing_m, self.correlation_m);
+        let spacing_m = sdf[0].spacing_m;
+        let correlation_m = self.correlation_m;
         let heights = ReadingHeights::new(self.surfaces.each_ref(), frames, noise, correlation_m, spacing_m);
         let offsets_m =
             |pair: &Self| heights.offsets_m(pair.surfaces.each_ref(), &pair.motion, correlation_m);
@@ -155,7 +156,8 @@ impl<'a> PairEvidence<'a> {
                 JointChoice::default(),
                 &config.refine,
             );
-            let (surfaces, motion) = (self.surfaces.each_ref(), &found.motions[0]);
+            let surfaces = self.surfaces.each_ref();
+            let motion = &found.motions[0];
             let dense = texture_matches(surfaces, frames, sdf, motion, noise, &config.texture);
             self.matches.truncate(sparse);
             self.matches.extend(dense);

@@ -39,11 +39,13 @@ impl Patch {
 
     /// Bilinear value; NaN outside or where a neighbor was not seen.
     fn sample(&self, u: f64, v: f64) -> f64 {
-        let (x, y) = (u.floor() as i32, v.floor() as i32);
+        let x = u.floor() as i32;
+        let y = v.floor() as i32;
         if x < -self.radius || y < -self.radius || x >= self.radius || y >= self.radius {
             return f64::NAN;
         }
-        let (a, b) = (u - f64::from(x), v - f64::from(y));
+        let a = u - f64::from(x);
+        let b = v - f64::from(y);
         let f = |i: i32, j: i32| f64::from(self.at(x + i, y + j));
         (f(0, 0) * (1.0 - a) + f(1, 0) * a) * (1.0 - b) + (f(0, 1) * (1.0 - a) + f(1, 1) * a) * b
     }
@@ -54,7 +56,8 @@ impl Patch {
     /// compares [`MIN_SEEN`] of it or more, whose squared deviations sum to no more than those of all.
     pub(crate) fn is_lost(&self, min_contrast: f64) -> bool {
         let seen = || self.values.iter().filter(|v| v.is_finite()).map(|v| f64::from(*v));
-        let (count, least) = (seen().count() as f64, MIN_SEEN * self.values.len() as f64);
+        let count = seen().count() as f64;
+        let least = MIN_SEEN * self.values.len() as f64;
         let mean = seen().sum::<f64>() / count;
         let squares: f64 = seen().map(|v| (v - mean).powi(2)).sum();
         count < least || squares < SURELY_PLAIN * least * min_contrast * min_contrast
@@ -99,7 +102,8 @@ fn rows(reference: &Patch, target: &Patch, shift: &Vector2<f64>) -> Vec<Row> {
     let mut rows = Vec::new();
     for v in -RADIUS..=RADIUS {
         for u in -RADIUS..=RADIUS {
-            let (x, y) = (f64::from(u) + shift.x, f64::from(v) + shift.y);
+            let x = f64::from(u) + shift.x;
+            let y = f64::from(v) + shift.y;
             let a = f64::from(reference.at(u, v));
             let b = target.sample(x, y);
             let gradient = Vector2::new(
@@ -127,10 +131,15 @@ fn step(rows: &[Row], min_contrast: f64) -> Option<(Vector2<f64>, Matrix2<f64>, 
     if sa < min_contrast || sb < min_contrast {
         return None;
     }
-    let (mut h, mut g, mut square, mut product) = (Matrix2::zeros(), Vector2::zeros(), 0.0, 0.0);
+    let mut h = Matrix2::zeros();
+    let mut g = Vector2::zeros();
+    let mut square = 0.0;
+    let mut product = 0.0;
     for (a, b, d) in rows {
         // Light may have changed with the normal: brightness and contrast of both patches are made equal.
-        let (a, b, d) = ((a - ma) / sa, (b - mb) / sb, d / sb);
+        let a = (a - ma) / sa;
+        let b = (b - mb) / sb;
+        let d = d / sb;
         h += d * d.transpose();
         g += d * (a - b);
         square += (a - b) * (a - b);

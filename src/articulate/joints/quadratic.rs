@@ -151,7 +151,8 @@ impl Quadratic {
     /// together over a block do not average out within it. See docs/method.md (8.10).
     #[must_use]
     pub fn dispersion(&self) -> f64 {
-        let (parameters, blocks) = (6, self.block_gradients.len());
+        let parameters = 6;
+        let blocks = self.block_gradients.len();
         let Some(covariance) = self.information.cholesky().map(|c| c.inverse()) else { return 1.0 };
         // Fewer blocks than parameters show no spread.
         if blocks <= parameters {

@@ -32,7 +32,8 @@ impl SurfaceDraws {
         reach_m: f64,
     ) -> Self {
         let of_sample = |i: usize| {
-            let (point, normal) = (samples.points[i], samples.normals[i]);
+            let point = samples.points[i];
+            let normal = samples.normals[i];
             let mut sums = vec![Vector3::zeros(); draws.len()];
             let mut weights = 0.0;
             for (f, frame) in frames.iter().enumerate() {
@@ -97,7 +98,8 @@ impl SurfaceDraws {
     pub fn without(mut self, motions: &[Vector6<f64>], points: &[Point3<f64>]) -> Self {
         for (x, all) in points.iter().zip(self.displacements_m.chunks_mut(self.count.max(1))) {
             for (displacement, motion) in all.iter_mut().zip(motions) {
-                let (shift, turn) = (motion.fixed_rows::<3>(0), motion.fixed_rows::<3>(3));
+                let shift = motion.fixed_rows::<3>(0);
+                let turn = motion.fixed_rows::<3>(3);
                 *displacement -= (shift + turn.cross(&x.coords)).cast::<f32>();
             }
         }

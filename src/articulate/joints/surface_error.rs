@@ -44,7 +44,8 @@ impl ReadingHeights {
         [0, 1].map(|s| {
             let warp = if s == 0 { *state1_from_state0 } else { state1_from_state0.inverse() };
             let offset = |i: usize| {
-                let (point, normal) = (warp * surfaces[s].points[i], warp * surfaces[s].normals[i]);
+                let point = warp * surfaces[s].points[i];
+                let normal = warp * surfaces[s].normals[i];
                 Some(self.of[s][i]? - self.of[1 - s][indices[1 - s].nearest(&point, &normal)?]?)
             };
             (0..surfaces[s].points.len()).into_par_iter().map(|i| offset(i).unwrap_or(0.0)).collect()
@@ -73,7 +74,8 @@ fn heights_m(
     radius_m: f64,
     reach_m: f64,
 ) -> Vec<Option<f64>> {
-    let (samples, index) = (0..surface.points.len(), SampleIndex::new(surface, radius_m));
+    let samples = 0..surface.points.len();
+    let index = SampleIndex::new(surface, radius_m);
     let own: Vec<[f64; 2]> =
         samples.clone().into_par_iter().map(|i| weighed_height(surface, i, frames, noise, reach_m)).collect();
     samples.into_par_iter().map(|i| mean_height(surface, i, &own, &index, radius_m, reach_m)).collect()
@@ -88,7 +90,8 @@ fn mean_height(
     radius_m: f64,
     reach_m: f64,
 ) -> Option<f64> {
-    let (point, normal) = (&surface.points[sample], &surface.normals[sample]);
+    let point = &surface.points[sample];
+    let normal = &surface.normals[sample];
     let [mut sum, mut weights] = [0.0; 2];
     index.around(point, |j, place| {
         let offset = place - point;
@@ -110,12 +113,14 @@ fn weighed_height(
     noise: &NoiseConfig,
     reach_m: f64,
 ) -> [f64; 2] {
-    let (point, normal) = (surface.points[sample], surface.normals[sample]);
+    let point = surface.points[sample];
+    let normal = surface.normals[sample];
     frames.iter().fold([0.0; 2], |[sum, weights], frame| {
         let Some(pixel) = frame.intrinsics.pixel(&frame.in_camera(&point)) else { return [sum, weights] };
         let Some(reading) = frame.world_point(pixel) else { return [sum, weights] };
         let sight = (frame.world_from_camera.translation.vector - reading.coords).normalize();
-        let (cosine, height_m) = (sight.dot(&normal), normal.dot(&(reading - point)));
+        let cosine = sight.dot(&normal);
+        let height_m = normal.dot(&(reading - point));
         // Depth errs along the ray; the height has the part of it along the normal.
         let sigma_m = cosine * frame.sigma_m(pixel, noise);
         if cosine < GRAZING_COSINE || height_m.abs() > reach_m + 3.0 * sigma_m {

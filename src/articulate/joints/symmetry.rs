@@ -67,7 +67,8 @@ fn center(surface: &SurfaceSamples, direction: &Unit<Vector3<f64>>) -> Option<Po
         // Normals along the axis, as those of a lid, meet it anywhere: they have no say in the scale.
         let median_m = median(across.iter().filter(|(a, _)| a.norm() > 0.5).map(passes).collect())?;
         // Along the axis any point will do; the first term holds the one at the origin's height.
-        let (mut matrix, mut right) = (u * u.transpose(), Vector3::zeros());
+        let mut matrix = u * u.transpose();
+        let mut right = Vector3::zeros();
         for line in &across {
             let weight =
                 if median_m > 0.0 { (1.0 + (passes(line) / (2.0 * median_m)).powi(2)).powi(-2) } else { 1.0 };
@@ -90,7 +91,8 @@ mod tests {
     /// between them.
     fn alike(sides: f64) -> bool {
         const RADIUS_M: f64 = 0.06;
-        let (middle, lift) = (Point3::new(0.1, 0.05, 0.0), Pose::translation(0.0, 0.0, 0.02));
+        let middle = Point3::new(0.1, 0.05, 0.0);
+        let lift = Pose::translation(0.0, 0.0, 0.02);
         let facing = |angle: f64| {
             let face = (angle / TAU * sides).round() * TAU / sides;
             (Vector3::new(face.cos(), face.sin(), 0.0), RADIUS_M / (angle - face).cos())

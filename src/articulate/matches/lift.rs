@@ -51,7 +51,8 @@ pub fn lift(states: [&[RgbdFrame]; 2], matches: &[PixelMatch], noise: &NoiseConf
 /// The point at a sub-pixel position by the inverse-depth plane of its surroundings.
 fn reading(frame: &RgbdFrame, [u, v]: [f32; 2], noise: &NoiseConfig) -> Option<Reading> {
     let k = &frame.intrinsics;
-    let (cx, cy) = (u.round() as i64, v.round() as i64);
+    let cx = u.round() as i64;
+    let cy = v.round() as i64;
     if cx < PATCH_PX || cy < PATCH_PX || cx + PATCH_PX >= k.width as i64 || cy + PATCH_PX >= k.height as i64 {
         return None;
     }
@@ -112,7 +113,8 @@ fn reading(frame: &RgbdFrame, [u, v]: [f32; 2], noise: &NoiseConfig) -> Option<R
 
 /// Least-squares `w = a + b x + c y`.
 fn fit_plane(patch: impl Iterator<Item = (f64, f64, f64)>) -> Option<Vector3<f64>> {
-    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    let mut normal = Matrix3::zeros();
+    let mut right = Vector3::zeros();
     for (x, y, w) in patch {
         let row = Vector3::new(1.0, x, y);
         normal += row * row.transpose();
@@ -169,7 +171,8 @@ fn merged(matches: &[(&PixelMatch, [Reading; 2])]) -> Vec<LiftedMatch> {
             continue;
         };
         let m = matches[best].0;
-        let (a, b) = (points[0][pair[0]], points[1][pair[1]]);
+        let a = points[0][pair[0]];
+        let b = points[1][pair[1]];
         out.push(LiftedMatch {
             point0: a.point,
             point1: b.point,
@@ -195,7 +198,8 @@ fn clusters(
         // All that match one feature may be that feature; wrong ones among them do not agree in space.
         for (n, &a) in group.iter().enumerate() {
             for &b in &group[n + 1..] {
-                let (p, q) = (matches[a].1[state], matches[b].1[state]);
+                let p = matches[a].1[state];
+                let q = matches[b].1[state];
                 if (p.point - q.point).norm() < AGREEMENT_SIGMAS * p.sigma_m.hypot(q.sigma_m) {
                     sets.join(ends[a][state], ends[b][state]);
                 }
@@ -248,7 +252,8 @@ mod tests {
         let scene = Scene::box_with_lid();
         let frame = &scene.frames(0, &camera_ring(4))[0];
         let noise = NoiseConfig::default();
-        let (mut seen, mut exact) = (0, 0);
+        let mut seen = 0;
+        let mut exact = 0;
         for i in 0..40u8 {
             let pixel = [120.3 + 2.3 * f32::from(i), 90.7 + 1.9 * f32::from(i)];
             if let Some(r) = reading(frame, pixel, &noise) {
@@ -277,7 +282,8 @@ mod tests {
             .map(|i| [100.0 + (i % 20) as f32 * 6.0, 80.0 + (i / 20) as f32 * 5.0])
             .find(|p| reading(&frame, *p, &noise).is_some());
         let [u, v] = inner.expect("a pixel on the object");
-        let (x, y) = (u as usize, v as usize);
+        let x = u as usize;
+        let y = v as usize;
         for i in 0..5 {
             (0..5).for_each(|j| frame.depth_m[(y + j - 2) * w + x + i - 2] += if i < 2 { 0.0 } else { 0.08 });
         }

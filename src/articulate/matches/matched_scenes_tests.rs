@@ -25,10 +25,12 @@ fn matches_lie_on_the_same_surface_points() {
 #[test]
 fn matches_of_a_model_are_kept_on_the_object_only() {
     let mut frame = Scene::box_with_lid().frames(0, &camera_ring(1)).remove(0);
-    let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
+    let w = frame.intrinsics.width;
+    let h = frame.intrinsics.height;
     frame.mask = Some((0..w * h).map(|i| i % w < 10).collect());
     let frames = [frame];
-    let (on, off) = ([9.4, 3.0], [9.6, 3.0]);
+    let on = [9.4, 3.0];
+    let off = [9.6, 3.0];
     let found = |pixel0, pixel1, confidence| Correspondence { pixels: [pixel0, pixel1], confidence };
     let all = [
         found(on, [2.0, 5.0], 0.9),

@@ -148,7 +148,8 @@ mod tests {
 
     #[test]
     fn scaled_images_show_the_pixel_that_is_given_back() {
-        let (width, height) = (200, 120);
+        let width = 200;
+        let height = 120;
         let fixed = |width, height| ImageFormat { channels: 3, width: Some(width), height: Some(height) };
         for (format, max_side_px, inner) in [
             (ImageFormat { channels: 3, ..OPEN }, 100, [100, 60]),

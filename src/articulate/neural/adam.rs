@@ -26,8 +26,10 @@ impl Moments<f64> {
     /// The change of every parameter for a gradient.
     pub(crate) fn steps(&mut self, gradient: &[f64], rate: f64) -> Vec<f64> {
         self.taken += 1;
-        let (b1, b2) = (f64::from(ADAM_BETAS.0), f64::from(ADAM_BETAS.1));
-        let (c1, c2) = (1.0 - b1.powi(self.taken), 1.0 - b2.powi(self.taken));
+        let b1 = f64::from(ADAM_BETAS.0);
+        let b2 = f64::from(ADAM_BETAS.1);
+        let c1 = 1.0 - b1.powi(self.taken);
+        let c2 = 1.0 - b2.powi(self.taken);
         let moments = self.first.iter_mut().zip(&mut self.second);
         gradient
             .iter()
@@ -61,7 +63,8 @@ struct Rule {
 impl Rule {
     fn at(taken: i32, rate: f64) -> Self {
         // In double precision: at first 1 - b2^t is a thousandth.
-        let (b1, b2) = (f64::from(ADAM_BETAS.0), f64::from(ADAM_BETAS.1));
+        let b1 = f64::from(ADAM_BETAS.0);
+        let b2 = f64::from(ADAM_BETAS.1);
         Self {
             rate: (rate / (1.0 - b1.powi(taken))) as f32,
             root: (1.0 / (1.0 - b2.powi(taken))).sqrt() as f32,
@@ -163,7 +166,8 @@ mod tests {
 
     #[test]
     fn a_bowl_is_descended() {
-        let (mut m, mut x) = (Moments::new(2), [3.0, -1.0]);
+        let mut m = Moments::new(2);
+        let mut x = [3.0, -1.0];
         for k in 0..400 {
             let g = [2.0 * x[0], 20.0 * x[1]];
             let d = m.steps(&g, rate_at([0.1, 1e-4], k, 400));

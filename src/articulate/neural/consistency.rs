@@ -107,7 +107,8 @@ impl Consistency<'_> {
     /// that carries the weight of the ray. Gradients take the view direction as given. `probabilities` are
     /// those of all samples.
     pub(crate) fn color_loss(&self, probabilities: &[f32]) -> LossTerm {
-        let (parts, samples) = (self.parts(), self.batch.samples_per_ray);
+        let parts = self.parts();
+        let samples = self.batch.samples_per_ray;
         let mut term = LossTerm::zero(self.batch.points.len(), parts);
         let ray_weights: Vec<f64> =
             self.batch.weights.chunks_exact(samples).map(|w| w.iter().sum()).collect();
@@ -119,7 +120,8 @@ impl Consistency<'_> {
             .map(|r| self.source.scene.world(&self.batch.points[self.batch.colored[*r]]))
             .collect();
         let own_directions: Vec<_> = rays.iter().map(|r| self.batch.directions[*r]).collect();
-        let (mut points, mut directions) = (Vec::new(), Vec::new());
+        let mut points = Vec::new();
+        let mut directions = Vec::new();
         for r in &rays {
             for i in 0..parts {
                 let image = self.motions.apply(i, self.way, &self.batch.points[self.batch.colored[*r]]);

@@ -105,11 +105,14 @@ mod tests {
 
     #[test]
     fn products_agree_with_the_definition() {
-        let (m, k, n) = (7, 24, 40);
+        let m = 7;
+        let k = 24;
+        let n = 40;
         let a: Vec<f32> = (0..m * k).map(|i| ((i * 37 % 101) as f32 - 50.0) / 50.0).collect();
         let b: Vec<f32> = (0..k * n).map(|i| ((i * 53 % 97) as f32 - 48.0) / 48.0).collect();
         let d: Vec<f32> = (0..m * n).map(|i| ((i * 29 % 89) as f32 - 44.0) / 44.0).collect();
-        let (mut c, mut t) = (vec![0.5; m * n], vec![-0.25; k * n]);
+        let mut c = vec![0.5; m * n];
+        let mut t = vec![-0.25; k * n];
         multiply(&a, k, &b, n, &mut c);
         multiply_transposed(&a, k, &d, n, &mut t);
         for j in 0..n {

@@ -17,7 +17,9 @@ impl Cell {
     /// The cell of a normalised point; one outside the cube takes the values at the nearest border.
     pub(crate) fn of(nodes: usize, point: [f32; 3]) -> Self {
         let scale = 0.5 * (nodes - 1) as f32;
-        let (mut corner, mut fraction, mut slope) = ([0; 3], [0.0; 3], [scale; 3]);
+        let mut corner = [0; 3];
+        let mut fraction = [0.0; 3];
+        let mut slope = [scale; 3];
         for k in 0..3 {
             let g = (point[k] + 1.0) * scale;
             let inside = g.clamp(0.0, (nodes - 1) as f32);
@@ -75,7 +77,8 @@ impl Cell {
         });
         let mut gradient = [0.0; 3];
         for (axis, g) in gradient.iter_mut().enumerate() {
-            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            let u = (axis + 1) % 3;
+            let v = (axis + 2) % 3;
             for (k, value) in corner.iter().enumerate() {
                 let pick = |bit: usize| {
                     if k >> bit & 1 == 1 { self.fraction[bit] } else { 1.0 - self.fraction[bit] }
@@ -102,7 +105,8 @@ mod tests {
             let at = |k: usize| k as f32 * 2.0 / (nodes - 1) as f32 - 1.0;
             grid[i * FEATURES + 4] = f([at(i % nodes), at(i / nodes % nodes), at(i / nodes / nodes)]);
         }
-        let (p, mut out) = ([0.13, -0.61, 0.97], [0.0; FEATURES]);
+        let p = [0.13, -0.61, 0.97];
+        let mut out = [0.0; FEATURES];
         let cell = Cell::of(nodes, p);
         cell.gather(&grid, &mut out);
         assert!((out[4] - f(p)).abs() < 1e-6);
@@ -111,7 +115,8 @@ mod tests {
         let g = cell.by_position(&grid, &by_features);
         assert!((g[0] - 0.6).abs() < 1e-5 && (g[1] + 1.4).abs() < 1e-5 && (g[2] - 0.4).abs() < 1e-5);
         assert_eq!(Cell::of(nodes, [1.5, 0.0, 0.0]).by_position(&grid, &by_features)[0], 0.0);
-        let (mut by_grid, mut touched) = (vec![0.0; grid.len()], vec![false; nodes * nodes * nodes]);
+        let mut by_grid = vec![0.0; grid.len()];
+        let mut touched = vec![false; nodes * nodes * nodes];
         cell.scatter(&by_features, &mut by_grid, &mut touched);
         assert!((by_grid.iter().sum::<f32>() - 2.0).abs() < 1e-6);
         assert_eq!(touched.iter().filter(|t| **t).count(), 8);

@@ -51,10 +51,12 @@ impl<'a> Fixture<'a> {
         let mut field = SegmentationField::init(2, config.grid_nodes, &mut rng);
         let mut draw = || (rand_core::Rng::next_u32(&mut rng) >> 8) as f32 / (1u32 << 23) as f32 - 1.0;
         field.grid.iter_mut().for_each(|g| *g = draw());
-        let (v0, v1) = (scene.volume(0, &config), scene.volume(1, &config));
+        let v0 = scene.volume(0, &config);
+        let v1 = scene.volume(1, &config);
         let rays =
             [RayBatch::draw(&v0, &config, 0.002, &mut rng), RayBatch::draw(&v1, &config, 0.002, &mut rng)];
-        let (o0, o1) = (OccupiedVoxels::of(&v0), OccupiedVoxels::of(&v1));
+        let o0 = OccupiedVoxels::of(&v0);
+        let o1 = OccupiedVoxels::of(&v1);
         let (here, other) = if source == 0 { ((&v1, &o1), (&v0, &o0)) } else { ((&v0, &o0), (&v1, &o1)) };
         let back = Way::from_state(source).reverse();
         let uniform = UniformBatch::draw(config.uniform_points, here, other, (&motions, back), &mut rng);
@@ -218,14 +220,16 @@ fn at_the_truth_only_the_released_occupancy_target_disagrees() {
     let motions = Motions::from_world(&scene.motions, &scene.scene);
     for source in 0..2 {
         let mut rng = stage_rng(2, "test/truth", source as u64);
-        let (from, to, way) =
-            (scene.volume(source, &config), scene.volume(1 - source, &config), Way::from_state(source));
+        let from = scene.volume(source, &config);
+        let to = scene.volume(1 - source, &config);
+        let way = Way::from_state(source);
         let rays = RayBatch::draw(&from, &config, 0.002, &mut rng);
         let consistency =
             Consistency { batch: &rays, source: &from, target: &to, motions: &motions, way, config: &config };
         let p = truth(&scene, source, rays.points.iter().copied());
         // A point may be nearer to the other block there: the blocks move against each other. Most are not.
-        let (sdf, color) = (consistency.sdf_loss(&p).value, consistency.color_loss(&p).value);
+        let sdf = consistency.sdf_loss(&p).value;
+        let color = consistency.color_loss(&p).value;
         let half = vec![0.5; p.len()];
         assert!(sdf < 0.02, "{sdf}");
         assert!(
@@ -233,7 +237,8 @@ fn at_the_truth_only_the_released_occupancy_target_disagrees() {
                 && consistency.color_loss(&half).value > 5.0 * color
         );
 
-        let (o_from, o_to) = (OccupiedVoxels::of(&from), OccupiedVoxels::of(&to));
+        let o_from = OccupiedVoxels::of(&from);
+        let o_to = OccupiedVoxels::of(&to);
         let uniform = UniformBatch::draw(
             config.uniform_points,
             (&to, &o_to),
@@ -263,8 +268,10 @@ fn weighted_points_estimate_the_uniform_mean() {
     let scene = scene();
     let config = ArticulationConfig::default();
     let motions = Motions::from_world(&scene.motions, &scene.scene);
-    let (v0, v1) = (scene.volume(0, &config), scene.volume(1, &config));
-    let (o0, o1) = (OccupiedVoxels::of(&v0), OccupiedVoxels::of(&v1));
+    let v0 = scene.volume(0, &config);
+    let v1 = scene.volume(1, &config);
+    let o0 = OccupiedVoxels::of(&v0);
+    let o1 = OccupiedVoxels::of(&v1);
     let mut rng = stage_rng(8, "test/uniform", 0);
     let batch = UniformBatch::draw(200_000, (&v1, &o1), (&v0, &o0), (&motions, Way::Backward), &mut rng);
     let mean = |f: &dyn Fn(&Point3<f64>) -> f64| {

@@ -59,10 +59,8 @@ impl Matching<'_> {
             let height = camera.height as f64;
             let residual = [u - f64::from(pair.pixels[end][0]), v - f64::from(pair.pixels[end][1])];
             // The L1 norm: one wrong match pulls no harder than a right one.
-            let (su, sv) = (
-                residual[0].signum() * camera.fx / point.z / height,
-                residual[1].signum() * camera.fy / point.z / height,
-            );
+            let su = residual[0].signum() * camera.fx / point.z / height;
+            let sv = residual[1].signum() * camera.fy / point.z / height;
             // The slope of the projection docs/method.md (1.1).
             let by_camera = Vector3::new(su, sv, -(su * point.x + sv * point.y) / point.z);
             let by_blend = (world_from_camera.rotation * by_camera) / self.target.scene.scale;

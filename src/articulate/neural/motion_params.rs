@@ -166,7 +166,8 @@ mod tests {
                 < 1e-12
         );
 
-        let (p, by_image) = (Point3::new(0.3, -0.5, 0.7), Vector3::new(0.2, 0.9, -0.4));
+        let p = Point3::new(0.3, -0.5, 0.7);
+        let by_image = Vector3::new(0.2, 0.9, -0.4);
         for way in [Way::Forward, Way::Backward] {
             let mut g = MotionGradient::zero(2);
             g.add(&motions, 1, way, &p, &by_image);

@@ -231,7 +231,8 @@ impl<'a> ArticulationTrainer<'a> {
 
     fn label_step(&mut self) -> ArticulationLosses {
         let Some(labels) = &self.labels else { return ArticulationLosses::default() };
-        let (seed, step) = (self.state.seed, self.state.steps as u64);
+        let seed = self.state.seed;
+        let step = self.state.steps as u64;
         let fields = &self.state.fields;
         // Half a cell around the surface.
         let ask = (self.config.label_points, 1.0 / (self.config.grid_nodes - 1) as f64);
@@ -247,7 +248,8 @@ impl<'a> ArticulationTrainer<'a> {
     }
 
     fn motion_step(&mut self) -> ArticulationLosses {
-        let (done, main) = (self.state.steps - self.label_steps, self.state.total - self.label_steps);
+        let done = self.state.steps - self.label_steps;
+        let main = self.state.total - self.label_steps;
         let (losses, by_motions) = self.evaluate(done as f64 >= self.config.late_start * main as f64);
         self.step_fields(rate_at(self.config.field_rate, done, main));
         self.state.motions.step(&by_motions, rate_at(self.motion_rate, done, main));
@@ -268,7 +270,8 @@ impl<'a> ArticulationTrainer<'a> {
         // other.
         let rays = [a, b];
         let share = |source: usize, gradient: &mut SegmentationGradient, rng: &mut Pcg64Mcg| {
-            let (target, way) = (1 - source, Way::from_state(source));
+            let target = 1 - source;
+            let way = Way::from_state(source);
             let chosen = choose_matches(matches, config.matches, rng);
             let uniform = volumes_active.then(|| {
                 let here = (&volumes[target], &occupied[target]);
@@ -291,7 +294,8 @@ impl<'a> ArticulationTrainer<'a> {
             };
             objective.evaluate(&state.fields[source], &batch, gradient)
         };
-        let ([g0, g1], [r0, r1]) = (gradients, &mut rngs);
+        let [g0, g1] = gradients;
+        let [r0, r1] = &mut rngs;
         let ((l0, mut m0), (l1, m1)) = rayon::join(|| share(0, g0, r0), || share(1, g1, r1));
         // Motions are shared by both states, segmentations are not.
         m0.merge(&m1);

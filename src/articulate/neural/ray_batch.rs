@@ -49,7 +49,8 @@ impl RayBatch {
         typical_sigma_m: f64,
         rng: &mut impl Rng,
     ) -> Self {
-        let (rays, samples) = (volume.model.rays, config.samples_per_ray);
+        let rays = volume.model.rays;
+        let samples = config.samples_per_ray;
         // Random numbers are drawn one after the other; only what is computed from them runs in parallel.
         let chosen: Vec<SurfaceRay> = (0..config.rays).map(|_| rays[below(rng, rays.len())]).collect();
         let jitter: Vec<f64> = (0..config.rays * samples).map(|_| unit(rng)).collect();

@@ -23,7 +23,8 @@ fn errors(found: &Pose, truth: &Pose, block: &Block) -> (f64, f64) {
 
 /// Share of surface points with the right label.
 fn agreement(trainer: &ArticulationTrainer<'_>, scene: &TestScene) -> f64 {
-    let (mut right, mut all) = (0, 0);
+    let mut right = 0;
+    let mut all = 0;
     for state in 0..2 {
         let (points, truth) = scene.labelled(state);
         let found = trainer.labels(state, &points);
@@ -192,7 +193,9 @@ fn what_cannot_work_is_refused() {
         change(&mut problem);
         ArticulationTrainer::new(&problem, start, config, 0).err().map(|e| e.to_string()).unwrap_or_default()
     };
-    let (start, fine, one) = (ArticulationStart::default(), short(), [Pose::identity()]);
+    let start = ArticulationStart::default();
+    let fine = short();
+    let one = [Pose::identity()];
     assert_eq!(refused(&|_| (), start, &fine), "");
     assert!(refused(&|p| p.parts = 1, start, &fine).contains("1 parts"));
     assert!(refused(&|p| p.states[1].rays = &[], start, &fine).contains("state 1 has no surface ray"));

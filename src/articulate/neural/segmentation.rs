@@ -160,7 +160,8 @@ impl SegmentationField {
 
     /// Logits at normalised points, with what the backward pass needs; `spare` lends its memory.
     pub(crate) fn forward(&self, points: &[[f32; 3]], spare: Activations) -> Activations {
-        let (n, stride) = (points.len(), self.layers[2].outputs);
+        let n = points.len();
+        let stride = self.layers[2].outputs;
         let Activations { mut inputs, mut hidden, mut logits, .. } = spare;
         for (buffer, width) in [(&mut inputs, INPUTS), (&mut logits, stride)]
             .into_iter()
@@ -211,7 +212,8 @@ impl SegmentationField {
                 .enumerate()
                 .map(|(chunk, (points, by_points, x))| {
                     let rows = |width: usize| chunk * CHUNK * width..(chunk * CHUNK + points.len()) * width;
-                    let (h1, h2) = (&hidden[0][rows(HIDDEN)], &hidden[1][rows(HIDDEN)]);
+                    let h1 = &hidden[0][rows(HIDDEN)];
+                    let h2 = &hidden[1][rows(HIDDEN)];
                     let by_y = &by_logits[rows(stride)];
                     let mut layers = self.zero_layers();
                     layers[2].add_gradient(h2, by_y);
@@ -340,7 +342,8 @@ mod tests {
         let g = point.map(|p| (p + 1.0) * scale);
         let corner = g.map(|g| (g as usize).min(f.nodes - 2));
         for k in 0..8 {
-            let (mut w, mut index) = (1.0, 0);
+            let mut w = 1.0;
+            let mut index = 0;
             for axis in (0..3).rev() {
                 let t = g[axis] - corner[axis] as f64;
                 w *= if k >> axis & 1 == 1 { t } else { 1.0 - t };

@@ -201,8 +201,10 @@ fn cast(shape: &Shape, cameras: &[(Intrinsics, Pose)]) -> Vec<SurfaceRay> {
     let mut rng = stage_rng(11, "test/rays", 0);
     for (frame, (k, pose)) in cameras.iter().enumerate() {
         for _ in 0..3000 {
-            let (u, v) = (unit(&mut rng) * k.width as f64, unit(&mut rng) * k.height as f64);
-            let (origin, direction) = (Point3::from(pose.translation.vector), pose.rotation * k.ray(u, v));
+            let u = unit(&mut rng) * k.width as f64;
+            let v = unit(&mut rng) * k.height as f64;
+            let origin = Point3::from(pose.translation.vector);
+            let direction = pose.rotation * k.ray(u, v);
             if let Some(depth_m) = shape.hit(&origin, &direction) {
                 rays.push(SurfaceRay { origin, direction, depth_m, sigma_m: 0.002, frame, rgb: [0.5; 3] });
             }

@@ -81,7 +81,8 @@ pub(crate) fn check_matches(
 ) -> Result<(), TrainerError> {
     for (index, pair) in matches.iter().enumerate() {
         for (state, point) in [pair.point0, pair.point1].into_iter().enumerate() {
-            let (frame, frames) = (pair.frames[state], states[state].cameras.len());
+            let frame = pair.frames[state];
+            let frames = states[state].cameras.len();
             let finite = point.coords.iter().all(|v| v.is_finite())
                 && pair.pixels[state].iter().all(|v| v.is_finite());
             if frame >= frames || !finite || pair.sigma_m.is_nan() {

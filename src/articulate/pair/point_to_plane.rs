@@ -52,7 +52,8 @@ pub(crate) fn correspondences(
 ) -> Vec<Plane> {
     let mut all = Vec::new();
     for state in 0..2 {
-        let (these, others) = (pair.samples[state], pair.samples[1 - state]);
+        let these = pair.samples[state];
+        let others = pair.samples[1 - state];
         let other_from_this = if state == 0 { *motion } else { motion.inverse() };
         let found: Vec<Plane> = (0..these.points.len())
             .into_par_iter()
@@ -204,11 +205,9 @@ mod tests {
     fn the_jacobian_is_that_of_the_residual() {
         let motion = Pose::new(Vector3::new(0.1, 0.2, -0.3), Vector3::new(0.4, -0.2, 0.7));
         let center = Point3::new(0.3, 0.1, 0.2);
-        let (p, q, n) = (
-            Point3::new(0.5, -0.2, 0.3),
-            Point3::new(0.4, 0.3, 0.1),
-            Vector3::new(0.3, 0.5, 0.8).normalize(),
-        );
+        let p = Point3::new(0.5, -0.2, 0.3);
+        let q = Point3::new(0.4, 0.3, 0.1);
+        let n = Vector3::new(0.3, 0.5, 0.8).normalize();
         for moves in [false, true] {
             let residual = |m: &Pose| if moves { (m * n).dot(&(m * p - q)) } else { n.dot(&(m * p - q)) };
             let normal = if moves { motion * n } else { n };

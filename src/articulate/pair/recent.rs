@@ -49,7 +49,8 @@ mod tests {
 
     #[test]
     fn a_result_is_made_once_while_it_is_kept() {
-        let (recent, made) = (Recent::keeping(2), Cell::new(0));
+        let recent = Recent::keeping(2);
+        let made = Cell::new(0);
         let square = |k: i32| {
             *recent.get(k, || {
                 made.set(made.get() + 1);

@@ -171,7 +171,8 @@ impl<'a> SurfacePair<'a> {
 
     /// Where a sample goes in the other state.
     fn reprojection(&self, state: usize, sample: usize, other_from_this: &Pose) -> Reprojection {
-        let (these, others) = (self.samples[state], self.samples[1 - state]);
+        let these = self.samples[state];
+        let others = self.samples[1 - state];
         let point = other_from_this * these.points[sample];
         let normal = other_from_this * these.normals[sample];
         let free = self.free[1 - state].map(|is_free| is_free(&point));
@@ -198,8 +199,8 @@ impl<'a> SurfacePair<'a> {
     /// Height of a point above a sample's plane, meters, and its distance along that plane in mean distances
     /// of samples.
     pub(crate) fn offset(&self, state: usize, sample: usize, point: &Point3<f64>) -> (f64, f64) {
-        let (offset, normal) =
-            (point - self.samples[state].points[sample], self.samples[state].normals[sample]);
+        let offset = point - self.samples[state].points[sample];
+        let normal = self.samples[state].normals[sample];
         let off_m = normal.dot(&offset);
         (off_m, (offset - normal * off_m).norm() / self.spacing_m[state])
     }
@@ -209,9 +210,11 @@ impl<'a> SurfacePair<'a> {
     fn color_deviation(&self, a: [f32; 3], b: [f32; 3], turned: f64) -> f64 {
         let [a, b] = [a, b].map(|c| Vector3::from(c).cast::<f64>());
         // Light scales a color along itself: its change lies along the sum, a change of hue across it.
-        let (difference, sum) = (a - b, a + b);
+        let difference = a - b;
+        let sum = a + b;
         let along = sum.try_normalize(1e-9).map_or(0.0, |direction| direction.dot(&difference).powi(2));
-        let (own, light) = (self.scales.color.powi(2), (SHADING * turned * 0.5 * sum.norm()).powi(2));
+        let own = self.scales.color.powi(2);
+        let light = (SHADING * turned * 0.5 * sum.norm()).powi(2);
         (difference.norm_squared() - along).max(0.0) / own + along / (own + light)
     }
 
@@ -400,7 +403,8 @@ mod tests {
 
     #[test]
     fn what_stands_is_ruled_out_nearer_to_a_border_of_empty_space_than_what_moves() {
-        let (long, short) = (plate(40), plate(10));
+        let long = plate(40);
+        let short = plate(10);
         let empty = |p: &Point3<f64>| p.x > 0.2;
         let pair = SurfacePair::new([&long, &short], [None, Some(&empty)], 0.04);
         // The shift is along the border, so that depths are alike.
@@ -432,7 +436,8 @@ mod tests {
 
     #[test]
     fn space_seen_empty_beside_a_surface_is_beyond_its_edge() {
-        let (long, short) = (plate(23), plate(20));
+        let long = plate(23);
+        let short = plate(20);
         let beyond = |p: &Point3<f64>| p.x > 0.192;
         let costs = |free: Option<FreeSpace<'_>>| {
             let pair = SurfacePair::new([&long, &short], [None, free], 0.04);

@@ -67,7 +67,8 @@ impl LabelledState {
     #[must_use]
     pub fn new(tsdf: Grid3<f32>, weight: Grid3<f32>, labels: Grid3<u8>, truncation_m: f64) -> Self {
         let dims = tsdf.dims.map(|n| n.saturating_sub(1).div_ceil(BLOCK).max(1));
-        let (origin, spacing_m) = (tsdf.origin, tsdf.spacing_m * BLOCK as f64);
+        let origin = tsdf.origin;
+        let spacing_m = tsdf.spacing_m * BLOCK as f64;
         let blocks = Grid3 { origin, spacing_m, dims, values: Vec::new() };
         let of_node = |(distance, label): (&f32, &u8)| {
             let known = !distance.is_nan();
@@ -120,7 +121,8 @@ pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<
     let Grid3 { origin, spacing_m, dims, .. } = states[0].tsdf;
     let mut out = Grid3 { origin, spacing_m, dims, values: vec![f32::NAN; dims.iter().product()] };
     let [nx, ny, nz] = dims;
-    let (template, free) = (&states[0].tsdf, states[0].truncation_m as f32);
+    let template = &states[0].tsdf;
+    let free = states[0].truncation_m as f32;
     let blocks = |n: usize| (0..n).step_by(BLOCK).map(move |start| start..(start + BLOCK).min(n));
     out.values.par_chunks_mut((nx * ny * BLOCK).max(1)).enumerate().for_each(|(slab, values)| {
         let layers = slab * BLOCK..((slab + 1) * BLOCK).min(nz);
@@ -128,8 +130,11 @@ pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<
             let ends = [&columns, &lines, &layers];
             let [low, high] =
                 [ends.map(|r| r.start), ends.map(|r| r.end - 1)].map(|[x, y, z]| template.node(x, y, z));
-            let (middle, radius_m) = (nalgebra::center(&low, &high), 0.5 * (high - low).norm());
-            let (mut some, mut all, mut labels) = (false, false, 0);
+            let middle = nalgebra::center(&low, &high);
+            let radius_m = 0.5 * (high - low).norm();
+            let mut some = false;
+            let mut all = false;
+            let mut labels = 0;
             for (motion, state) in motions.iter().zip(states) {
                 let known = state.about(&(motion * middle), radius_m);
                 (some, all, labels) = (some | known.some, all | known.all, labels | known.labels);
@@ -156,7 +161,9 @@ pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<
 
 /// Weighted mean of what all states say about one place. See docs/method.md (9.1).
 fn vote(part: u8, place: &Point3<f64>, motions: &[Pose], states: &[LabelledState]) -> f32 {
-    let (mut sum, mut weight, mut elsewhere) = (0.0, 0.0, None::<f32>);
+    let mut sum = 0.0;
+    let mut weight = 0.0;
+    let mut elsewhere = None::<f32>;
     for (k, (motion, state)) in motions.iter().zip(states).enumerate() {
         // State 0 stays where it is: even the identity would round.
         let place = if k == 0 { *place } else { motion * place };
@@ -227,7 +234,8 @@ mod tests {
         for (part, motion) in [(0, Pose::identity()), (1, Pose::translation(0.0, 0.0, 0.1)), (1, turned)] {
             let motions = [Pose::identity(), motion];
             let field = part_tsdf(part, &motions, &states);
-            let (mut empty, mut nothing) = (0, 0);
+            let mut empty = 0;
+            let mut nothing = 0;
             for (i, found) in field.values.iter().enumerate() {
                 let alone = vote(part, &field.position(i), &motions, &states);
                 // Empty space is said at once, not as the mean of votes for it.

@@ -32,7 +32,8 @@ pub fn register_by_difference(
     let reach_m = config.last_reach * checked_extent_m(&surfaces, Some(parts))?;
     let moved = [0, 1].map(|s| in_one_state(&surfaces[s].points, &surfaces[1 - s].points, reach_m));
     let points = |s: usize| moved[s].iter().map(|&i| surfaces[s].points[i]).collect::<Vec<_>>();
-    let (from, to) = (points(0), points(1));
+    let from = points(0);
+    let to = points(1);
     if from.len() < parts - 1 || to.is_empty() {
         let all = surfaces[0].points.len();
         let static_percent = 100.0 * (all - from.len()) as f64 / all.max(1) as f64;
@@ -140,7 +141,8 @@ mod tests {
             (0..n * n).map(move |i| {
                 let at = |k: usize| side * (k as f64 / (n - 1) as f64 - 0.5);
                 // A bump, so that the lid cannot slide in itself.
-                let (x, y) = (at(i % n), at(i / n));
+                let x = at(i % n);
+                let y = at(i / n);
                 Point3::new(x, y, 0.3 * (x * x + 3.0 * x * y))
             })
         };

@@ -243,7 +243,8 @@ fn gain(
     [motions, set]: [&[Pose]; 2],
     [labels, after]: [&[Vec<u8>; 2]; 2],
 ) -> f64 {
-    let (mut sum, mut count) = (0.0, 0);
+    let mut sum = 0.0;
+    let mut count = 0;
     for s in 0..2 {
         count += labels[s].len();
         let costs = [motions, set].map(|all| pair.surfaces.shape_costs(s, all, None));
@@ -272,7 +273,8 @@ fn follower(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], motion: &Pose, label:
     // In radii a turn and a shift move the surface alike, and one prior serves both.
     let radius_m = spread.trace().sqrt().max(1e-9);
     let center = motion * middle;
-    let (sigma_m, wide_m) = (pair.surfaces.scales.plane_m, WIDE * pair.surfaces.reach_m);
+    let sigma_m = pair.surfaces.scales.plane_m;
+    let wide_m = WIDE * pair.surfaces.reach_m;
     let mut faces = Matrix3::zeros();
     let mut reading = |p: &Plane| {
         let (moved, normal, residual_m) = p.under(motion);
@@ -343,7 +345,8 @@ mod tests {
         let surfaces = [0, 1].map(|s| scene.surface(s, &cameras, 0.008).0);
         let [first, second] = &surfaces;
         let is_free = [0, 1].map(|s| {
-            let (scene, cameras) = (&scene, &cameras);
+            let scene = &scene;
+            let cameras = &cameras;
             move |p: &Point3<f64>| scene.is_free(s, cameras, p)
         });
         let free: [Option<FreeSpace<'_>>; 2] = [Some(&is_free[0]), Some(&is_free[1])];

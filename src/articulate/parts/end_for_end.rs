@@ -127,7 +127,8 @@ fn turned(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: us
 fn swings(motions: &[Pose], k: usize, center: &Point3<f64>, line: &Unit<Vector3<f64>>) -> Vec<Pose> {
     let against = |parent: usize| {
         let relative = motions[parent].inverse() * motions[k];
-        let (to, turned) = (relative * center, relative * line.into_inner());
+        let to = relative * center;
+        let turned = relative * line.into_inner();
         if turned.angle(line) < PARALLEL {
             return Vec::new();
         }
@@ -201,7 +202,8 @@ mod tests {
 
     #[test]
     fn a_round_bar_swings_without_a_spin() {
-        let (middle, line) = ([0.0, 0.0, 0.18], Vector3::z_axis());
+        let middle = [0.0, 0.0, 0.18];
+        let line = Vector3::z_axis();
         let center = Point3::from(middle);
         let parent = Pose::new(Vector3::new(0.1, 0.0, 0.0), Vector3::new(0.0, 0.4, 0.0));
         let own = parent * turn(Vector3::y(), [0.0; 3], 1.3);
@@ -221,7 +223,8 @@ mod tests {
 
     #[test]
     fn a_lid_whose_inside_one_state_hides_is_turned_into_its_place() {
-        let (scene, cameras) = (Scene::case(), camera_ring(10));
+        let scene = Scene::case();
+        let cameras = camera_ring(10);
         // Without the lid's edges, which tell how thick it is, and in state 1 without its inside.
         let [first, second] = [0, 1].map(|state| {
             let (all, parts) = scene.surface(state, &cameras, 0.006);
@@ -233,7 +236,8 @@ mod tests {
             all.some(&(0..all.points.len()).filter(kept).collect::<Vec<usize>>())
         });
         let free = [0, 1].map(|s| {
-            let (scene, cameras) = (&scene, &cameras);
+            let scene = &scene;
+            let cameras = &cameras;
             move |p: &Point3<f64>| scene.is_free(s, cameras, p)
         });
         let surfaces = SurfacePair::new([&first, &second], [Some(&free[0]), Some(&free[1])], 0.016);

@@ -85,10 +85,8 @@ mod tests {
         let scene = Scene { texture: 0.0, ..Scene::lamp() };
         // The arm's lower and upper half, each turned end for end.
         let halves = [0.11, 0.25].map(|z| {
-            let (middle, half) = (
-                Vector3::new(0.0, 0.0, z),
-                UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI),
-            );
+            let middle = Vector3::new(0.0, 0.0, z);
+            let half = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI);
             scene.truth(1) * Pose::from_parts((middle - half * middle).into(), half)
         });
         let right = vec![Pose::identity(), scene.truth(1), scene.truth(2)];

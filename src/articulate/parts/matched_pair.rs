@@ -66,7 +66,9 @@ impl<'a> MatchedPair<'a> {
             motions.iter().map(|_| Default::default()).collect();
         for m in self.informative.iter().filter(|m| self.gate.has_moved(m)) {
             // A match speaks for its motion by the support that no other motion gives it.
-            let (mut first, mut second, mut follows) = (0.0, 0.0, 0);
+            let mut first = 0.0;
+            let mut second = 0.0;
+            let mut follows = 0;
             for (k, motion) in motions.iter().enumerate() {
                 let support = self.gate.support(m, motion);
                 if support > first {

@@ -46,7 +46,8 @@ pub(crate) fn choose(
     let Some(chosen) = standing.iter().filter(allowed).max_by_key(|s| s.motions.len()) else {
         return Err(RegisterError::NoOverlap { static_percent: 0.0 });
     };
-    let (mut notes, mut warnings) = (Vec::new(), Vec::new());
+    let mut notes = Vec::new();
+    let mut warnings = Vec::new();
     check(pair, &chosen.motions, parts, &chosen.shares, &mut notes)?;
     let found = chosen.motions.len();
     let evident = most.map_or(found, |s| s.motions.len());
@@ -87,7 +88,8 @@ fn check(
     if shares[0] < pair.config.least_static_share {
         return Err(RegisterError::NoOverlap { static_percent });
     }
-    let (found, moving) = (motions.len(), motions.len() - 1);
+    let found = motions.len();
+    let moving = motions.len() - 1;
     match parts {
         Some(_) if one => Err(RegisterError::NoMotion { static_percent }),
         Some(asked) if asked > found => {

@@ -131,7 +131,9 @@ pub(crate) fn scores(pair: &MatchedPair<'_>, motions: &[Pose], shares: &[f64]) -
 pub(crate) fn shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64> {
     let mut gains = vec![0.0; motions];
     for sample in costs.iter().flat_map(|c| c.chunks_exact(motions)) {
-        let (mut best, mut second, mut winner) = (1.0f32, 1.0f32, 0);
+        let mut best = 1.0f32;
+        let mut second = 1.0f32;
+        let mut winner = 0;
         for (k, &c) in sample.iter().enumerate() {
             // Hidden and free places are no explanation, and one must not win by being hidden.
             let c = if c >= HIDDEN { 1.0 } else { c };

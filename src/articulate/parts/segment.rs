@@ -134,7 +134,8 @@ mod tests {
 
     #[test]
     fn a_front_pushed_in_does_not_pass_through_another() {
-        let (before, after) = (plate(0.1), plate(0.0));
+        let before = plate(0.1);
+        let after = plate(0.0);
         let pair = SurfacePair::new([&before, &after], [None, None], 0.03);
         let own = Pose::translation(-0.1, 0.0, 0.0);
         let labels = [vec![1; 100], vec![1; 100]];

@@ -137,7 +137,8 @@ pub fn unite<'a>(
     let Some((mut classes, scores)) = standing.iter().find(allowed).map(|s| (*s).clone()) else {
         return Err(RegisterError::NoOverlap { static_percent: 0.0 });
     };
-    let (mut notes, mut warnings) = (Vec::new(), Vec::new());
+    let mut notes = Vec::new();
+    let mut warnings = Vec::new();
     if let Some(evident) = evident.filter(|e| *e > classes.len()) {
         warnings.push(more_than_asked(evident, classes.len()));
     }

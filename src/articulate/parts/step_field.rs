@@ -35,7 +35,8 @@ impl StepField<'_> {
     /// a linear Gaussian model with the values integrated out. `None` without readings.
     pub(crate) fn log_evidence(&self, design: &Design<'_>) -> Option<f64> {
         let size = design(self.readings.first()?).len();
-        let (mut matrix, mut right) = (DMatrix::identity(size, size) * self.prior, DVector::zeros(size));
+        let mut matrix = DMatrix::identity(size, size) * self.prior;
+        let mut right = DVector::zeros(size);
         for r in self.readings {
             let row = DVector::from_vec(design(r));
             let weight = r.weight / self.dispersion;
@@ -59,7 +60,8 @@ mod tests {
     fn plate(left_m: f64, right_m: f64, bend_m: f64) -> Vec<Reading> {
         (0..400)
             .map(|i| {
-                let (x, y) = (f64::from(i % 20) / 10.0 - 0.95, f64::from(i / 20) / 10.0 - 0.95);
+                let x = f64::from(i % 20) / 10.0 - 0.95;
+                let y = f64::from(i / 20) / 10.0 - 0.95;
                 let shift_m = if x < 0.0 { left_m } else { right_m };
                 let noise_m = 1e-4 * f64::from((i * 7919) % 13 - 6) / 6.0;
                 Reading {

@@ -29,7 +29,8 @@ pub(crate) fn rough(
     sample: usize,
     other_from_this: &Pose,
 ) -> f64 {
-    let (these, others) = (pair.samples[state], pair.samples[1 - state]);
+    let these = pair.samples[state];
+    let others = pair.samples[1 - state];
     let (point, nearest) = pair.carried(state, sample, other_from_this);
     match nearest {
         // A step is most of the reach, so that a sample beside its true partner must count nearly as much as

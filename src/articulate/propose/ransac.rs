@@ -189,7 +189,8 @@ fn is_twin(weak: &Pose, strong: &Pose, matches: &[LiftedMatch], gate: &Gate, ext
     let of = |motion: &Pose| -> Vec<&LiftedMatch> {
         matches.iter().filter(|m| gate.supports(m, motion)).collect()
     };
-    let (followers, others) = (of(weak), of(strong));
+    let followers = of(weak);
+    let others = of(strong);
     // Where the motions act: two turns about far axes may differ much elsewhere and be one here.
     let twins = followers.iter().filter(|m| {
         let close = (weak * m.point0 - strong * m.point0).norm() < TWIN_GATES * gate.most_m;
@@ -307,7 +308,8 @@ fn triple(pool: &[LiftedMatch], radius_m: f64, gate: &Gate, rng: &mut impl Rng) 
     let mut draw = || &pool[((rng.next_u64() >> 32) as usize * pool.len()) >> 32];
     let a = draw();
     let fits = |p: &LiftedMatch, q: &LiftedMatch| {
-        let (l0, l1) = ((p.point0 - q.point0).norm(), (p.point1 - q.point1).norm());
+        let l0 = (p.point0 - q.point0).norm();
+        let l1 = (p.point1 - q.point1).norm();
         let sigma = p.sigma_m.hypot(q.sigma_m);
         // Ends closer than their errors fix no rotation. A rigid motion keeps distances, which is cheaper to
         // test than to fit.

@@ -111,7 +111,8 @@ impl Search<'_, '_> {
         worth_of: impl Fn(&Pose) -> f64 + Sync,
         anew: impl Fn(&Pose) -> Option<[Slip; 3]>,
     ) -> (f64, Pose) {
-        let (mut best, mut step_m) = (*motion, 2.0 * self.pair.reach_m);
+        let mut best = *motion;
+        let mut step_m = 2.0 * self.pair.reach_m;
         let mut worth = worth_of(&best);
         while step_m > SETTLED * self.pair.reach_m {
             // Slips alone: along all other directions the surface holds a refined motion.

@@ -92,7 +92,8 @@ pub(crate) fn motions_on(search: &Search<'_, '_>, motion: &Pose, patches: &[Vec<
     let near_m = HINGE * search.extent_m;
     let mut all = Vec::new();
     for state in [0, 1] {
-        let (body, points) = (Body::new(search, state, motion), &search.pair.samples[state].points);
+        let body = Body::new(search, state, motion);
+        let points = &search.pair.samples[state].points;
         let is_left = |p: &&Patch| {
             2 * p.samples.iter().filter(|&&i| search.left.open[state][i]).count() > p.samples.len()
         };
@@ -116,9 +117,11 @@ fn motions_of(
     body: &Body,
     onto: &[Patch],
 ) -> Vec<Pose> {
-    let (pair, left) = (search.pair, &search.left);
+    let pair = search.pair;
+    let left = &search.left;
     let step_m = STEP * pair.reach_m;
-    let (some, carried) = (some_of(patch), patch.under(&body.carried));
+    let some = some_of(patch);
+    let carried = patch.under(&body.carried);
     let [slides, turns] = own_trials(&carried, step_m, search.extent_m);
     let planes = onto.iter().flat_map(|p| plane_trials(&carried, p, step_m)).collect();
     // Each kind has its own best trials: turns are tried by the hundred and would crowd out slides.
@@ -181,7 +184,8 @@ fn own_trials(patch: &Patch, step_m: f64, extent_m: f64) -> [Vec<Pose>; 2] {
 /// Motions that take a patch into the plane of another about a line parallel to both planes: one shift across
 /// that line is unknown and tried in steps.
 fn plane_trials(patch: &Patch, onto: &Patch, step_m: f64) -> Vec<Pose> {
-    let (n0, n1) = (patch.axes[2], onto.axes[2]);
+    let n0 = patch.axes[2];
+    let n1 = onto.axes[2];
     let angle = n0.angle(&n1);
     // Parallel planes fix the shift along the normal and leave the rest open; opposite ones leave the axis
     // open, which is tried along both edges.
@@ -199,7 +203,8 @@ fn plane_trials(patch: &Patch, onto: &Patch, step_m: f64) -> Vec<Pose> {
     let mut all = Vec::new();
     for u in directions {
         let rotation = Rotation3::from_axis_angle(&Unit::new_normalize(u), angle);
-        let (center, v) = (rotation * patch.center, n1.cross(&u));
+        let center = rotation * patch.center;
+        let v = n1.cross(&u);
         let to_plane = n1 * n1.dot(&(onto.center - center));
         // From where the patches begin to overlap to where they end.
         let range_m = side(onto, &v) + side(patch, &(rotation.inverse() * v));

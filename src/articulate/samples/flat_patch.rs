@@ -30,7 +30,8 @@ pub(crate) fn flat_patches<I: Iterator<Item = usize>>(
             continue;
         }
         patches[seed] = Some(count);
-        let (mut sum, mut border) = (normals[seed], VecDeque::from([seed]));
+        let mut sum = normals[seed];
+        let mut border = VecDeque::from([seed]);
         while let Some(i) = border.pop_front() {
             for j in beside(i) {
                 let off = || (normals[j] - sum.normalize()).norm();
@@ -67,7 +68,8 @@ mod tests {
     fn faces_about_a_rounded_edge_are_patches_of_their_own() {
         for bent in [1, 5, 20] {
             let patches = strip(30, bent);
-            let (first, second) = (patches[0], patches[patches.len() - 1]);
+            let first = patches[0];
+            let second = patches[patches.len() - 1];
             assert!(first != second, "{bent}: {patches:?}");
             assert!(patches[..29].iter().all(|p| *p == first), "{bent}: {patches:?}");
             assert!(patches[patches.len() - 29..].iter().all(|p| *p == second), "{bent}: {patches:?}");

@@ -64,7 +64,8 @@ mod tests {
 
     #[test]
     fn a_hinge_runs_by_both_plates_and_other_axes_do_not() {
-        let (part, parent) = (plate(0.01), plate(-0.21));
+        let part = plate(0.01);
+        let parent = plate(-0.21);
         let off = |x: f64, y: f64| axis_off_m((&Point3::new(x, y, 5.0), &Vector3::z_axis()), &part, &parent);
         assert!((off(0.0, 0.0) - 0.02).abs() < 1e-9);
         assert!((off(0.11, 0.0) - 0.12).abs() < 1e-9);

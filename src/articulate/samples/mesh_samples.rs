@@ -17,7 +17,9 @@ pub fn mesh_samples(mesh: &TriangleMesh, count: usize) -> SurfaceSamples {
     let step = mesh.area_m2() / count.max(1) as f64;
     let mut samples = SurfaceSamples::default();
     // One sample for each step of area: systematic sampling is even, also over many small triangles.
-    let (mut reached, mut next, mut index) = (0.0, 0.5 * step, 0u32);
+    let mut reached = 0.0;
+    let mut next = 0.5 * step;
+    let mut index = 0u32;
     for (t, corners) in mesh.triangles.iter().enumerate() {
         reached += 0.5 * f64::from(mesh.area_normal(t).norm());
         while next < reached && step > 0.0 {
@@ -85,13 +87,12 @@ mod tests {
     #[test]
     fn points_spread_over_a_sphere_with_radial_normals() {
         let mut mesh = TriangleMesh::default();
-        let (rings, steps) = (24u32, 48u32);
+        let rings = 24u32;
+        let steps = 48u32;
         for r in 0..=rings {
             for s in 0..steps {
-                let (a, b) = (
-                    std::f32::consts::PI * r as f32 / rings as f32,
-                    std::f32::consts::TAU * s as f32 / steps as f32,
-                );
+                let a = std::f32::consts::PI * r as f32 / rings as f32;
+                let b = std::f32::consts::TAU * s as f32 / steps as f32;
                 mesh.vertices.push(Point3::new(a.sin() * b.cos(), a.sin() * b.sin(), a.cos()));
                 mesh.colors.push([255, 0, (255.0 * (0.5 + 0.5 * a.cos())) as u8]);
             }

@@ -63,14 +63,16 @@ impl<'a> SampleIndex<'a> {
     pub(crate) fn around(&self, point: &Point3<f64>, mut visit: impl FnMut(usize, &Point3<f64>)) {
         let c = self.cell(point);
         let range = |k: usize| {
-            let (low, high) = ((c[k] - 1).max(0), (c[k] + 1).min(self.dims[k] as i64 - 1));
+            let low = (c[k] - 1).max(0);
+            let high = (c[k] + 1).min(self.dims[k] as i64 - 1);
             low..=high
         };
         // Cells are as wide as the reach at least, so that the 27 around a point hold all within it.
         for z in range(2) {
             for y in range(1) {
                 let row = range(0);
-                let (first, last) = (*row.start(), *row.end());
+                let first = *row.start();
+                let last = *row.end();
                 if first > last {
                     continue;
                 }
@@ -94,7 +96,8 @@ impl<'a> SampleIndex<'a> {
     pub(crate) fn nearest(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> Option<usize> {
         // derived: the square of the half in that distance
         let bend = 0.25 * self.reach_m * self.reach_m;
-        let (mut best, mut best_squared) = (None, self.reach_m * self.reach_m);
+        let mut best = None;
+        let mut best_squared = self.reach_m * self.reach_m;
         self.around(point, |i, p| {
             let squared = (p - point).norm_squared();
             // The normal is read only where the distance alone does not decide.

@@ -84,7 +84,8 @@ impl Changes {
     }
 
     fn slip(&self, twist: &Vector6<f64>) -> Slip {
-        let (turn, shift) = (twist.fixed_rows::<3>(0) / self.radius_m, twist.fixed_rows::<3>(3).into_owned());
+        let turn = twist.fixed_rows::<3>(0) / self.radius_m;
+        let shift = twist.fixed_rows::<3>(3).into_owned();
         Slip { turn, shift, center: self.center }
     }
 }
@@ -128,7 +129,8 @@ mod tests {
     #[test]
     fn a_plane_slips_in_itself_and_nowhere_else() {
         let normal = Vector3::new(1.0, 2.0, -0.5).normalize();
-        let (a, b) = (normal.cross(&Vector3::x()).normalize(), normal.cross(&Vector3::y()).normalize());
+        let a = normal.cross(&Vector3::x()).normalize();
+        let b = normal.cross(&Vector3::y()).normalize();
         let point =
             |i: usize| Point3::new(0.3, -1.0, 2.0) + a * (0.1 * (i % 7) as f64) + b * (0.07 * (i / 7) as f64);
         let points: Vec<_> = (0..49).map(point).collect();
@@ -160,7 +162,8 @@ mod tests {
                 surface.push((at(radius_m * f64::from(1 + k / 60) / 5.0, 0.02), Vector3::z()));
             }
             for k in 0..60 {
-                let (x, z) = (-0.01 + 0.0008 * f64::from(k % 30), 0.022 + 0.006 * f64::from(k / 30));
+                let x = -0.01 + 0.0008 * f64::from(k % 30);
+                let z = 0.022 + 0.006 * f64::from(k / 30);
                 surface.extend(
                     [0.008, -0.008].map(|y| (Point3::new(x, y, z), Vector3::new(0.0, f64::signum(y), 0.0))),
                 );

@@ -147,7 +147,8 @@ impl SurfaceGraph {
     /// Probability of every label at every sample, sample-major, by mean-field smoothing of the costs.
     /// See docs/method.md (6.7).
     pub(crate) fn mean_field(&self, costs: &[f32], labels: usize) -> Vec<f32> {
-        let (n, quads) = (self.neighbors.len(), labels.div_ceil(LANES));
+        let n = self.neighbors.len();
+        let quads = labels.div_ceil(LANES);
         // Labels lie in lanes of four, as registers hold them; lanes without a label stay zero.
         let mut lanes = vec![[0.0f32; LANES]; n * quads];
         for (lanes, costs) in lanes.chunks_exact_mut(quads).zip(costs.chunks_exact(labels)) {
@@ -158,7 +159,8 @@ impl SurfaceGraph {
         let mut beliefs = vec![[1.0 / labels as f32; LANES]; n * quads];
         let mut next = beliefs.clone();
         // Whether each sample changed in the last round: one about which nothing did stays as it is.
-        let (mut changed, mut changes) = (vec![true; n], vec![true; n]);
+        let mut changed = vec![true; n];
+        let mut changes = vec![true; n];
         for _ in 0..ROUNDS {
             let rows = next.par_chunks_mut(quads).zip(&mut changes).with_min_len(512).enumerate();
             rows.for_each(|(i, (energies, changes))| {
@@ -230,12 +232,14 @@ impl SurfaceGraph {
                 let neighbors = &self.neighbors[i];
                 let mut change = [0.0f32; LANES];
                 for at in i * quads..(i + 1) * quads {
-                    let (mut mean, quad) = (own[at], at - i * quads);
+                    let mut mean = own[at];
+                    let quad = at - i * quads;
                     for &(j, w) in neighbors {
                         let other = &reached[j as usize * quads + quad];
                         mean.iter_mut().zip(other).for_each(|(m, o)| *m += w * o);
                     }
-                    let (old, open) = (&mut reached[at], &open[at]);
+                    let old = &mut reached[at];
+                    let open = &open[at];
                     for lane in 0..LANES {
                         let new = open[lane] * mean[lane] / whole[i];
                         change[lane] = change[lane].max((new - old[lane]).abs());
@@ -304,7 +308,8 @@ impl SurfaceGraph {
                 return own;
             }
             let row = component * motions..(component + 1) * motions;
-            let (around, against) = (&around[row.clone()], &against[row]);
+            let around = &around[row.clone()];
+            let against = &against[row];
             let open = |k: &usize| against[*k] < RULED_OUT_SHARE * size[component];
             let nearest =
                 (0..motions).filter(open).reduce(|best, k| if around[k] > around[best] { k } else { best });

@@ -149,12 +149,16 @@ impl Scene {
         let mut nearest: Option<(f64, usize, Point3<f64>, Vector3<f64>)> = None;
         for (i, part) in self.parts.iter().enumerate() {
             let part_from_world = self.world_from_part(state, i).inverse();
-            let (o, d) = (part_from_world * origin, part_from_world * direction);
+            let o = part_from_world * origin;
+            let d = part_from_world * direction;
             for (center, half) in &part.boxes {
                 // A ray is in the box from where it has entered all three slabs to where it leaves the first.
-                let (mut enter, mut leave, mut axis) = (0.0, f64::INFINITY, 3);
+                let mut enter = 0.0;
+                let mut leave = f64::INFINITY;
+                let mut axis = 3;
                 for k in 0..3 {
-                    let (a, b) = ((center[k] - half[k] - o[k]) / d[k], (center[k] + half[k] - o[k]) / d[k]);
+                    let a = (center[k] - half[k] - o[k]) / d[k];
+                    let b = (center[k] + half[k] - o[k]) / d[k];
                     if a.min(b) > enter {
                         (enter, axis) = (a.min(b), k);
                     }
@@ -186,7 +190,9 @@ impl Scene {
         let one = |(i, camera): (usize, &Pose)| {
             let world_from_camera = self.world * camera;
             let n = intrinsics.width * intrinsics.height;
-            let (mut rgb, mut depth_m, mut mask) = (vec![[90; 3]; n], vec![0.0; n], vec![false; n]);
+            let mut rgb = vec![[90; 3]; n];
+            let mut depth_m = vec![0.0; n];
+            let mut mask = vec![false; n];
             for p in 0..n {
                 let ray = intrinsics.ray((p % intrinsics.width) as f64, (p / intrinsics.width) as f64);
                 let origin = Point3::from(world_from_camera.translation.vector);
@@ -225,7 +231,8 @@ impl Scene {
                 frame.world_from_camera * frame.intrinsics.ray(f64::from(pixel[0]), f64::from(pixel[1]));
             self.hit(state, &Point3::from(frame.world_from_camera.translation.vector), &ray)
         };
-        let (a, b) = (at(0, &frames[0][m.frame0], m.pixel0)?, at(1, &frames[1][m.frame1], m.pixel1)?);
+        let a = at(0, &frames[0][m.frame0], m.pixel0)?;
+        let b = at(1, &frames[1][m.frame1], m.pixel1)?;
         (a.1 == b.1).then(|| (a.2 - b.2).norm())
     }
 
@@ -244,13 +251,16 @@ impl Scene {
 
     /// Points on the faces that some camera sees, with the part of each, on grids `spacing_m` wide.
     pub fn surface(&self, state: usize, cameras: &[Pose], spacing_m: f64) -> (SurfaceSamples, Vec<u8>) {
-        let (mut samples, mut labels) = (SurfaceSamples::default(), Vec::new());
+        let mut samples = SurfaceSamples::default();
+        let mut labels = Vec::new();
         for (i, part) in self.parts.iter().enumerate() {
             let pose = self.world_from_part(state, i);
             for (center, half) in &part.boxes {
                 for face in 0..6 {
-                    let (k, sign) = (face / 2, if face % 2 == 0 { 1.0 } else { -1.0 });
-                    let (a, b) = ((k + 1) % 3, (k + 2) % 3);
+                    let k = face / 2;
+                    let sign = if face % 2 == 0 { 1.0 } else { -1.0 };
+                    let a = (k + 1) % 3;
+                    let b = (k + 2) % 3;
                     let steps = |axis: usize| ((2.0 * half[axis] / spacing_m) as usize).max(1);
                     for s in 0..steps(a) * steps(b) {
                         let mut p = *center;

@@ -36,7 +36,8 @@ fn stands(
     noise: &NoiseConfig,
 ) -> Option<bool> {
     // A reading before the point hides it and says nothing.
-    let (mut seen, mut through) = (0, 0);
+    let mut seen = 0;
+    let mut through = 0;
     for frame in frames {
         let point = frame.in_camera(point_in_world);
         let Some(pixel) = frame.intrinsics.pixel(&point).filter(|&i| frame.depth_m[i] > 0.0) else {

@@ -79,7 +79,10 @@ fn line(gray: &Gray, from: Point2<f64>, to: Point2<f64>, reach_px: f64) -> Optio
     let count = (length - 2.0 * first).floor().max(0.0) as usize + 1;
     // Offset along the outward normal at a place: a + b (place - middle).
     let middle = 0.5 * length;
-    let (mut a, mut b, mut spread, mut sigma_px) = (0.0, 0.0, 0.0, 0.0);
+    let mut a = 0.0;
+    let mut b = 0.0;
+    let mut spread = 0.0;
+    let mut sigma_px = 0.0;
     for round in 0..ROUNDS {
         // At first the line is known to a pixel.
         let reach_px = if round == 0 { reach_px + 1.0 } else { reach_px };
@@ -119,7 +122,8 @@ fn line(gray: &Gray, from: Point2<f64>, to: Point2<f64>, reach_px: f64) -> Optio
 fn step(gray: &Gray, at: &Point2<f64>, outward: &Vector2<f64>, reach_px: f64) -> Option<f64> {
     let steps = (reach_px / STEP_PX).round() as i32;
     let value = |t: f64| gray.at(at.x + outward.x * t, at.y + outward.y * t);
-    let (mut sum, mut moment) = (0.0, 0.0);
+    let mut sum = 0.0;
+    let mut moment = 0.0;
     let mut before = value(-(f64::from(steps) + 0.5) * STEP_PX)?;
     for k in -steps..=steps {
         let here = value((f64::from(k) + 0.5) * STEP_PX)?;

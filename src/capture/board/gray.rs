@@ -22,12 +22,14 @@ impl Gray {
 
     /// Linear between pixels; none outside their centers.
     pub fn at(&self, u: f64, v: f64) -> Option<f64> {
-        let (x, y) = (u.floor(), v.floor());
+        let x = u.floor();
+        let y = v.floor();
         let inside = x >= 0.0 && y >= 0.0 && x + 1.0 < self.width as f64 && y + 1.0 < self.height as f64;
         if !inside {
             return None;
         }
-        let (right, down) = (u - x, v - y);
+        let right = u - x;
+        let down = v - y;
         let at = y as usize * self.width + x as usize;
         let value = |i: usize| f64::from(self.values[i]);
         let row = |i: usize| value(i) + right * (value(i + 1) - value(i));

@@ -81,7 +81,8 @@ impl BoardInWorld {
 
 impl fmt::Display for BoardCorrection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let ([factor, sigma], away_m) = (self.scale, BoardPlace::AWAY_M);
+        let [factor, sigma] = self.scale;
+        let away_m = BoardPlace::AWAY_M;
         let [on_mm, away_mm] = self.sigma_m.map(|m| 1e3 * m);
         write!(
             f,

@@ -99,10 +99,13 @@ impl BoardLayout {
     #[must_use]
     pub fn corners(&self, tag: u16) -> Option<[Point2<f64>; 4]> {
         let place = self.place(tag)?;
-        let (column, row) = ((place % COLUMNS) as f64, (place / COLUMNS) as f64);
+        let column = (place % COLUMNS) as f64;
+        let row = (place / COLUMNS) as f64;
         let pitch_m = self.tag_m + self.gap_m;
         let [half_x, half_y] = self.half_grid_m();
-        let (x, y, a) = (column * pitch_m - half_x, half_y - row * pitch_m, self.tag_m);
+        let x = column * pitch_m - half_x;
+        let y = half_y - row * pitch_m;
+        let a = self.tag_m;
         Some([Point2::new(x, y), Point2::new(x + a, y), Point2::new(x + a, y - a), Point2::new(x, y - a)])
     }
 
@@ -131,8 +134,10 @@ impl BoardLayout {
     pub fn is_black(&self, at: &Point2<f64>) -> bool {
         let pitch_m = self.tag_m + self.gap_m;
         let [half_x, half_y] = self.half_grid_m();
-        let (right, down) = (at.x + half_x, half_y - at.y);
-        let (column, row) = ((right / pitch_m).floor(), (down / pitch_m).floor());
+        let right = at.x + half_x;
+        let down = half_y - at.y;
+        let column = (right / pitch_m).floor();
+        let row = (down / pitch_m).floor();
         if !((0.0..COLUMNS as f64).contains(&column) && (0.0..ROWS as f64).contains(&row)) {
             return false;
         }

@@ -59,7 +59,8 @@ fn about_middle(found: &BoardPlace) -> Vector6<f64> {
 
 #[test]
 fn the_place_is_found_within_what_is_said() {
-    let (mut squares, mut expected) = (Vector6::zeros(), Vector6::zeros());
+    let mut squares = Vector6::zeros();
+    let mut expected = Vector6::zeros();
     for seed in 0..40 {
         let found = place(&made(60, seed), [SCALE_TRUTH, 0.0], &KNOWN).unwrap();
         let off = about_middle(&found);

@@ -169,7 +169,8 @@ impl BoardView<'_> {
         let ends = [corners[point.edge], corners[(point.edge + 1) % 4]];
         let [from, to] = ends.map(|p| camera_from_board * Point3::new(p.x, p.y, 0.0));
         let [a, b] = [from, to].map(|p| self.intrinsics.project(&p));
-        let (a, b) = (Point2::from(<[f64; 2]>::from(a?)), Point2::from(<[f64; 2]>::from(b?)));
+        let a = Point2::from(<[f64; 2]>::from(a?));
+        let b = Point2::from(<[f64; 2]>::from(b?));
         let along = (b - a).try_normalize(1e-9)?;
         let outward = Vector2::new(along.y, -along.x);
         let residual = outward.dot(&(point.at - a)) - ink_px;

@@ -12,7 +12,8 @@ const SIGMA_PX: f64 = 0.08;
 
 /// Places on the edges of all tags as a camera sees them, ink spread included, and the tags.
 fn seen(layout: &BoardLayout, board_from_camera: &Pose, ink_px: f64) -> (Vec<EdgePoint>, Vec<SeenTag>) {
-    let (mut points, mut tags) = (Vec::new(), Vec::new());
+    let mut points = Vec::new();
+    let mut tags = Vec::new();
     for tag in layout.tags() {
         let project = |p: Point2<f64>| {
             let (u, v) = INTRINSICS

@@ -33,14 +33,17 @@ pub(super) fn pose_by_homography(
     let eigen = squares.symmetric_eigen();
     let h = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
     let column = |j: usize| Vector3::new(h[j], h[3 + j], h[6 + j]);
-    let (first, second, mut at) = (column(0), column(1), column(2));
+    let first = column(0);
+    let second = column(1);
+    let mut at = column(2);
     let mut scale = 2.0 / (first.norm() + second.norm());
     // Before the camera.
     if at.z < 0.0 {
         scale = -scale;
     }
     at *= scale;
-    let (x, y) = (first * scale, second * scale);
+    let x = first * scale;
+    let y = second * scale;
     let svd = Matrix3::from_columns(&[x, y, x.cross(&y)]).svd(true, true);
     let rotation = svd.u? * svd.v_t?;
     if !(rotation.determinant() > 0.0) || !at.iter().all(|v| v.is_finite()) {

@@ -20,7 +20,8 @@ pub(super) fn cells(code: u64) -> TagCells {
             for side in 0..4 {
                 let bit = side * quarter + place;
                 // The upper side, turned by quarters.
-                let (mut x, mut y) = (1 + along, 1 + ring);
+                let mut x = 1 + along;
+                let mut y = 1 + ring;
                 for _ in 0..side {
                     (x, y) = (CELLS - 1 - y, x);
                 }

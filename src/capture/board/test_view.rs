@@ -47,7 +47,8 @@ pub fn drawn(layout: &BoardLayout, board_from_camera: &Pose) -> RgbdFrame {
     };
     let offset = |s: usize| (s as f64 + 0.5) / SAMPLES as f64 - 0.5;
     let pixel = |i: usize| {
-        let (u, v) = ((i % k.width) as f64, (i / k.width) as f64);
+        let u = (i % k.width) as f64;
+        let v = (i / k.width) as f64;
         let sum: f64 = (0..SAMPLES * SAMPLES)
             .map(|s| light(&on_board(u + offset(s % SAMPLES), v + offset(s / SAMPLES)).1))
             .sum();

@@ -56,7 +56,8 @@ impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
     pub fn of(image: &'a Plane, keep: K) -> Self {
         let pixels = image.width * image.height;
         // Memory of zeros costs nothing where nobody looks.
-        let (magnitudes, directions) = (vec![0.0; pixels], vec![0.0; pixels]);
+        let magnitudes = vec![0.0; pixels];
+        let directions = vec![0.0; pixels];
         Self { image, keep, magnitudes, directions, known: vec![0..0; image.height] }
     }
 
@@ -75,7 +76,8 @@ impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
         }
         let row = |y: usize| &self.image.values[y * width..(y + 1) * width];
         let at = y * width + inner.start..y * width + inner.end;
-        let (magnitudes, directions) = (&mut self.magnitudes[at.clone()], &mut self.directions[at]);
+        let magnitudes = &mut self.magnitudes[at.clone()];
+        let directions = &mut self.directions[at];
         let [before, behind] = [inner.start - 1..inner.end - 1, inner.start + 1..inner.end + 1];
         polar(
             [&row(y)[before], &row(y)[behind]],
@@ -143,10 +145,14 @@ fn polar_kernel(
     [magnitudes, directions]: [&mut [f32]; 2],
 ) {
     let n = magnitudes.len();
-    let (left, right, above, below) = (&left[..n], &right[..n], &above[..n], &below[..n]);
+    let left = &left[..n];
+    let right = &right[..n];
+    let above = &above[..n];
+    let below = &below[..n];
     let directions = &mut directions[..n];
     for i in 0..n {
-        let (dx, dy) = (right[i] - left[i], below[i] - above[i]);
+        let dx = right[i] - left[i];
+        let dy = below[i] - above[i];
         magnitudes[i] = (dx * dx + dy * dy).sqrt();
         directions[i] = direction(dx, dy);
     }
@@ -157,7 +163,8 @@ fn polar_kernel(
 /// The arctangent's polynomial is 4.4.49 of Abramowitz and Stegun, right to 2e-8.
 #[inline(always)]
 fn direction(dx: f32, dy: f32) -> f32 {
-    let (x, y) = (dx.abs(), dy.abs());
+    let x = dx.abs();
+    let y = dy.abs();
     let t = x.min(y) / x.max(y).max(f32::MIN_POSITIVE);
     let s = t * t;
     let p = 0.002_866_225_7 * s - 0.016_165_737;
@@ -185,7 +192,8 @@ pub fn orientations(
     scale_px: f32,
 ) -> Vec<f32> {
     // Lowe's section 5: a window of 1.5 scales, peaks from 80 % of the highest.
-    let (sigma, radius) = (1.5 * scale_px, 4.5 * scale_px);
+    let sigma = 1.5 * scale_px;
+    let radius = 4.5 * scale_px;
     // The last bin is the first one again.
     let mut turns = [0.0f32; ORIENTATIONS + 2];
     gradients.around(
@@ -218,11 +226,9 @@ pub fn orientations(
     let highest = histogram.iter().copied().fold(0.0, f32::max);
     let mut peaks = Vec::new();
     for i in 0..ORIENTATIONS {
-        let (l, c, r) = (
-            histogram[(i + ORIENTATIONS - 1) % ORIENTATIONS],
-            histogram[i],
-            histogram[(i + 1) % ORIENTATIONS],
-        );
+        let l = histogram[(i + ORIENTATIONS - 1) % ORIENTATIONS];
+        let c = histogram[i];
+        let r = histogram[(i + 1) % ORIENTATIONS];
         if c > 0.0 && c >= 0.8 * highest && c > l && c >= r {
             // The peak of the parabola through three bins.
             let shift = 0.5 * (l - r) / (l - 2.0 * c + r).min(-1e-12);
@@ -250,10 +256,12 @@ pub fn describe(
     let columns = |dy: f32| {
         let between = |slope: f32, middle: f32| {
             let slope = if slope.abs() < 1e-6 { 1e-6 } else { slope };
-            let (a, b) = ((-reach - middle) / slope, (reach - middle) / slope);
+            let a = (-reach - middle) / slope;
+            let b = (reach - middle) / slope;
             [a.min(b), a.max(b)]
         };
-        let (a, b) = (between(cos, sin * dy), between(-sin, cos * dy));
+        let a = between(cos, sin * dy);
+        let b = between(-sin, cos * dy);
         [a[0].max(b[0]), a[1].min(b[1])]
     };
     let mut cells: Cells = [[[0.0; DIRECTIONS + 2]; SIDE * SIDE]; 2];
@@ -291,14 +299,19 @@ fn add_stretch(cells: &mut Cells, stretch: &Stretch, [sin, cos]: [f32; 2], [cell
     const TOP: f32 = (SIDE - 1) as f32;
     // Cell coordinates with a border cell on each side: the center of inner cell 0 is at 1.
     let middle = 0.5 * TOP;
-    let (mut at, mut bins, mut fractions) = ([0i32; LANES], [0i32; LANES], [[0.0f32; LANES]; 3]);
+    let mut at = [0i32; LANES];
+    let mut bins = [0i32; LANES];
+    let mut fractions = [[0.0f32; LANES]; 3];
     for k in 0..LANES {
-        let (dx, dy) = (stretch.right[k], stretch.below);
+        let dx = stretch.right[k];
+        let dy = stretch.below;
         let u = (cos * dx + sin * dy) / cell_px + middle;
         let v = (cos * dy - sin * dx) / cell_px + middle;
         let bin = in_circle(stretch.directions[k] - angle_rad) * (DIRECTIONS as f32 / TAU);
         let inside = (stretch.weights[k] > 0.0) & (u > 0.0) & (u < TOP) & (v > 0.0) & (v < TOP);
-        let (iu, iv, ib) = (u as i32, v as i32, bin as i32);
+        let iu = u as i32;
+        let iv = v as i32;
+        let ib = bin as i32;
         (at[k], bins[k]) = (if inside { iv * SIDE as i32 + iu } else { -1 }, ib);
         fractions[0][k] = u - iu as f32;
         fractions[1][k] = v - iv as f32;
@@ -307,10 +320,13 @@ fn add_stretch(cells: &mut Cells, stretch: &Stretch, [sin, cos]: [f32; 2], [cell
     let [right, below, turned] = fractions;
     for k in 0..LANES {
         let Ok(at) = usize::try_from(at[k]) else { continue };
-        let (weight, bin, cells) = (stretch.weights[k], bins[k] as usize, &mut cells[k % 2]);
+        let weight = stretch.weights[k];
+        let bin = bins[k] as usize;
+        let cells = &mut cells[k % 2];
         // Spread over the eight nearest bins, so that a small shift changes the descriptor little.
         let [above, below] = [weight * (1.0 - below[k]), weight * below[k]];
-        let (left, right) = (1.0 - right[k], right[k]);
+        let left = 1.0 - right[k];
+        let right = right[k];
         let shares = [above * left, above * right, below * left, below * right];
         for (cell, share) in [at, at + 1, at + SIDE, at + SIDE + 1].into_iter().zip(shares) {
             let pair = &mut cells[cell][bin..bin + 2];
@@ -350,13 +366,16 @@ mod tests {
 
     /// A smooth pattern sampled about a center, turned by `angle` and scaled.
     fn pattern(angle: f32, scale: f32) -> Plane {
-        let (w, h) = (121, 121);
+        let w = 121;
+        let h = 121;
         let mut p = Plane::zeros(w, h);
         for y in 0..h {
             for x in 0..w {
-                let (dx, dy) = ((x as f32 - 60.0) / scale, (y as f32 - 60.0) / scale);
+                let dx = (x as f32 - 60.0) / scale;
+                let dy = (y as f32 - 60.0) / scale;
                 let (s, c) = angle.sin_cos();
-                let (u, v) = (c * dx + s * dy, -s * dx + c * dy);
+                let u = c * dx + s * dy;
+                let v = -s * dx + c * dy;
                 p.values[y * w + x] = 0.5
                     + 0.2 * (0.35 * u + 0.2 * v).sin()
                     + 0.2 * (0.3 * v - 0.15 * u + 1.0).cos()
@@ -405,7 +424,8 @@ mod tests {
             .filter(|i| i % 121 > 70)
             .for_each(|i| spoiled.values[i] = if i % 2 == 0 { 1.0 } else { 0.0 });
         let keep = |x: usize, _: usize| x < 69;
-        let (mut a, mut b) = (Gradients::of(&image, keep), Gradients::of(&spoiled, keep));
+        let mut a = Gradients::of(&image, keep);
+        let mut b = Gradients::of(&spoiled, keep);
         assert_eq!(describe(&mut a, 60.0, 60.0, 3.0, 0.5), describe(&mut b, 60.0, 60.0, 3.0, 0.5));
     }
 }

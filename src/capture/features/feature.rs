@@ -79,7 +79,8 @@ pub fn features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<Feature> {
 /// Features of the whole image of a frame, whatever its mask, strongest first.
 #[must_use]
 pub(super) fn image_features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<Feature> {
-    let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+    let width = frame.intrinsics.width;
+    let height = frame.intrinsics.height;
     let values: Vec<f32> = frame.rgb.iter().map(|rgb| luma(*rgb)).collect();
     let everywhere = vec![true; values.len()];
     detect(&Crop::whole(Plane { width, height, values }, everywhere, config), config)
@@ -99,11 +100,14 @@ struct Crop {
 impl Crop {
     /// Only the object is searched: most frames show it in a small part. `None` without an object.
     fn of(frame: &RgbdFrame, config: &FeatureConfig) -> Option<Self> {
-        let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
+        let w = frame.intrinsics.width;
+        let h = frame.intrinsics.height;
         let object: Vec<bool> = (0..w * h).map(|i| frame.is_object(i)).collect();
         let [left, top, right, bottom] = bounds(&object, w)?;
-        let (left, top) = (left.saturating_sub(MARGIN_PX), top.saturating_sub(MARGIN_PX));
-        let (right, bottom) = ((right + MARGIN_PX).min(w - 1), (bottom + MARGIN_PX).min(h - 1));
+        let left = left.saturating_sub(MARGIN_PX);
+        let top = top.saturating_sub(MARGIN_PX);
+        let right = (right + MARGIN_PX).min(w - 1);
+        let bottom = (bottom + MARGIN_PX).min(h - 1);
         let rows = (top..=bottom).map(|y| y * w + left..y * w + right + 1);
         let values = rows.clone().flat_map(|row| &frame.rgb[row]).map(|rgb| luma(*rgb)).collect();
         let object = rows.flat_map(|row| object[row].iter().copied()).collect();
@@ -133,7 +137,8 @@ fn bounds(mask: &[bool], width: usize) -> Option<[usize; 4]> {
 fn eroded(mask: &[bool], width: usize, radius: usize) -> Vec<bool> {
     // How many pixels before each one, it included, are set without a gap: along its row, then of those
     // along which enough are, along its column.
-    let (mut out, mut below) = (vec![false; mask.len()], vec![0usize; width]);
+    let mut out = vec![false; mask.len()];
+    let mut below = vec![0usize; width];
     for (y, row) in mask.chunks_exact(width).enumerate() {
         let mut run = 0;
         for (x, set) in row.iter().enumerate() {
@@ -166,10 +171,12 @@ struct Extremum {
 
 /// Features of a crop, strongest first, in its pixels.
 fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
-    let (w, h) = (crop.image.width, crop.image.height);
+    let w = crop.image.width;
+    let h = crop.image.height;
     // The nearest pixel; steps are powers of two, so that no sum is rounded.
     let inside = |set: &[bool], u: f32, v: f32| {
-        let (x, y) = ((u + 0.5) as usize, (v + 0.5) as usize);
+        let x = (u + 0.5) as usize;
+        let y = (v + 0.5) as usize;
         x < w && y < h && set[y * w + x]
     };
     let octaves = octaves(&crop.image, config.scales, config.sigma_px, config.upsample);
@@ -220,8 +227,10 @@ fn extrema(
     config: &FeatureConfig,
     inside: impl Fn(usize, usize) -> bool,
 ) -> Vec<Extremum> {
-    let (d, level) = (&octave.differences, of.1);
-    let (w, h) = (d[level].width, d[level].height);
+    let d = &octave.differences;
+    let level = of.1;
+    let w = d[level].width;
+    let h = d[level].height;
     let mut found = Vec::new();
     let mut candidates = Vec::new();
     for y in 1..h - 1 {
@@ -304,7 +313,8 @@ fn refined(
     config: &FeatureConfig,
 ) -> Option<Extremum> {
     let mut level = found.1;
-    let (w, h) = (d[level].width, d[level].height);
+    let w = d[level].width;
+    let h = d[level].height;
     for _ in 0..MOST_STEPS {
         let (gradient, hessian, value) = Around::of(d, level, x, y).quadratic();
         let offset = -hessian.lu().solve(&gradient)?;
@@ -312,8 +322,11 @@ fn refined(
             let response = value + 0.5 * gradient.dot(&offset);
             // Along an edge one principal curvature is much larger than the other, and the place is
             // uncertain.
-            let (xx, yy, xy) = (hessian[(0, 0)], hessian[(1, 1)], hessian[(0, 1)]);
-            let (trace, determinant) = (xx + yy, xx * yy - xy * xy);
+            let xx = hessian[(0, 0)];
+            let yy = hessian[(1, 1)];
+            let xy = hessian[(0, 1)];
+            let trace = xx + yy;
+            let determinant = xx * yy - xy * xy;
             let r = config.edge_ratio;
             let corner = determinant > 0.0 && trace * trace * r < (r + 1.0) * (r + 1.0) * determinant;
             return (response.abs() >= config.contrast && corner).then_some(Extremum {
@@ -369,9 +382,15 @@ impl Around {
 
     /// Gradient, Hessian and value by (x, y, level); derivatives are central.
     fn quadratic(&self) -> (Vector3<f32>, Matrix3<f32>, f32) {
-        let (ex, ey, el) = (Vector3::x(), Vector3::y(), Vector3::z());
-        let (xy, xl, yl) = (self.mixed(ex, ey), self.mixed(ex, el), self.mixed(ey, el));
-        let (xx, yy, ll) = (self.second(ex), self.second(ey), self.second(el));
+        let ex = Vector3::x();
+        let ey = Vector3::y();
+        let el = Vector3::z();
+        let xy = self.mixed(ex, ey);
+        let xl = self.mixed(ex, el);
+        let yl = self.mixed(ey, el);
+        let xx = self.second(ex);
+        let yy = self.second(ey);
+        let ll = self.second(el);
         let hessian = Matrix3::new(xx, xy, xl, xy, yy, yl, xl, yl, ll);
         let gradient = Vector3::new(self.first(ex), self.first(ey), self.first(el));
         (gradient, hessian, self.at(Vector3::zeros()))
@@ -386,12 +405,14 @@ mod tests {
     fn blobs(width: usize, height: usize, centers: &[([f32; 2], f32)]) -> Plane {
         let mut p = Plane::zeros(width, height);
         for i in 0..width * height {
-            let (x, y) = ((i % width) as f32, (i / width) as f32);
+            let x = (i % width) as f32;
+            let y = (i / width) as f32;
             p.values[i] = 0.2
                 + centers
                     .iter()
                     .map(|(c, s)| {
-                        let (dx, dy) = (x - c[0], y - c[1]);
+                        let dx = x - c[0];
+                        let dy = y - c[1];
                         0.5 * (-(dx * dx + 0.8 * dy * dy + 0.3 * dx * dy) / (2.0 * s * s)).exp()
                     })
                     .sum::<f32>();

@@ -65,7 +65,8 @@ pub fn on_object(
         let k = &frame.intrinsics;
         // A negative number or NaN becomes pixel 0 here; models' pixels were checked against their frames
         // before.
-        let (u, v) = (u.round() as usize, v.round() as usize);
+        let u = u.round() as usize;
+        let v = v.round() as usize;
         u < k.width && v < k.height && frame.is_object(v * k.width + u)
     };
     let kept = |c: &&Correspondence| {
@@ -97,7 +98,8 @@ pub fn match_states(states: [&[RgbdFrame]; 2], config: &MatchConfig) -> Vec<Pixe
     let matched: Vec<Vec<PixelMatch>> = frame_pairs(states, config.neighbors)
         .into_par_iter()
         .map(|(frame0, frame1)| {
-            let (a, b) = (&found0[frame0], &found1[frame1]);
+            let a = &found0[frame0];
+            let b = &found1[frame1];
             mutual_matches(a, b, config.ratio)
                 .into_iter()
                 .map(|(i, j)| PixelMatch { frame0, pixel0: a[i].pixel, frame1, pixel1: b[j].pixel })
@@ -119,7 +121,8 @@ pub fn frame_pairs(states: [&[RgbdFrame]; 2], neighbors: usize) -> Vec<(usize, u
         .max(1e-6);
     // Distance of the centers in mean radii plus the length between the unit optical axes.
     let distance = |a: &RgbdFrame, b: &RgbdFrame| {
-        let (p, q) = (&a.world_from_camera, &b.world_from_camera);
+        let p = &a.world_from_camera;
+        let q = &b.world_from_camera;
         let axes = (p.rotation * nalgebra::Vector3::z() - q.rotation * nalgebra::Vector3::z()).norm();
         (p.translation.vector - q.translation.vector).norm() / radius + axes
     };

@@ -29,11 +29,13 @@ impl Plane {
     /// Twice the size by linear interpolation; pixel `(x, y)` becomes pixel `(2 x, 2 y)` unchanged, so that
     /// coordinates halve exactly.
     pub fn doubled(&self) -> Self {
-        let (w, h) = (self.width, self.height);
+        let w = self.width;
+        let h = self.height;
         let mut out = Self::zeros(2 * w, 2 * h);
         let row = |y: usize| &self.values[y * w..(y + 1) * w];
         for (y, out) in out.values.chunks_exact_mut(2 * w).enumerate() {
-            let (above, below) = (row(y / 2), row(y.div_ceil(2).min(h - 1)));
+            let above = row(y / 2);
+            let below = row(y.div_ceil(2).min(h - 1));
             for (x, pair) in out.chunks_exact_mut(2).enumerate() {
                 for (out, right) in pair.iter_mut().zip([x, (x + 1).min(w - 1)]) {
                     *out = 0.25 * (above[x] + above[right] + below[x] + below[right]);
@@ -45,7 +47,8 @@ impl Plane {
 
     /// Every second pixel of every second row.
     pub fn halved(&self) -> Self {
-        let (w, h) = (self.width / 2, self.height / 2);
+        let w = self.width / 2;
+        let h = self.height / 2;
         let mut out = Self::zeros(w, h);
         for (y, out) in out.values.chunks_exact_mut(w).enumerate() {
             let row = &self.values[2 * y * self.width..];
@@ -57,8 +60,8 @@ impl Plane {
     /// Convolved with a Gaussian of the given standard deviation in pixels, cut at 4 standard deviations; the
     /// border pixel repeats outside.
     pub fn blurred(&self, sigma_px: f32) -> Self {
-        let (mut rows, mut out) =
-            (Self::zeros(self.width, self.height), Self::zeros(self.width, self.height));
+        let mut rows = Self::zeros(self.width, self.height);
+        let mut out = Self::zeros(self.width, self.height);
         blur(self, &half_kernel(sigma_px), &mut rows, &mut out);
         out
     }
@@ -78,7 +81,8 @@ vectorized! {
 #[inline(always)]
 fn convolve(image: &Plane, kernel: &[f32], rows: &mut Plane, out: &mut Plane) {
     let r = kernel.len() - 1;
-    let (w, h) = (image.width, image.height);
+    let w = image.width;
+    let h = image.height;
     let mut padded = vec![0.0; w + 2 * r];
     for y in 0..h {
         let row = &image.values[y * w..(y + 1) * w];
@@ -99,7 +103,8 @@ fn convolve(image: &Plane, kernel: &[f32], rows: &mut Plane, out: &mut Plane) {
             *o = kernel[0] * c;
         }
         for (j, &k) in kernel.iter().enumerate().skip(1) {
-            let (above, below) = (y.saturating_sub(j), (y + j).min(h - 1));
+            let above = y.saturating_sub(j);
+            let below = (y + j).min(h - 1);
             add_scaled_pair(
                 target,
                 &rows.values[above * w..(above + 1) * w],

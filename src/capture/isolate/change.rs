@@ -78,7 +78,8 @@ fn behind(point: &Point3<f64>, frame: &RgbdFrame, size_m: f64, noise: &NoiseConf
     let k = &frame.intrinsics;
     let seen = frame.in_camera(point);
     let (u, v) = k.project(&seen)?;
-    let (x, y) = (u.round(), v.round());
+    let x = u.round();
+    let y = v.round();
     let is_inside = x >= 1.0 && y >= 1.0 && x + 2.0 <= k.width as f64 && y + 2.0 <= k.height as f64;
     if !is_inside {
         return None;
@@ -88,7 +89,9 @@ fn behind(point: &Point3<f64>, frame: &RgbdFrame, size_m: f64, noise: &NoiseConf
     let gate_m = (GATE_SIGMAS * noise.sigma_m(seen.z))
         .hypot(0.5 * 3f64.sqrt() * size_m)
         .hypot(PoseNoise::EXPECTED.displacement_m(seen.z));
-    let (mut nearest_m, mut is_there, mut unknown) = (f64::INFINITY, false, 0);
+    let mut nearest_m = f64::INFINITY;
+    let mut is_there = false;
+    let mut unknown = 0;
     for row in [at - k.width, at, at + k.width] {
         for &depth_m in &frame.depth_m[row - 1..=row + 1] {
             if depth_m <= 0.0 {

@@ -94,8 +94,10 @@ fn sample(frames: &[&RgbdFrame], noise: &NoiseConfig) -> Vec<Sample> {
     let mut samples = Vec::new();
     for frame in frames {
         let k = &frame.intrinsics;
-        let (w, h) = (k.width, k.height);
-        let (bw, bh) = ((w as f64 * BORDER) as usize, (h as f64 * BORDER) as usize);
+        let w = k.width;
+        let h = k.height;
+        let bw = (w as f64 * BORDER) as usize;
+        let bh = (h as f64 * BORDER) as usize;
         for y in (stride / 2..h).step_by(stride) {
             for x in (stride / 2..w).step_by(stride) {
                 let Some(point) = frame.world_point(y * w + x) else { continue };
@@ -165,8 +167,10 @@ fn is_inlier(plane: &Plane, s: &Sample) -> bool {
 
 /// Weight of a plane's points; `None` where it is no background.
 fn judge(plane: &Plane, samples: &[&Sample]) -> Option<f64> {
-    let (mut inside, mut behind) = (0.0, 0.0);
-    let (mut borders, mut own_borders) = (0, 0);
+    let mut inside = 0.0;
+    let mut behind = 0.0;
+    let mut borders = 0;
+    let mut own_borders = 0;
     for s in samples {
         let inlier = is_inlier(plane, s);
         borders += usize::from(s.at_border);
@@ -208,9 +212,11 @@ mod tests {
     type Block = [[f64; 3]; 2];
 
     fn hit(origin: &Point3<f64>, ray: &Vector3<f64>, [lower, upper]: &Block) -> Option<f64> {
-        let (mut near, mut far) = (0.0f64, f64::INFINITY);
+        let mut near = 0.0f64;
+        let mut far = f64::INFINITY;
         for k in 0..3 {
-            let (a, b) = ((lower[k] - origin[k]) / ray[k], (upper[k] - origin[k]) / ray[k]);
+            let a = (lower[k] - origin[k]) / ray[k];
+            let b = (upper[k] - origin[k]) / ray[k];
             near = near.max(a.min(b));
             far = far.min(a.max(b));
         }
@@ -220,7 +226,8 @@ mod tests {
     /// Blocks seen with noise from an arc of cameras that look at the origin from this far.
     fn frames(blocks: &[Block], distance: f64, height: f64) -> Vec<RgbdFrame> {
         let intrinsics = Intrinsics { width: 96, height: 72, fx: 80.0, fy: 80.0, cx: 48.0, cy: 36.0 };
-        let (noise, mut rng) = (NoiseConfig::default(), stage_rng(3, "planes", 0));
+        let noise = NoiseConfig::default();
+        let mut rng = stage_rng(3, "planes", 0);
         let mut normal = || (0..12).map(|_| rng.next_u64() as f64 / u64::MAX as f64).sum::<f64>() - 6.0;
         let mut frame = |i: usize| {
             let angle = -0.8 + 0.2 * i as f64;

@@ -174,7 +174,8 @@ impl Search<'_> {
 
     /// Whether the bounds of two groups touch, or nearly, as those of pieces of one thing do.
     fn is_one(&self, a: &[Cell], b: &[Cell]) -> bool {
-        let ((la, ua), (lb, ub)) = (bounds(a.iter()), bounds(b.iter()));
+        let (la, ua) = bounds(a.iter());
+        let (lb, ub) = bounds(b.iter());
         let extent = |l: Cell, u: Cell| (0..3).map(|k| u[k] - l[k]).max().unwrap_or(0);
         let margin = (2 * self.reach).max(extent(la, ua).min(extent(lb, ub)) / PIECES_APART);
         (0..3).all(|k| la[k] - margin <= ub[k] && lb[k] - margin <= ua[k])
@@ -229,7 +230,8 @@ mod tests {
     }
 
     fn search<'a>(cells: &'a [Vec<Cell>], reach: i32, changed: &'a CellSet) -> Search<'a> {
-        let (focus, at) = (Some(Point3::new(0.03, 0.03, 0.03)), None);
+        let focus = Some(Point3::new(0.03, 0.03, 0.03));
+        let at = None;
         let is_at_support = &|c: &Cell| c[2] == 0;
         Search { cells, size_m: 0.01, reach, changed, is_at_support, focus, at, takes_all: false }
     }
@@ -237,7 +239,8 @@ mod tests {
     #[test]
     fn the_group_that_the_cameras_look_at_wins_over_a_larger_one() {
         let cells = [[block(0, 6), block(100, 9)].concat(), Vec::new()];
-        let (still, nowhere) = (CellSet::default(), None);
+        let still = CellSet::default();
+        let nowhere = None;
         let object = choose_object(&search(&cells, 2, &still)).unwrap();
         assert_eq!(object.cells, block(0, 6));
         let blind = Search { focus: nowhere, ..search(&cells, 2, &still) };

@@ -37,7 +37,8 @@ impl PoseAgreement {
     pub(super) fn of(trajectory: &Trajectory, surfels: &[Surfels], matches: &Matches) -> Option<Self> {
         let share = |delay_s: f64| {
             let poses = trajectory.delayed(delay_s);
-            let (mut agreeing, mut all) = (0, 0);
+            let mut agreeing = 0;
+            let mut all = 0;
             for (&[i, j], matches) in matches.iter().filter(|([i, j], _)| i < j) {
                 let other_from_this = poses[j].inverse() * poses[i];
                 let agrees = |m: &&[u32; 2]| {

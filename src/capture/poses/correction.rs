@@ -53,7 +53,8 @@ impl PoseCorrection {
 
 impl fmt::Display for PoseCorrection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (mm, deg) = (1e3 * self.translation_rms_m, self.rotation_rms_rad.to_degrees());
+        let mm = 1e3 * self.translation_rms_m;
+        let deg = self.rotation_rms_rad.to_degrees();
         let [before_mm, after_mm] = self.residual_m.map(|m| 1e3 * m);
         if self.used {
             write!(

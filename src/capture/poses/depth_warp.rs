@@ -77,7 +77,8 @@ impl DepthWarp {
             let cell = (at as usize).min(count - ORDER);
             (cell, cubic(at - cell as f64))
         };
-        let ((column, across), (row, down)) = (along(u, self.shape[0]), along(v, self.shape[1]));
+        let (column, across) = along(u, self.shape[0]);
+        let (row, down) = along(v, self.shape[1]);
         Support { first: row * self.shape[0] + column, columns: self.shape[0], weights: [across, down] }
     }
 
@@ -120,7 +121,8 @@ impl DepthWarp {
         let place =
             |k: usize| [k % self.shape[0], k / self.shape[0]].map(|i| i as f64 * self.step_px / width);
         DMatrix::from_fn(self.values.len(), self.values.len(), |a, b| {
-            let (p, q) = (place(a), place(b));
+            let p = place(a);
+            let q = place(b);
             let squared = (p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2);
             (-squared / (2.0 * CORRELATED * CORRELATED)).exp() + if a == b { OWN } else { 0.0 }
         })
@@ -130,7 +132,8 @@ impl DepthWarp {
     pub(crate) fn correct<'a>(&self, frames: impl Iterator<Item = &'a mut RgbdFrame>) {
         let mut factors: Vec<f32> = Vec::new();
         for frame in frames {
-            let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+            let width = frame.intrinsics.width;
+            let height = frame.intrinsics.height;
             // All frames have one camera, so that one table serves them.
             if factors.is_empty() {
                 let row = |v: usize| (0..width).map(move |u| (1.0 + self.at([u as f64, v as f64])) as f32);
@@ -144,7 +147,8 @@ impl DepthWarp {
 /// Pixels all over an image, row by row: enough for means of what bends over tens of them.
 fn some_pixels(intrinsics: &Intrinsics) -> impl Iterator<Item = [f64; 2]> {
     const EVERY: usize = 8;
-    let (width, height) = (intrinsics.width, intrinsics.height);
+    let width = intrinsics.width;
+    let height = intrinsics.height;
     (0..height).step_by(EVERY).flat_map(move |v| (0..width).step_by(EVERY).map(move |u| [u as f64, v as f64]))
 }
 
@@ -165,7 +169,8 @@ impl Bend {
 
     /// Inverse depth and its slopes there, put right.
     pub fn corrected(&self, plane: Vector3<f64>) -> Vector3<f64> {
-        let (factor, slopes) = (1.0 + self.share, self.slopes);
+        let factor = 1.0 + self.share;
+        let slopes = self.slopes;
         // The inverse depth is divided by 1 + c: the quotient rule.
         let bent = plane.x / (factor * factor);
         Vector3::new(

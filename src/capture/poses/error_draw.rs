@@ -98,7 +98,8 @@ mod tests {
         let mut warp = DepthWarp::none(&k);
         warp.values.iter_mut().for_each(|v| *v = 0.002);
         let draw = ErrorDraw { poses: vec![vec![error]], warp: Some(warp) };
-        let (camera, point) = (Pose::new(Vector3::x(), Vector3::y()), Vector3::new(0.1, -0.2, 1.5));
+        let camera = Pose::new(Vector3::x(), Vector3::y());
+        let point = Vector3::new(0.1, -0.2, 1.5);
         let wrong = draw.displacement_m([0, 0], &camera, &point, [10.0, 20.0]);
         let moved = camera * Pose::new(error.fixed_rows::<3>(0).into(), error.fixed_rows::<3>(3).into());
         let there = moved * nalgebra::Point3::from(1.002 * point);

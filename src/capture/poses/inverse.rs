@@ -32,8 +32,8 @@ fn triangle_inverse(lower: &DMatrix<f64>) -> DMatrix<f64> {
     let part = |rows: std::ops::Range<usize>, columns: std::ops::Range<usize>| {
         lower.view((rows.start, columns.start), (rows.len(), columns.len())).into_owned()
     };
-    let (above, below) =
-        (triangle_inverse(&part(0..half, 0..half)), triangle_inverse(&part(half..n, half..n)));
+    let above = triangle_inverse(&part(0..half, 0..half));
+    let below = triangle_inverse(&part(half..n, half..n));
     let beside = -(&below * part(half..n, 0..half) * &above);
     inverse.view_mut((0, 0), (half, half)).copy_from(&above);
     inverse.view_mut((half, 0), (n - half, half)).copy_from(&beside);

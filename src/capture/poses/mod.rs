@@ -180,7 +180,8 @@ pub fn refine_poses(
         let expected = mean_noise(0).beside(&mean_noise(s));
         let matches = landmarks.between([0, s], [&states[0], &states[s]]);
         let poses = [0, s].map(|s| world::poses_of(&states[s]));
-        let (poses, surfels) = (poses.each_ref().map(Vec::as_slice), [&*surfels[0], &*surfels[s]]);
+        let poses = poses.each_ref().map(Vec::as_slice);
+        let surfels = [&*surfels[0], &*surfels[s]];
         let (correction, follow) = world::correct(poses, surfels, matches, &expected)?;
         draws.iter_mut().for_each(|draw| follow.apply([0, s], draw));
         Some(correction)

@@ -183,7 +183,8 @@ impl Comparison {
             let agreeing = rows.iter().map(|r| r.agreeing / r.tried.max(1) as f64).sum();
             let matches = pairs.iter().filter_map(|pair| self.matches.get(pair)).flatten();
             let weights = ReadingWeights::of(agreeing, matches.map(|m| m[0]));
-            let (mut sums, mut ratios) = (Vec::new(), Vec::new());
+            let mut sums = Vec::new();
+            let mut ratios = Vec::new();
             for (&pair, mut rows) in pairs.iter().zip(rows) {
                 ratios.push(rows.ratios);
                 let of_surfels = weights.of_surfels * (INDEPENDENT / rows.agreeing).min(1.0);
@@ -203,7 +204,9 @@ impl Comparison {
         // By first frames: the sensor's sums are large, and a task has them once.
         let frames: Vec<&[[usize; 2]]> = self.pairs.chunk_by(|a, b| a[0] == b[0]).collect();
         let all: Vec<_> = frames.par_iter().map(|pairs| of_frame(pairs)).collect();
-        let (mut pairs, mut ratios, mut sensor_sums) = (Vec::new(), Vec::new(), None);
+        let mut pairs = Vec::new();
+        let mut ratios = Vec::new();
+        let mut sensor_sums = None;
         // In the order of the frames, as sums of floats depend on it.
         for (of_pairs, seen, of_sensor) in all {
             pairs.extend(of_pairs);
@@ -234,7 +237,8 @@ impl Comparison {
                 .then(|| (share, Row { poses: by_poses(r), sensor, distance_m: r.distance_m, weight }))
         };
         let most = if is_rough { self.most() / self.coarse } else { self.most() };
-        let (mut surfels, mut landmarks) = (Vec::with_capacity(most), Vec::new());
+        let mut surfels = Vec::with_capacity(most);
+        let mut landmarks = Vec::new();
         let mut agreeing = 0.0;
         let mut ratios = Ratios::default();
         let tried = self.compare_surfels(pair, views, Subset::Fitted, most, |r, _| {
@@ -318,7 +322,8 @@ impl Comparison {
         // A matrix turns many points sooner than a quaternion.
         let other_from_this: IsometryMatrix3<f64> =
             nalgebra::convert(world_from_camera[j].inverse() * world_from_camera[i]);
-        let (mut before, mut tried) = (0, 0);
+        let mut before = 0;
+        let mut tried = 0;
         for cells in &self.sets[subset as usize][i] {
             let stride = cells.len().div_ceil(most).max(1);
             // Every pair begins elsewhere, so that together they use all.
@@ -517,7 +522,8 @@ mod tests {
         // What a pixel of the first frame shows, the second shows where it projects to, a little beside.
         let seen: Vec<[[f64; 2]; 2]> = (0..300)
             .filter_map(|i| {
-                let (u, v) = (50 + i % 20 * 3, 40 + i / 20 * 3);
+                let u = 50 + i % 20 * 3;
+                let v = 40 + i / 20 * 3;
                 let there = frames[1].in_camera(&frames[0].world_point(v * k.width + u)?);
                 let (x, y) = k.project(&there)?;
                 Some([[u as f64 + 0.3, v as f64 - 0.2], [x, y]])
@@ -537,7 +543,8 @@ mod tests {
         errors.step(&DVector::from_fn(errors.count(), |_, _| 1e-4 * drawn()));
         let spoilt = Surfels::corrected(&surfels, &errors);
         let values = errors.values();
-        let (mut checked, step) = (0, 1e-6);
+        let mut checked = 0;
+        let step = 1e-6;
         for m in numbers[0].iter().zip(&numbers[1]).filter_map(|(a, b)| Some([(*a)?, (*b)?])) {
             for (r, changed) in at(&surfels, &poses, m).into_iter().zip(at(&spoilt, &poses, m)) {
                 let (Some(r), Some(changed)) = (r, changed) else { continue };

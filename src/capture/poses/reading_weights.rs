@@ -15,7 +15,8 @@ pub(super) struct ReadingWeights {
 impl ReadingWeights {
     /// Of a frame whose surfels so many others show, in the mean, and whose landmarks were matched as listed.
     pub fn of(others: f64, matched: impl Iterator<Item = u32>) -> Self {
-        let (mut landmarks, mut matches) = (BTreeSet::new(), 0usize);
+        let mut landmarks = BTreeSet::new();
+        let mut matches = 0usize;
         matched.for_each(|landmark| {
             landmarks.insert(landmark);
             matches += 1;

@@ -76,14 +76,18 @@ impl SensorCalibration {
     pub(super) fn move_color<'a>(&self, frames: impl Iterator<Item = &'a mut RgbdFrame>) {
         let [du, dv] = self.color_shift_px[0];
         for frame in frames {
-            let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+            let width = frame.intrinsics.width;
+            let height = frame.intrinsics.height;
             let at = |x: usize, y: usize, channel: usize| f64::from(frame.rgb[y * width + x][channel]);
             let moved = |i: usize| {
                 let u = ((i % width) as f64 + du).clamp(0.0, (width - 1) as f64);
                 let v = ((i / width) as f64 + dv).clamp(0.0, (height - 1) as f64);
-                let (x, y) = (u as usize, v as usize);
-                let (right, below) = ((x + 1).min(width - 1), (y + 1).min(height - 1));
-                let (s, t) = (u - x as f64, v - y as f64);
+                let x = u as usize;
+                let y = v as usize;
+                let right = (x + 1).min(width - 1);
+                let below = (y + 1).min(height - 1);
+                let s = u - x as f64;
+                let t = v - y as f64;
                 [0, 1, 2].map(|c| {
                     let above = (1.0 - s) * at(x, y, c) + s * at(right, y, c);
                     let under = (1.0 - s) * at(x, below, c) + s * at(right, below, c);
@@ -174,7 +178,8 @@ pub(super) fn calibrate(
         .zip(alone)
         .zip(&refined)
         .filter_map(|((problem, alone), refined)| {
-            let (problem, refined) = (problem.as_ref()?, refined.as_ref()?);
+            let problem = problem.as_ref()?;
+            let refined = refined.as_ref()?;
             let corrected = problem.corrected(Some(&sensor));
             let best = alone.as_ref().filter(|a| a.correction.used).map_or(&problem.reported, |a| &a.poses);
             let before = Views { surfels: problem.surfels, world_from_camera: best };
@@ -184,7 +189,8 @@ pub(super) fn calibrate(
         .collect();
     // All frames of all states decide together, since they have one sensor.
     let gain = Gain::of(&changes)?;
-    let (count, focal_px) = (sensor.first_of_shift(), [intrinsics.fx, intrinsics.fy]);
+    let count = sensor.first_of_shift();
+    let focal_px = [intrinsics.fx, intrinsics.fy];
     let shift_sigma = |i: usize| covariance[(count + i, count + i)].sqrt() * focal_px[i];
     let lag = sensor.lag();
     let pose_lag_s = [sensor.lag_s, covariance[(lag, lag)].sqrt()];

@@ -68,7 +68,8 @@ impl SensorErrors {
     /// Covariance that is expected of the values, where smooth errors have a size: docs/method.md (2.20).
     pub fn expected(&self, size: f64) -> DMatrix<f64> {
         let warp = (self.warp.smooth() * size.powi(2)).add_scalar(SCALE.powi(2));
-        let (of_warp, count) = (self.first_of_shift(), self.count());
+        let of_warp = self.first_of_shift();
+        let count = self.count();
         let mut expected = DMatrix::from_diagonal_element(count, count, COLOR_SHIFT.powi(2));
         expected.view_mut((0, 0), (of_warp, of_warp)).copy_from(&warp);
         expected[(self.lag(), self.lag())] = LAG_S.powi(2);

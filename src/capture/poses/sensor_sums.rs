@@ -119,7 +119,8 @@ fn add_all(sums: &mut SensorSums, frames: [usize; 2], rows: &[Row]) {
 pub(super) fn by_sensor(r: &Residual, errors: &SensorErrors) -> BySensor {
     // docs/method.md (2.21).
     let [this, other] = r.pixels.map(|pixel| errors.warp.support(pixel).rows());
-    let (along, across) = (r.normal.dot(&r.point.coords), r.other_normal.dot(&r.other_point.coords));
+    let along = r.normal.dot(&r.point.coords);
+    let across = r.other_normal.dot(&r.other_point.coords);
     let warp = std::array::from_fn(|piece| {
         let ((first, weights), slope) = match piece.checked_sub(ORDER) {
             None => (this[piece], along),

@@ -205,7 +205,8 @@ fn step(
     sizes: &Sizes,
 ) -> Option<Step> {
     let values = sensor.map_or_else(|| DVector::zeros(0), SensorErrors::values);
-    let (lag, lag_s) = (sensor.map(SensorErrors::lag), sensor.map_or(0.0, |s| s.lag_s));
+    let lag = sensor.map(SensorErrors::lag);
+    let lag_s = sensor.map_or(0.0, |s| s.lag_s);
     let (sensor_information, half_log) = match sensor {
         Some(errors) => sensor_information(errors, sizes.warp)?,
         None => (DMatrix::zeros(0, 0), 0.0),
@@ -256,7 +257,9 @@ fn step(
     let sensor = -(&sensor_covariance * gradient);
     // Half of what the step lowers the sum of squares by, with that of every state below.
     log_likelihood -= 0.5 * whole_gradient.dot(&sensor);
-    let (mut poses, mut pose_covariances, mut own) = (Vec::new(), Vec::new(), Vec::new());
+    let mut poses = Vec::new();
+    let mut pose_covariances = Vec::new();
+    let mut own = Vec::new();
     for ((covariance, follow, own_step, own_gradient), problem) in eliminated.into_iter().zip(problems) {
         // Back substitution. What is not known of the sensor is not known of the poses that follow it.
         let step = -own_step - &follow * &sensor;
@@ -307,7 +310,8 @@ fn with_lag(
 
 /// Normal equations about the poses of a state.
 fn pose_equations(pairs: &[PairSums], poses: usize) -> (DMatrix<f64>, DVector<f64>) {
-    let (mut information, mut gradient) = (DMatrix::zeros(6 * poses, 6 * poses), DVector::zeros(6 * poses));
+    let mut information = DMatrix::zeros(6 * poses, 6 * poses);
+    let mut gradient = DVector::zeros(6 * poses);
     for sums in pairs {
         let [i, j] = sums.frames.map(|f| 6 * f);
         let [own, between, other] = sums.information;
@@ -354,7 +358,8 @@ fn most_likely(
     };
     let (still, drifting) =
         rayon::join(|| settled(PoseErrors::WITHOUT_DRIFT), || settled(PoseErrors::EXPECTED));
-    let ((still, likelihood_of_still), (drifting, likelihood_of_drifting)) = (still?, drifting?);
+    let (still, likelihood_of_still) = still?;
+    let (drifting, likelihood_of_drifting) = drifting?;
     // Drift has two sizes in each state, shown by three values of every pose.
     let price: f64 = at.iter().map(|at| (at.len() as f64 / 2.0).ln()).sum();
     Some(if likelihood_of_drifting > likelihood_of_still + price { drifting } else { still })
@@ -388,8 +393,10 @@ fn resized(
         let pull = information * mean;
         // As in docs/method.md (2.15), with one size for all values of the warp.
         let marginal = information - information * &step.sensor_covariance * information;
-        let (smooth, count) = (errors.warp.smooth(), errors.first_of_shift());
-        let (pull, marginal) = (pull.rows(0, count), marginal.view((0, 0), (count, count)));
+        let smooth = errors.warp.smooth();
+        let count = errors.first_of_shift();
+        let pull = pull.rows(0, count);
+        let marginal = marginal.view((0, 0), (count, count));
         let change = growth(pull.dot(&(&smooth * pull)), smooth.dot(&marginal));
         (sizes.warp * change).max(LEAST_WARP)
     };

@@ -131,7 +131,8 @@ pub(crate) struct Residual {
 impl Surfel {
     /// Which way it faces.
     fn facing(&self) -> usize {
-        let (x, y) = (self.normal.x, self.normal.y);
+        let x = self.normal.x;
+        let y = self.normal.y;
         match (x.abs() > y.abs(), x.abs().max(y.abs()) > ASIDE) {
             (_, false) => 0,
             (true, true) => 1 + usize::from(x > 0.0),
@@ -146,7 +147,8 @@ impl Surfels {
         let k = frame.intrinsics;
         let step = (k.width / COLUMNS).max(LEAST_STEP);
         let count = |side: usize| side.saturating_sub(2 * R).div_ceil(step);
-        let (columns, rows) = (count(k.width), count(k.height));
+        let columns = count(k.width);
+        let rows = count(k.height);
         let place = |i: usize| [R + i % columns * step, R + i / columns * step];
         let plane =
             |[x, y]: [usize; 2]| if wanted(y * k.width + x) { plane(frame, noise, x, y) } else { None };
@@ -189,7 +191,8 @@ impl Surfels {
         other_from_this: &Pose,
         poses: &PoseNoise,
     ) -> [Option<Residual>; 2] {
-        let (this, that) = (&self.landmarks[this as usize], &other.landmarks[that as usize]);
+        let this = &self.landmarks[this as usize];
+        let that = &other.landmarks[that as usize];
         let other_point = other_from_this * this.point;
         let ray = that.point.coords.normalize();
         let right = Vector3::y().cross(&ray).normalize();
@@ -390,7 +393,8 @@ impl Landmark {
         // What color shows at its pixel, depth has beside it.
         let [u, v] = [0, 1].map(|i| self.pixel[i] - shift_px[i]);
         let inverse = self.read.x - self.read.y * shift_px[0] - self.read.z * shift_px[1];
-        let (ray, depth_m) = (k.ray(u, v), (1.0 + errors.warp.at([u, v])) / inverse);
+        let ray = k.ray(u, v);
+        let depth_m = (1.0 + errors.warp.at([u, v])) / inverse;
         self.point = Point3::from(ray * depth_m);
         let slopes = [self.read.y, self.read.z];
         self.by_shift = [0, 1].map(|i| {
@@ -426,11 +430,15 @@ impl Planes {
     /// shows.
     fn slopes(&self, cell: usize) -> Option<[f64; 2]> {
         let own = self.all[cell].as_ref()?;
-        let (x, y) = ((cell % self.columns) as i64, (cell / self.columns) as i64);
+        let x = (cell % self.columns) as i64;
+        let y = (cell / self.columns) as i64;
         let gate = own.variance.sqrt();
-        let (mut moments, mut right, mut count) = (Matrix3::zeros(), Vector3::zeros(), 0);
+        let mut moments = Matrix3::zeros();
+        let mut right = Vector3::zeros();
+        let mut count = 0;
         for (dx, dy) in (-AROUND..=AROUND).flat_map(|dy| (-AROUND..=AROUND).map(move |dx| (dx, dy))) {
-            let (column, row) = (x + dx, y + dy);
+            let column = x + dx;
+            let row = y + dy;
             if column < 0 || row < 0 || column >= self.columns as i64 || row >= self.rows as i64 {
                 continue;
             }

@@ -97,7 +97,8 @@ fn known_errors_are_found() {
     let mut found = reported.clone();
     let correction = refine(&mut found).unwrap();
     assert!(correction.used, "{correction:?}");
-    let (before, after) = (relative_errors(&reported, &truth), relative_errors(&found, &truth));
+    let before = relative_errors(&reported, &truth);
+    let after = relative_errors(&found, &truth);
     assert!(after[0] < 0.2 * before[0] && after[1] < 0.03 * before[1], "{before:?} {after:?}");
     assert!(correction.residual_m[1] < 0.4 * correction.residual_m[0], "{correction:?}");
     // The gauge: corrections in the camera's frame have about no mean.
@@ -259,7 +260,9 @@ fn drawn_warp(seed: u64) -> DepthWarp {
 
 #[test]
 fn the_errors_of_a_sensor_are_found_within_their_deviation() {
-    let (mut squares, mut left, mut before) = (Vec::new(), 0.0, 0.0);
+    let mut squares = Vec::new();
+    let mut left = 0.0;
+    let mut before = 0.0;
     for seed in 0..4 {
         let truth = drawn_warp(seed);
         let mut states = warped((0..2).map(|s| of_room(10 * seed + s, 12)).collect(), &truth);
@@ -328,9 +331,11 @@ fn texture(p: &Point3<f64>) -> u8 {
 /// The frames with the texture of space, which lies so many pixels beside their depth.
 fn painted(mut frames: Vec<RgbdFrame>, [du, dv]: [i64; 2]) -> Vec<RgbdFrame> {
     for f in &mut frames {
-        let (width, height) = (f.intrinsics.width as i64, f.intrinsics.height as i64);
+        let width = f.intrinsics.width as i64;
+        let height = f.intrinsics.height as i64;
         let color = |i: i64| {
-            let (u, v) = (i % width - du, i / width - dv);
+            let u = i % width - du;
+            let v = i / width - dv;
             let inside = (0..width).contains(&u) && (0..height).contains(&v);
             let point = inside.then(|| f.world_point((v * width + u) as usize)).flatten();
             [point.map_or(0, |p| texture(&p)); 3]
@@ -347,7 +352,8 @@ fn texture_shows_how_far_cameras_slid_along_a_wall() {
     let mut found = vec![reported.clone()];
     let findings = refine_poses(&mut found, &NOISE, false, &KnownFeatures::default());
     assert!(findings.states[0].as_ref().is_some_and(|s| s.used), "{findings:?}");
-    let (before, after) = (relative_errors(&reported, &truth), relative_errors(&found[0], &truth));
+    let before = relative_errors(&reported, &truth);
+    let after = relative_errors(&found[0], &truth);
     assert!(after[0] < 0.4 * before[0] && after[1] < 0.4 * before[1], "{before:?} {after:?}");
 }
 
@@ -423,7 +429,8 @@ fn a_delay_of_half_a_second_is_named_and_undone() {
             refine_poses(&mut found, &NOISE, false, &KnownFeatures::default()).agreement[0].unwrap();
         let delay_s = agreement.certain_delay_s();
         assert!(delay_s.is_some_and(|d| (d - lag_s).abs() < 0.05), "{lag_s} {agreement:?}");
-        let (before, after) = (relative_errors(&reported, &truth), relative_errors(&found[0], &truth));
+        let before = relative_errors(&reported, &truth);
+        let after = relative_errors(&found[0], &truth);
         assert!(after[0] < 0.5 * before[0], "{before:?} {after:?}");
     }
 }
@@ -441,7 +448,8 @@ fn poses_that_no_time_explains_contradict() {
 
 #[test]
 fn draws_are_as_large_as_what_is_left_of_the_errors() {
-    let (mut left, mut drawn) = ([0.0; 2], [0.0; 2]);
+    let mut left = [0.0; 2];
+    let mut drawn = [0.0; 2];
     for seed in 0..3 {
         let truth = late(0.3 * f64::from(seed), 12, 0.0);
         let mut found = vec![disturbed(&truth, 0.003, 0.004)];

@@ -26,7 +26,8 @@ impl Trajectory {
         let last = self.poses.len().saturating_sub(1);
         let mut all = DVector::zeros(6 * self.poses.len());
         for i in 0..self.poses.len() {
-            let (before, after) = (i.saturating_sub(1), (i + 1).min(last));
+            let before = i.saturating_sub(1);
+            let after = (i + 1).min(last);
             let seconds = self.stamps_s[after] - self.stamps_s[before];
             if seconds > 0.0 {
                 let [from, to] = [before, after].map(|k| self.poses[i].inverse() * self.poses[k]);

@@ -47,7 +47,8 @@ pub struct WorldCorrection {
 impl fmt::Display for WorldCorrection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [before_mm, after_mm] = self.residual_m.map(|m| 1e3 * m);
-        let (mm, deg) = (1e3 * self.moved_m, self.turned_rad.to_degrees());
+        let mm = 1e3 * self.moved_m;
+        let deg = self.turned_rad.to_degrees();
         write!(
             f,
             "moved by {mm:.2} mm and {deg:.3} deg onto what stands still; surfaces that its frames and those \
@@ -85,7 +86,8 @@ pub(crate) fn correct(
     matches: Matches,
     expected: &PoseNoise,
 ) -> Option<(WorldCorrection, Follow)> {
-    let (first, count) = (states[0].len(), states[0].len() + states[1].len());
+    let first = states[0].len();
+    let count = states[0].len() + states[1].len();
     // Pairs across the states alone: within one the motion changes nothing.
     let pairs = (0..count)
         .flat_map(|i| (0..count).filter(move |j| (i < first) != (*j < first)).map(move |j| [i, j]))
@@ -232,7 +234,8 @@ fn step(
     moved: &Pose,
     expected: &PoseNoise,
 ) -> Option<Vector6<f64>> {
-    let (mut information, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
+    let mut information = Matrix6::zeros();
+    let mut gradient = Vector6::zeros();
     for pair in sums.iter().map(|s| PairInformation::of(s, poses, first, from_center)) {
         information += pair.information;
         gradient += pair.gradient;
@@ -274,7 +277,8 @@ fn expected_information(expected: &PoseNoise) -> Matrix6<f64> {
 
 /// Middle of the surfels that cameras see, in the world; `None` without any.
 fn middle(world_from_camera: &[Pose], surfels: &[Surfels]) -> Option<Point3<f64>> {
-    let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+    let mut sum = Vector3::zeros();
+    let mut count = 0.0;
     for (pose, surfels) in world_from_camera.iter().zip(surfels) {
         let (own, number) = surfels.sum();
         sum += pose.rotation * own + pose.translation.vector * number;

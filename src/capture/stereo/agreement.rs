@@ -28,7 +28,8 @@ pub(super) fn agreed(views: &[Cells], planes: &[Planes], reference: usize) -> Ve
     let view = &views[reference];
     let is_agreed = |cell: usize| {
         let Some(point) = place(view, &planes[reference], cell) else { return false };
-        let (mut same, mut through) = (0, 0);
+        let mut same = 0;
+        let mut through = 0;
         for other in (0..views.len()).filter(|&o| o != reference) {
             match word(&views[other], &planes[other], &point) {
                 Word::Same(_) => same += 1,

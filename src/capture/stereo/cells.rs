@@ -36,7 +36,8 @@ pub(super) struct Cells {
 impl Cells {
     pub fn of(frame: &RgbdFrame, noise: &NoiseConfig) -> Self {
         let full = &frame.intrinsics;
-        let (width, height) = (full.width / 2, full.height / 2);
+        let width = full.width / 2;
+        let height = full.height / 2;
         let camera = Intrinsics {
             width,
             height,
@@ -82,7 +83,8 @@ impl Cells {
 
     /// Cells on the object, and those among them that have no reading of it within a patch's reach.
     pub fn unread(&self, reach: usize) -> [usize; 2] {
-        let (w, h) = (self.camera.width, self.camera.height);
+        let w = self.camera.width;
+        let h = self.camera.height;
         let read: Vec<bool> =
             self.depth_m.iter().zip(&self.on_object).map(|(d, on)| *d > 0.0 && *on).collect();
         let near = dilated(&read, w, h, reach);
@@ -92,20 +94,23 @@ impl Cells {
 
     /// The pixels of a cell in an image of the given width.
     pub fn pixels(&self, cell: usize, width: usize) -> [usize; 4] {
-        let (x, y) = (2 * (cell % self.camera.width), 2 * (cell / self.camera.width));
+        let x = 2 * (cell % self.camera.width);
+        let y = 2 * (cell / self.camera.width);
         [y * width + x, y * width + x + 1, (y + 1) * width + x, (y + 1) * width + x + 1]
     }
 
     /// Direction of the ray through a cell's middle, z = 1.
     pub fn ray(&self, cell: usize) -> Vector3<f32> {
-        let (x, y) = (cell % self.camera.width, cell / self.camera.width);
+        let x = cell % self.camera.width;
+        let y = cell / self.camera.width;
         self.camera.ray(x as f64, y as f64).cast()
     }
 
     /// Noise of the brightness by what no plane explains in 3 x 3 cells (Immerkaer 1996, by the median, so
     /// that texture counts less).
     fn noise_of_luma(&self) -> f32 {
-        let (w, h) = (self.camera.width, self.camera.height);
+        let w = self.camera.width;
+        let h = self.camera.height;
         let at = |x: usize, y: usize| f64::from(self.luma[y * w + x]);
         let mut left = Vec::new();
         for y in 1..h.saturating_sub(1) {

@@ -86,7 +86,8 @@ pub(super) struct Patch<'a> {
 /// Offsets of the samples, cells, row by row.
 fn offsets() -> [(i32, i32); SAMPLES] {
     std::array::from_fn(|k| {
-        let (x, y) = (k as i32 % SIDE, k as i32 / SIDE);
+        let x = k as i32 % SIDE;
+        let y = k as i32 / SIDE;
         (STRIDE * x - REACH, STRIDE * y - REACH)
     })
 }
@@ -94,11 +95,15 @@ fn offsets() -> [(i32, i32); SAMPLES] {
 impl<'a> Patch<'a> {
     /// The patch, where it has more texture than noise makes and enough of the object.
     pub fn about(view: &'a Cells, cell: usize) -> Option<Self> {
-        let (w, h) = (view.camera.width as i32, view.camera.height as i32);
-        let (x, y) = (cell as i32 % w, cell as i32 / w);
-        let (mut values, mut weights) = ([0.0; SAMPLES], [0.0; SAMPLES]);
+        let w = view.camera.width as i32;
+        let h = view.camera.height as i32;
+        let x = cell as i32 % w;
+        let y = cell as i32 / w;
+        let mut values = [0.0; SAMPLES];
+        let mut weights = [0.0; SAMPLES];
         for (k, (dx, dy)) in offsets().into_iter().enumerate() {
-            let (x, y) = (x + dx, y + dy);
+            let x = x + dx;
+            let y = y + dy;
             if x >= 0 && y >= 0 && x < w && y < h && view.on_object[(y * w + x) as usize] {
                 (values[k], weights[k]) = (view.luma[(y * w + x) as usize], 1.0);
             }
@@ -127,7 +132,9 @@ impl<'a> Patch<'a> {
         if inverse <= 0.0 {
             return UNKNOWN;
         }
-        let (mut costs, mut used, mut through) = ([UNKNOWN; VIEWS], 0, 0);
+        let mut costs = [UNKNOWN; VIEWS];
+        let mut used = 0;
+        let mut through = 0;
         for eye in eyes {
             match self.look(n, inverse, eye) {
                 Look::Unlike(cost) => {
@@ -148,7 +155,8 @@ impl<'a> Patch<'a> {
 
     fn look(&self, n: &Vector3<f32>, inverse: f32, eye: &Eye<'_>) -> Look {
         let camera = &self.view.camera;
-        let (x, y) = ((self.cell % camera.width) as f32, (self.cell / camera.width) as f32);
+        let x = (self.cell % camera.width) as f32;
+        let y = (self.cell / camera.width) as f32;
         let middle = eye.turn * Vector3::new(x, y, 1.0) + eye.shift * inverse;
         if let Some(look) = eye.place(&middle, inverse) {
             return look;
@@ -164,7 +172,9 @@ impl<'a> Patch<'a> {
             let q = at(offset);
             (q.x / q.z, q.y / q.z)
         });
-        let (mut sum, mut square, mut product) = (0.0, 0.0, 0.0);
+        let mut sum = 0.0;
+        let mut square = 0.0;
+        let mut product = 0.0;
         for (k, &place) in places.iter().enumerate() {
             let value = self.weights[k] * eye.sample(place);
             sum += value;
@@ -202,29 +212,34 @@ impl Eye<'_> {
     }
 
     fn cell(&self, q: &Vector3<f32>) -> Option<usize> {
-        let (w, h) = (self.cells.camera.width, self.cells.camera.height);
+        let w = self.cells.camera.width;
+        let h = self.cells.camera.height;
         if q.z <= 0.0 {
             return None;
         }
-        let (x, y) = (q.x / q.z + 0.5, q.y / q.z + 0.5);
+        let x = q.x / q.z + 0.5;
+        let y = q.y / q.z + 0.5;
         (x >= 0.0 && y >= 0.0 && x < w as f32 && y < h as f32).then(|| y as usize * w + x as usize)
     }
 
     /// Whether a homogeneous place is inside the image, with a cell to its right and one below.
     fn is_inside(&self, q: &Vector3<f32>) -> bool {
-        let (w, h) = (self.cells.camera.width, self.cells.camera.height);
+        let w = self.cells.camera.width;
+        let h = self.cells.camera.height;
         q.z > 0.0 && q.x >= 0.0 && q.y >= 0.0 && q.x < (w - 1) as f32 * q.z && q.y < (h - 1) as f32 * q.z
     }
 
     /// Brightness at a place, linear between cells.
     fn sample(&self, (x, y): (f32, f32)) -> f32 {
         let w = self.cells.camera.width;
-        let (i, j) = (x as usize, y as usize);
-        let (fx, fy) = (x - i as f32, y - j as f32);
+        let i = x as usize;
+        let j = y as usize;
+        let fx = x - i as f32;
+        let fy = y - j as f32;
         // Rounding may take a place that is inside to the last row or column.
         let Some(cells) = self.cells.luma.get(j * w + i..j * w + i + w + 2) else { return 0.0 };
-        let (top, bottom) =
-            (cells[0] + fx * (cells[1] - cells[0]), cells[w] + fx * (cells[w + 1] - cells[w]));
+        let top = cells[0] + fx * (cells[1] - cells[0]);
+        let bottom = cells[w] + fx * (cells[w + 1] - cells[w]);
         top + fy * (bottom - top)
     }
 }

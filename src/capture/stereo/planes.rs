@@ -76,8 +76,10 @@ fn best(
     round: usize,
     rng: &mut impl Rng,
 ) -> (Vector3<f32>, f32) {
-    let (w, h) = (view.camera.width as i32, view.camera.height as i32);
-    let (x, y) = (cell as i32 % w, cell as i32 / w);
+    let w = view.camera.width as i32;
+    let h = view.camera.height as i32;
+    let x = cell as i32 % w;
+    let y = cell as i32 / w;
     let neighbors = NEIGHBORS.iter().map(|(dx, dy)| (x + dx, y + dy));
     let inside = neighbors.filter(|(x, y)| (0..w).contains(x) && (0..h).contains(y));
     let passed_on = inside.map(|(x, y)| planes.at[(y * w + x) as usize]).filter(|p| *p != Vector3::zeros());
@@ -112,10 +114,12 @@ fn extended(view: &Cells) -> Planes {
             front.push_back(cell);
         }
     }
-    let (w, h) = (view.camera.width, view.camera.height);
+    let w = view.camera.width;
+    let h = view.camera.height;
     // Breadth first: nearest first.
     while let Some(cell) = front.pop_front() {
-        let (x, y) = (cell % w, cell / w);
+        let x = cell % w;
+        let y = cell / w;
         let beside = [
             (x > 0).then(|| cell - 1),
             (x + 1 < w).then_some(cell + 1),
@@ -139,7 +143,8 @@ fn read(view: &Cells, cell: usize) -> Option<Vector3<f32>> {
         let depth_m = *view.depth_m.get(y * w + x)?;
         (x < w && depth_m > 0.0).then(|| 1.0 / depth_m)
     };
-    let (x, y) = (cell % w, cell / w);
+    let x = cell % w;
+    let y = cell / w;
     let here = inverse(x, y)?;
     // Between the readings on both sides, or beside the hole on one.
     let slope = |before: Option<f32>, after: Option<f32>| match (before, after) {
@@ -151,7 +156,8 @@ fn read(view: &Cells, cell: usize) -> Option<Vector3<f32>> {
     let back = |v: usize| v.checked_sub(SLOPE);
     let across = slope(back(x).and_then(|x| inverse(x, y)), inverse(x + SLOPE, y))?;
     let down = slope(back(y).and_then(|y| inverse(x, y)), inverse(x, y + SLOPE))?;
-    let (nx, ny) = (across * view.camera.fx as f32, down * view.camera.fy as f32);
+    let nx = across * view.camera.fx as f32;
+    let ny = down * view.camera.fy as f32;
     let ray = view.ray(cell);
     Some(Vector3::new(nx, ny, here - nx * ray.x - ny * ray.y))
 }

@@ -27,7 +27,8 @@ fn views(contrast: f64) -> (Vec<RgbdFrame>, Vec<Vec<f64>>) {
         let eye = Vector3::new(turn.sin(), 0.15 * (k % 3) as f64 - 0.15, 1.0 - turn.cos());
         let world_from_camera = Pose::new(eye, Vector3::new(0.0, -turn, 0.0));
         let mut truth = vec![0.0; 160 * 120];
-        let (mut depth_m, mut rgb) = (vec![0.0f32; 160 * 120], vec![[0; 3]; 160 * 120]);
+        let mut depth_m = vec![0.0f32; 160 * 120];
+        let mut rgb = vec![[0; 3]; 160 * 120];
         for pixel in 0..truth.len() {
             let ray = world_from_camera.rotation * intrinsics.ray((pixel % 160) as f64, (pixel / 160) as f64);
             // z - 0.1 x = 1 along the ray.

@@ -87,8 +87,8 @@ impl Adjustment<'_> {
     /// The step that the normal equations ask for, six values a free frame.
     fn step(&self, sums: &[PairSums], start: &[Pose], poses: &[Pose]) -> Option<DVector<f64>> {
         let count = poses.len() - self.fixed;
-        let (mut information, mut gradient) =
-            (DMatrix::zeros(6 * count, 6 * count), DVector::zeros(6 * count));
+        let mut information = DMatrix::zeros(6 * count, 6 * count);
+        let mut gradient = DVector::zeros(6 * count);
         let place = |frame: usize| frame.checked_sub(self.fixed).map(|k| 6 * k);
         for pair in sums {
             let [i, j] = pair.frames.map(place);

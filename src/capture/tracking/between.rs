@@ -153,7 +153,8 @@ fn proposals(
 fn agreement(sides: &[Side<'_>; 2], pairs: &[[usize; 2]], motion: &Pose) -> Overlap {
     let of_pair = |&[i, j]: &[usize; 2]| {
         let moved = motion * sides[0].poses[i];
-        let (a, b) = (sides[0].surfels[i], sides[1].surfels[j]);
+        let a = sides[0].surfels[i];
+        let b = sides[1].surfels[j];
         let near = view_distance_rad(&moved, &sides[1].poses[j], mean_depth_m(a)) < REACH_RAD;
         if near { overlap([a, b], &(sides[1].poses[j].inverse() * moved)) } else { Overlap::default() }
     };

@@ -145,7 +145,8 @@ fn window(
     let seconds = |from: i64, to: i64| (to - from) as f64 * 1e-9;
     let [p0, p1, p2] =
         [begin, middle, end].map(|v| (placed[v].1 * nalgebra::Point3::from(accelerometer.place_m)).coords);
-    let (before_s, after_s) = (seconds(t0, t1), seconds(t1, t2));
+    let before_s = seconds(t0, t1);
+    let after_s = seconds(t1, t2);
     let moved = 2.0 * ((p2 - p1) / after_s - (p1 - p0) / before_s) / (before_s + after_s);
     let readings = &accelerometer.readings;
     let first = readings.partition_point(|r| r.0 <= t0);
@@ -153,7 +154,9 @@ fn window(
     if last < first + LEAST_READINGS {
         return None;
     }
-    let (mut sum, mut read, mut turn) = (0.0, Vector3::zeros(), Matrix3::zeros());
+    let mut sum = 0.0;
+    let mut read = Vector3::zeros();
+    let mut turn = Matrix3::zeros();
     for k in first..last {
         let (t, value) = readings[k];
         // A reading stands for the time to its neighbors.
@@ -179,10 +182,12 @@ fn rotation_at(views: &[(i64, Pose)], stamp: i64) -> Option<nalgebra::UnitQuater
 /// Gravity and bias by weighted least squares.
 fn solve(windows: &[Window]) -> Result<MeasuredUp, NoGravity> {
     let mut weights = vec![1.0; windows.len()];
-    let (mut state, mut covariance) = (Vector6::<f64>::zeros(), Matrix6::<f64>::identity());
+    let mut state = Vector6::<f64>::zeros();
+    let mut covariance = Matrix6::<f64>::identity();
     let mut deviation = GRAVITY;
     for _ in 0..ROUNDS {
-        let (mut information, mut right) = (Matrix6::<f64>::zeros(), Vector6::<f64>::zeros());
+        let mut information = Matrix6::<f64>::zeros();
+        let mut right = Vector6::<f64>::zeros();
         for (window, weight) in windows.iter().zip(&weights) {
             let row = row(window);
             information += row.transpose() * row * *weight;

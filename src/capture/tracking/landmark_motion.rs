@@ -101,7 +101,8 @@ pub(super) fn landmark_motion(pairs: &[LandmarkPair], rng: &mut impl Rng) -> Opt
         return None;
     }
     let mut best: Option<(usize, Pose)> = None;
-    let (mut tried, mut needed) = (0, TRIALS);
+    let mut tried = 0;
+    let mut needed = TRIALS;
     while tried < needed {
         tried += 1;
         let triple = [(); 3].map(|()| pairs[below(rng, pairs.len())]);
@@ -145,7 +146,8 @@ mod tests {
         let mut rng = stage_rng(5, "landmarks", 0);
         let mut point = || Point3::new(unit(&mut rng) - 0.5, unit(&mut rng) - 0.5, 1.0 + unit(&mut rng));
         let pair = |i: usize| {
-            let (from, elsewhere) = (point(), point());
+            let from = point();
+            let elsewhere = point();
             let noise = (point() - Point3::new(0.0, 0.0, 1.5)) * 0.002;
             let to = if i % wrong == 0 { motion * from + noise } else { elsewhere };
             let rays = [from, to].map(|p| p.coords.normalize());

@@ -94,7 +94,8 @@ impl LiveTracker {
             |k: &&usize| found.known.iter().zip(&located.overlaps).any(|(n, o)| n == *k && o.agreeing > 0);
         let before = found.known.iter().filter(sees).map(|&k| self.errors_m[k]).fold(f64::INFINITY, f64::min);
         let error_m = before.hypot(located.least_known_m);
-        let (pose, inliers) = (located.pose, located.agreement);
+        let pose = located.pose;
+        let inliers = located.agreement;
         let last = self.tracker.last.map(|l| (l.pose, self.tracker.keyframes.all[l.keyframe].depth_m));
         let is_fast = last.is_some_and(|(last, depth_m)| view_distance_rad(&last, &pose, depth_m) > FAST_RAD);
         let may = !self.is_full();

@@ -74,7 +74,8 @@ const EDGE_SHARE: f32 = 0.02;
 
 /// Gives pixels without depth the mean of their neighbors', where these show one surface.
 fn fill_gaps(frame: &mut RgbdFrame) {
-    let (width, height) = (frame.intrinsics.width, frame.intrinsics.height);
+    let width = frame.intrinsics.width;
+    let height = frame.intrinsics.height;
     let read = frame.depth_m.clone();
     for y in 1..height.saturating_sub(1) {
         for x in 1..width.saturating_sub(1) {
@@ -82,7 +83,10 @@ fn fill_gaps(frame: &mut RgbdFrame) {
             if read[at] > 0.0 {
                 continue;
             }
-            let (mut sum, mut count, mut least, mut most) = (0.0f32, 0usize, f32::INFINITY, 0.0f32);
+            let mut sum = 0.0f32;
+            let mut count = 0usize;
+            let mut least = f32::INFINITY;
+            let mut most = 0.0f32;
             for row in [at - width, at, at + width] {
                 for &d in read[row - 1..=row + 1].iter().filter(|d| **d > 0.0) {
                     (sum, count, least, most) = (sum + d, count + 1, least.min(d), most.max(d));

@@ -47,7 +47,8 @@ pub(super) fn pose_graph(start: &[Pose], edges: &[Edge]) -> Vec<Pose> {
 /// The step that the pairs ask for; those found by looks count half at the squared length `doubted`.
 fn step(poses: &[Pose], edges: &[Edge], doubted: f64) -> Option<DVector<f64>> {
     let size = 6 * (poses.len() - 1);
-    let (mut information, mut gradient) = (DMatrix::zeros(size, size), DVector::zeros(size));
+    let mut information = DMatrix::zeros(size, size);
+    let mut gradient = DVector::zeros(size);
     for edge in edges {
         let (residual, by_first) = residual(poses, edge);
         let own = edge_information(edge);
@@ -129,7 +130,8 @@ mod tests {
         let truth = circle(12);
         // As large as what pairs are taken to err by, all one way.
         let drift = Pose::new(Vector3::new(0.0012, -0.0006, 0.0009), Vector3::new(0.0006, 0.0009, -0.0012));
-        let (mut start, mut edges) = (vec![truth[0]], Vec::new());
+        let mut start = vec![truth[0]];
+        let mut edges = Vec::new();
         for i in 1..truth.len() {
             let step = truth[i - 1].inverse() * truth[i] * drift;
             edges.push(edge([i - 1, i], step, false));

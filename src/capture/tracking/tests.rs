@@ -145,8 +145,8 @@ fn the_support_is_level_and_low() {
         let up = pose.inverse_transform_vector(&Vector3::z());
         let true_up = frame.world_from_camera.inverse_transform_vector(&Vector3::z());
         assert!(up.angle(&true_up) < 0.01, "{}", up.angle(&true_up));
-        let (height_m, true_m) =
-            (pose.translation.vector.z, frame.world_from_camera.translation.vector.z - FLOOR_M);
+        let height_m = pose.translation.vector.z;
+        let true_m = frame.world_from_camera.translation.vector.z - FLOOR_M;
         assert!((height_m - true_m).abs() < 0.005, "{height_m} {true_m}");
     }
     // Cameras look along x.

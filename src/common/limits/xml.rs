@@ -56,7 +56,9 @@ pub fn parse_xml(text: &str) -> Result<Document<'_>, XmlError> {
 /// [`XmlError`] but for [`XmlError::Parse`].
 fn check_xml(text: &str) -> Result<(), XmlError> {
     // A scan of the tags alone: it needs no stack and stops at the first one too many.
-    let (mut at, mut depth, mut elements) = (0, 0usize, 0);
+    let mut at = 0;
+    let mut depth = 0usize;
+    let mut elements = 0;
     while let Some(start) = text[at..].find('<').map(|k| at + k) {
         let rest = &text[start..];
         let line = || text[..start].matches('\n').count() + 1;

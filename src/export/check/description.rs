@@ -172,7 +172,8 @@ fn pose(node: Node) -> Pose {
     // As URDF has it, a missing origin is the identity.
     let origin = child(node, "origin");
     let read = |name| origin.and_then(|o| o.attribute(name)).map_or_else(Vector3::zeros, triple);
-    let (xyz, rpy) = (read("xyz"), read("rpy"));
+    let xyz = read("xyz");
+    let rpy = read("rpy");
     Pose::from_parts(Translation3::from(xyz), UnitQuaternion::from_euler_angles(rpy.x, rpy.y, rpy.z))
 }
 

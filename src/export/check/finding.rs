@@ -60,7 +60,8 @@ impl<'a> Findings<'a> {
             // What is not listed may still be an error.
             return self.all.iter_mut().skip(FINDINGS).for_each(|rest| rest.level = rest.level.min(level));
         }
-        let (file, subject) = (self.file.to_owned(), subject.to_owned());
+        let file = self.file.to_owned();
+        let subject = subject.to_owned();
         if self.all.len() == FINDINGS {
             let message = format!("there are more than {FINDINGS} findings; further ones are not listed");
             return self.all.push(CheckFinding {

@@ -102,7 +102,12 @@ pub(super) fn sound(description: &Description, found: &mut Findings) {
 /// The tensor, where it has all its numbers.
 fn tensor(inertial: &InertialText) -> Option<Matrix3<f64>> {
     let [xx, xy, xz, yy, yz, zz] = inertial.inertia;
-    let (xx, xy, xz, yy, yz, zz) = (xx?, xy?, xz?, yy?, yz?, zz?);
+    let xx = xx?;
+    let xy = xy?;
+    let xz = xz?;
+    let yy = yy?;
+    let yz = yz?;
+    let zz = zz?;
     let tensor = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
     tensor.iter().all(|x| is_number(*x)).then_some(tensor)
 }

@@ -33,8 +33,10 @@ pub(super) fn check(
     found: &mut Findings,
 ) -> Vec<Vec<ConvexSolid>> {
     let mut basenames: BTreeMap<String, String> = BTreeMap::new();
-    let (mut solids, mut seen) = (Vec::new(), Vec::new());
-    let (visuals, place) = (Use::visual(description), (folder, urdf));
+    let mut solids = Vec::new();
+    let mut seen = Vec::new();
+    let visuals = Use::visual(description);
+    let place = (folder, urdf);
     if !affordable(description, folder, urdf, found) {
         return vec![Vec::new(); description.links.len()];
     }

@@ -194,7 +194,8 @@ fn sweep(swept: &Swept, j: usize, joint: &JointText, work: &mut Work, found: &mu
     let solid = |moving: bool| {
         (0..bodies.len()).filter(|&l| moved[l] == moving && !bodies[l].solids.is_empty()).collect::<Vec<_>>()
     };
-    let (moving, resting) = (solid(true), solid(false));
+    let moving = solid(true);
+    let resting = solid(false);
     work.take(((STEPS + 1) * (POSE * bodies.len() + moving.len() * resting.len())) as u64, 0)?;
     let mut worst: Option<(bool, f64, f64, usize)> = None;
     for k in 0..=STEPS {

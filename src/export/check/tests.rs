@@ -112,10 +112,12 @@ fn every_fault_of_the_urdf_is_found_under_its_rule() {
 #[test]
 fn a_fault_is_as_bad_as_what_it_costs() {
     let keeps = "<mujoco><compiler discardvisual=\"false\"/></mujoco></robot>";
-    let (visual, solid) = ("meshes/visual/frame.obj", "meshes/collision/tray_0.obj");
+    let visual = "meshes/visual/frame.obj";
+    let solid = "meshes/collision/tray_0.obj";
     let [frame, tray] = ["2", "1"].map(|mass| format!("<inertial><mass value=\"{mass}\"/>"));
     let still = "type=\"fixed\"";
-    let (error, warning) = (Level::Error, Level::Warning);
+    let error = Level::Error;
+    let warning = Level::Warning;
     for (rule, words, level, changes) in [
         ("path", "is missing", warning, vec![(visual, "gone.obj")]),
         ("path", "is missing", error, vec![(visual, "gone.obj"), ("</robot>", keeps)]),

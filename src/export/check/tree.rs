@@ -6,7 +6,8 @@ use std::collections::BTreeSet;
 use super::{description::Description, finding::Findings, places::unique_places, rule::Rule};
 
 pub(super) fn check(description: &Description, found: &mut Findings) {
-    let (links, joints) = (&description.links, &description.joints);
+    let links = &description.links;
+    let joints = &description.joints;
     let index = unique_places("links", links.iter().map(|l| l.name.as_str()), found);
     let mut carrier: Vec<Option<usize>> = vec![None; links.len()];
     for joint in joints {

@@ -17,7 +17,8 @@ impl Welds {
         let place = |name: &String| links.get(name.as_str()).copied();
         for joint in description.joints.iter().filter(|j| j.kind == "fixed") {
             if let (Some(parent), Some(child)) = (place(&joint.parent), place(&joint.child)) {
-                let (parent, child) = (end(&mut toward, parent), end(&mut toward, child));
+                let parent = end(&mut toward, parent);
+                let child = end(&mut toward, child);
                 toward[child] = parent;
             }
         }

@@ -89,7 +89,8 @@ impl Writer<'_> {
                 let a = self.attributes(joint);
                 pose = a.parent_from_joint;
                 let kind = if joint.motion == Motion::Turn { "hinge" } else { "slide" };
-                let (name, axis) = (escape_xml(&joint.name), joint.axis);
+                let name = escape_xml(&joint.name);
+                let axis = joint.axis;
                 let n = &a.numbers;
                 let damping = if n.drag == 0.0 {
                     format!("{}", n.damping)
@@ -106,7 +107,8 @@ impl Writer<'_> {
             }
             // MuJoCo refuses an inertial without mass.
             if child.mass_kg > 0.0 {
-                let (c, i) = (child.center_of_mass, &child.inertia);
+                let c = child.center_of_mass;
+                let i = &child.inertia;
                 let full = [i[(0, 0)], i[(1, 1)], i[(2, 2)], i[(0, 1)], i[(0, 2)], i[(1, 2)]]
                     .map(|x| x.to_string())
                     .join(" ");
@@ -117,7 +119,8 @@ impl Writer<'_> {
                 );
             }
             let below = self.link(joint.child);
-            let (p, q) = (pose.translation.vector, pose.rotation);
+            let p = pose.translation.vector;
+            let q = pose.rotation;
             let _ = write!(
                 text,
                 "<body name=\"{}\" pos=\"{} {} {}\" quat=\"{} {} {} {}\">\n{inside}{below}</body>\n",
@@ -199,7 +202,8 @@ fn joint_attributes(n: &JointNumbers, inertia: f64) -> String {
     if let Some(stop) = n.stops.first() {
         // MuJoCo limits a joint at both ends or at none: an end without a stop is put out of reach.
         let end = |upper: bool| n.stops.iter().find(|s| s.is_upper == upper).map(|s| s.position.to_string());
-        let (low, high) = (end(false).unwrap_or("-1e3".into()), end(true).unwrap_or("1e3".into()));
+        let low = end(false).unwrap_or("-1e3".into());
+        let high = end(true).unwrap_or("1e3".into());
         // Negative numbers are the direct form, stiffness and damping by unit of inertia.
         let solver = format!("-{} -{}", stop.stiffness / inertia, stop.damping / inertia);
         // MuJoCo's own bounds of an impedance.
@@ -226,7 +230,8 @@ fn actuator(name: &str, n: &JointNumbers, actuator: &Actuator) -> String {
         );
     };
     // A gear would scale the position that the servo reads as well.
-    let (stiffness, damping) = (n.gear * actuator.gain * servo.stiffness, n.gear * actuator.damping);
+    let stiffness = n.gear * actuator.gain * servo.stiffness;
+    let damping = n.gear * actuator.damping;
     let limit = n.gear * servo.limit;
     let limited = if limit.is_finite() {
         format!(" forcelimited=\"true\" forcerange=\"-{limit} {limit}\"")

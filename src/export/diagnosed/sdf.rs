@@ -76,7 +76,8 @@ fn with_tilt(text: &str, tilt: &Tilt) -> Result<Option<String>, XmlError> {
     for name in &tilt.links {
         let Some((node, pose)) = link(name).and_then(|n| Some((n, pose_of(n)?))) else { return Ok(None) };
         let turned = tilt.moved(&parent, &pose);
-        let (at, (roll, pitch, yaw)) = (turned.translation.vector, turned.rotation.euler_angles());
+        let at = turned.translation.vector;
+        let (roll, pitch, yaw) = turned.rotation.euler_angles();
         let new = format!("<pose>{} {} {} {roll} {pitch} {yaw}</pose>", at.x, at.y, at.z);
         let old = node.children().find(|n| n.has_tag_name("pose"));
         edits.push((old.map_or_else(|| before_end(text, node), |n| n.range()), new));

@@ -152,7 +152,8 @@ fn replace_origin(node: &Node, text: &str, new: &dyn Fn(Pose) -> Pose, edits: &m
             .map(|t| t.split_whitespace().filter_map(|x| x.parse().ok()).collect::<Vec<f64>>());
         values.and_then(|v| <[f64; 3]>::try_from(v).ok()).unwrap_or_default()
     };
-    let ([x, y, z], [r, p, w]) = (numbers("xyz"), numbers("rpy"));
+    let [x, y, z] = numbers("xyz");
+    let [r, p, w] = numbers("rpy");
     let pose = new(Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_euler_angles(r, p, w)));
     let (roll, pitch, yaw) = pose.rotation.euler_angles();
     let t = pose.translation.vector;

@@ -33,7 +33,8 @@ pub fn urdf(
     file: &str,
 ) -> Result<(String, Vec<ExportNote>), XmlError> {
     let document = parse_xml(text)?;
-    let (mut edits, mut remarks) = (Vec::new(), Vec::new());
+    let mut edits = Vec::new();
+    let mut remarks = Vec::new();
     // A twin that was diagnosed before holds such elements.
     let mut foreign = text.contains("<gap:");
     for joint in joints {

@@ -232,7 +232,8 @@ mod tests {
         // As if the model had been written with the joint turned, to the digits of the file.
         let wanted = usda(&other, &[], Base::Fixed);
         for name in [names(joint.parent), names(joint.child), names(model.joints[1].child)] {
-            let (a, b) = (link_pose(&changed, &name).unwrap().pose, link_pose(&wanted, &name).unwrap().pose);
+            let a = link_pose(&changed, &name).unwrap().pose;
+            let b = link_pose(&wanted, &name).unwrap().pose;
             assert!((a.to_homogeneous() - b.to_homogeneous()).norm() < 1e-6, "{name}");
         }
         let frame = |text: &str| {

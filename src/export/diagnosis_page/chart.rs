@@ -85,7 +85,9 @@ impl Chart {
 
     /// A shaded part of the horizontal axis.
     pub(super) fn band(&mut self, from: f64, to: f64, class: &str) {
-        let (left, right, height) = (self.px(from), self.px(to), self.size.1 - TOP - BOTTOM);
+        let left = self.px(from);
+        let right = self.px(to);
+        let height = self.size.1 - TOP - BOTTOM;
         writeln!(
             self.body,
             "<rect class=\"{class}\" x=\"{left:.1}\" y=\"{TOP}\" width=\"{:.1}\" height=\"{height}\"/>",
@@ -96,7 +98,8 @@ impl Chart {
 
     /// A shaded part of the vertical axis.
     pub(super) fn level(&mut self, from: f64, to: f64, class: &str) {
-        let (top, bottom) = (self.py(to), self.py(from));
+        let top = self.py(to);
+        let bottom = self.py(from);
         writeln!(
             self.body,
             "<rect class=\"{class}\" x=\"{LEFT}\" y=\"{top:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>",
@@ -108,7 +111,8 @@ impl Chart {
 
     /// A text at the top of the plot; it is escaped.
     pub(super) fn note(&mut self, x: f64, text: &str, class: &str) {
-        let (x, y) = (self.px(x), TOP - 5.0);
+        let x = self.px(x);
+        let y = TOP - 5.0;
         writeln!(self.over, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y}\">{text}</text>").ok();
     }
 
@@ -138,12 +142,16 @@ impl Chart {
 
     /// A point with its interval; a square where `is_square`.
     pub(super) fn point(&mut self, x: f64, y: f64, half: f64, class: &str, is_square: bool) {
-        let (px, py, top, bottom) = (self.px(x), self.py(y), self.py(y + half), self.py(y - half));
+        let px = self.px(x);
+        let py = self.py(y);
+        let top = self.py(y + half);
+        let bottom = self.py(y - half);
         if half > 0.0 {
             writeln!(self.body, "<path class=\"{class} bar-of\" d=\"M{px:.1} {top:.1}V{bottom:.1}\"/>").ok();
         }
         if is_square {
-            let (left, top) = (px - 2.8, py - 2.8);
+            let left = px - 2.8;
+            let top = py - 2.8;
             writeln!(
                 self.body,
                 "<rect class=\"{class} open\" x=\"{left:.1}\" y=\"{top:.1}\" width=\"5.6\" height=\"5.6\"/>"
@@ -157,7 +165,8 @@ impl Chart {
     /// The picture.
     pub(super) fn svg(self) -> String {
         let (width, height) = self.size;
-        let (right, bottom) = (width - RIGHT, height - BOTTOM);
+        let right = width - RIGHT;
+        let bottom = height - BOTTOM;
         let mut svg = format!(
             "<svg class=\"chart\" viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{}\">\n{}",
             self.title, self.body

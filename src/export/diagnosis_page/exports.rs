@@ -24,7 +24,8 @@ pub(super) fn exports(joints: &[JointReport], notes: &[ExportNote]) -> String {
             let is_new = note.format != last.0 || note.status != absent;
             (last, absent) = ((note.format.clone(), String::new()), note.status.as_str());
             if is_new {
-                let (format, status) = (note.format.to_uppercase(), escape_xml(&note.status));
+                let format = note.format.to_uppercase();
+                let status = escape_xml(&note.status);
                 writeln!(rows, "<tr><td>{format}</td><td colspan=\"5\">{status}</td></tr>").ok();
             }
             continue;

@@ -147,7 +147,8 @@ impl Drawn<'_> {
         let at = |q: f64| self.along(&origin, &axis, q) * tracer;
         let along = self.moved_corners(shown).into_iter().map(|p| axis.dot(&(p - origin)));
         let (least, most) = along.fold((0.0f64, 0.0f64), |(l, h), x| (l.min(x), h.max(x)));
-        let (least, most) = (least.min((AXIS.1 - AXIS.0) * size), most.max((AXIS.0 - AXIS.1) * size));
+        let least = least.min((AXIS.1 - AXIS.0) * size);
+        let most = most.max((AXIS.0 - AXIS.1) * size);
         let ends = [least - AXIS.1 * size, most + AXIS.1 * size].map(|x| origin + axis.into_inner() * x);
         let sweep: Vec<Point3<f64>> =
             (0..=ARC).map(|i| at(low + (high - low) * i as f64 / ARC as f64)).collect();
@@ -282,7 +283,8 @@ impl Drawn<'_> {
             }
             let away = (end.0 - middle.0, end.1 - middle.1);
             let norm = away.0.hypot(away.1).max(1.0);
-            let (x, y) = (end.0 + 14.0 * away.0 / norm, end.1 + 14.0 * away.1 / norm + 4.0);
+            let x = end.0 + 14.0 * away.0 / norm;
+            let y = end.1 + 14.0 * away.1 / norm + 4.0;
             let class = match away.0 / norm {
                 x if x > 0.4 => "",
                 x if x < -0.4 => "end",
@@ -331,12 +333,14 @@ fn line(points: &[(f64, f64)]) -> String {
 
 /// The head of an arrow at `to`.
 fn push_head(svg: &mut String, from: (f64, f64), to: (f64, f64), class: &str) {
-    let (dx, dy) = (to.0 - from.0, to.1 - from.1);
+    let dx = to.0 - from.0;
+    let dy = to.1 - from.1;
     let norm = dx.hypot(dy);
     if norm < 1e-6 {
         return;
     }
-    let (x, y) = (dx / norm, dy / norm);
+    let x = dx / norm;
+    let y = dy / norm;
     let corner = |side: f64| (to.0 - 10.0 * x - side * 4.5 * y, to.1 - 10.0 * y + side * 4.5 * x);
     writeln!(svg, "<path class=\"{class}\" d=\"{}Z\"/>", line(&[to, corner(1.0), corner(-1.0)])).ok();
 }
@@ -358,7 +362,8 @@ fn push_axis(svg: &mut String, view: &View, ends: [Point3<f64>; 2], name: &str) 
     push_head(svg, from, to, "head");
     let short: String = name.chars().take(28).collect();
     // Beyond the tip, on the side that it points to.
-    let (dx, dy) = (to.0 - from.0, to.1 - from.1);
+    let dx = to.0 - from.0;
+    let dy = to.1 - from.1;
     let norm = dx.hypot(dy).max(1.0);
     let class = if dx / norm > 0.4 {
         ""
@@ -384,7 +389,8 @@ fn push_directions(svg: &mut String, view: &View, gravity: &Vector3<f64>) {
         let (x, y) = view.direction(&way);
         let to = (foot.0 + 26.0 * x, foot.1 + 26.0 * y);
         writeln!(svg, "<path class=\"thin\" d=\"{}\"/>", line(&[foot, to])).ok();
-        let (x, y) = (foot.0 + 36.0 * x, foot.1 + 36.0 * y + 4.0);
+        let x = foot.0 + 36.0 * x;
+        let y = foot.1 + 36.0 * y + 4.0;
         writeln!(svg, "<text class=\"mid\" x=\"{x:.1}\" y=\"{y:.1}\">{text}</text>").ok();
         to
     };

@@ -183,7 +183,8 @@ fn push_joint(
     out.push_str(&values::values(joint, nearest.unwrap_or(&d.findings), title, facts.effects));
     let mut cards: Vec<String> = Vec::new();
     if let Some(index) = spec {
-        let (visuals, range) = (shapes, range(joint));
+        let visuals = shapes;
+        let range = range(joint);
         let drawn = Drawn { tree: facts.tree, joint: index, visuals, range, others: middles };
         cards.push(picture(&drawn, facts.tree, index, shapes));
     }

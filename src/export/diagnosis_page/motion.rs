@@ -115,7 +115,8 @@ fn held_out(joint: &JointReport, series: &RunSeries, run: &RunGap, noise: f64, n
     out.push_str(&picture("measured, twin and updated position over time", windows, true));
     out.push_str(&legend(&[measured], &[window]));
     let milli = |values: &[f64]| values.iter().map(|r| 1e3 * r).collect::<Vec<_>>();
-    let (before, after) = (milli(&windows.before), milli(&windows.after));
+    let before = milli(&windows.before);
+    let after = milli(&windows.after);
     let small = if joint.turns { "mrad" } else { "mm" };
     let y = Axis::over(format!("residual, {small}"), before.iter().chain(&after));
     let mut chart = Chart::new("residual over time", (WIDTH, 180.0), time(windows), y);
@@ -160,7 +161,8 @@ fn position_axis(unit: &str, s: &ResidualSeries) -> Axis {
     let (low, high) = extent(s.position.iter());
     let all = [predicted(s, &s.before), predicted(s, &s.after)].concat();
     let (least, most) = extent(all.iter());
-    let (room, pad) = (0.6 * (high - low), 0.05 * (high - low));
+    let room = 0.6 * (high - low);
+    let pad = 0.05 * (high - low);
     let range = (least.clamp(low - room, low) - pad, most.clamp(high, high + room) + pad);
     Axis { label: format!("position, {unit}"), range }
 }

@@ -83,7 +83,8 @@ fn place(joint: &JointReport) -> Option<String> {
     if last.x - first.x > LOCAL * range {
         return None;
     }
-    let (way, turns) = (if peak.way == Way::Rising { "rising" } else { "falling" }, joint.turns);
+    let way = if peak.way == Way::Rising { "rising" } else { "falling" };
+    let turns = joint.turns;
     Some(format!(
         "The twin lacks most with the position {way}, about {} to {}: cross this range slowly, both ways, \
          three times at each of two speeds.",

@@ -126,7 +126,8 @@ fn cylinder(radius: f64, length: f64) -> Solid {
         let angle = std::f64::consts::TAU * (i % SIDES) as f64 / SIDES as f64;
         Point3::new(radius * angle.cos(), radius * angle.sin(), z)
     };
-    let (low, high) = (-0.5 * length, 0.5 * length);
+    let low = -0.5 * length;
+    let high = 0.5 * length;
     let mut faces: Vec<Vec<Point3<f64>>> =
         (0..SIDES).map(|i| vec![rim(i, low), rim(i + 1, low), rim(i + 1, high), rim(i, high)]).collect();
     faces.push((0..SIDES).map(|i| rim(i, high)).collect());

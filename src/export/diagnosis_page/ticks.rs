@@ -11,7 +11,8 @@ pub(super) fn ticks(low: f64, high: f64, about: usize) -> Vec<f64> {
         return Vec::new();
     }
     let step = step(width / about.max(1) as f64);
-    let (first, last) = ((low / step - 1e-9).ceil(), (high / step + 1e-9).floor());
+    let first = (low / step - 1e-9).ceil();
+    let last = (high / step + 1e-9).floor();
     // Adding 0 takes the sign off a minus zero.
     (0..=(last - first).max(0.0) as usize).map(|i| (first + i as f64) * step + 0.0).collect()
 }

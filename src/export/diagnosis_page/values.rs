@@ -90,7 +90,9 @@ pub(super) fn values(
                     v.alone
                 ),
             };
-            let (parameter, unit, interval) = (words(&p.name), v.unit, v.interval);
+            let parameter = words(&p.name);
+            let unit = v.unit;
+            let interval = v.interval;
             writeln!(
                 rows,
                 "<tr><td>{name}</td><td>{parameter}</td>{equation}<td class=\"unit\">{unit}</td><td \

@@ -69,7 +69,8 @@ impl View {
     #[must_use]
     pub(super) fn fitted(self, points: &[Point3<f64>], size: (f64, f64), border: f64) -> Self {
         let flat = Self { scale: 1.0, shift: (0.0, 0.0), ..self };
-        let (mut low, mut high) = ((f64::INFINITY, f64::INFINITY), (f64::NEG_INFINITY, f64::NEG_INFINITY));
+        let mut low = (f64::INFINITY, f64::INFINITY);
+        let mut high = (f64::NEG_INFINITY, f64::NEG_INFINITY);
         for p in points {
             let (x, y) = flat.paper(p);
             (low, high) = ((low.0.min(x), low.1.min(y)), (high.0.max(x), high.1.max(y)));
@@ -125,7 +126,8 @@ mod tests {
             }
             assert!((view.right.cross(&view.up) - view.toward).norm() < 1e-9);
             // A turn about the line of sight is counterclockwise on the sheet, whose y is down.
-            let (from, to) = (view.direction(&view.right), view.direction(&view.toward.cross(&view.right)));
+            let from = view.direction(&view.right);
+            let to = view.direction(&view.toward.cross(&view.right));
             assert!(from.0 > 0.0 && to.1 < 0.0);
             let angle = axis.dot(&view.toward).abs().acos().to_degrees();
             assert!((angle - TURN_DEG).abs() < 15.0, "{angle}");

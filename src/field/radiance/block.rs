@@ -131,7 +131,8 @@ fn features<'a>(context: &StepContext<'a>, rays: &Range<usize>, part: usize) -> 
 
 /// Optical thickness of a part's samples.
 fn thicken(context: &StepContext<'_>, rays: &Range<usize>, part: usize, scratch: &mut Scratch) {
-    let (samples, view) = (context.batch.samples, &context.parts[part]);
+    let samples = context.batch.samples;
+    let view = &context.parts[part];
     let cols = rays.len() * samples;
     let geometry = &mut scratch.parts[part].geometry;
     geometry.forward(context.isa, view.network, features(context, rays, part), cols);
@@ -144,13 +145,15 @@ fn thicken(context: &StepContext<'_>, rays: &Range<usize>, part: usize, scratch:
 
 /// Colors, opacities and distances of the rays.
 fn render(context: &StepContext<'_>, rays: &Range<usize>, scratch: &mut Scratch) {
-    let (samples, parts) = (context.batch.samples, context.parts.len());
+    let samples = context.batch.samples;
+    let parts = context.parts.len();
     let cols = rays.len() * samples;
     let empty = Rendered { color: [1.0; 3], opacities: vec![0.0; parts], distance: 0.0 };
     scratch.shown.clear();
     scratch.shown.resize(rays.len(), empty);
     for (k, part) in scratch.parts.iter_mut().enumerate() {
-        let (view, weights) = (&context.parts[k], &scratch.weights[k][..cols]);
+        let view = &context.parts[k];
+        let weights = &scratch.weights[k][..cols];
         let distances = &context.batch.distances[rays.start * samples..];
         for (i, (w, t)) in weights.iter().zip(distances).enumerate() {
             let shown = &mut scratch.shown[i / samples];
@@ -181,7 +184,8 @@ fn render(context: &StepContext<'_>, rays: &Range<usize>, scratch: &mut Scratch)
 
 /// Losses of the rays, and their derivatives by weights and colors.
 fn by_weight(context: &StepContext<'_>, rays: &Range<usize>, scratch: &mut Scratch) -> RadianceLosses {
-    let (samples, batch) = (context.batch.samples, context.batch);
+    let samples = context.batch.samples;
+    let batch = context.batch;
     let mut losses = RadianceLosses::default();
     let mut by: Vec<RenderedGradient> = Vec::with_capacity(rays.len());
     for (ray, shown) in batch.rays[rays.clone()].iter().zip(&scratch.shown) {
@@ -195,11 +199,13 @@ fn by_weight(context: &StepContext<'_>, rays: &Range<usize>, scratch: &mut Scrat
             let by = &by[i / samples];
             *g = by.opacities[k] + by.distance * t;
         }
-        let (cols, color) = (part.cols, &mut part.color);
+        let cols = part.cols;
+        let color = &mut part.color;
         let rows = context.parts[k].network.color[2].outputs;
         color.d_rgb[..rows * cols].fill(0.0);
         for (i, &column) in part.columns.iter().enumerate() {
-            let (by, w) = (&by[column / samples], scratch.weights[k][column]);
+            let by = &by[column / samples];
+            let w = scratch.weights[k][column];
             for (c, by_color) in by.color.iter().enumerate() {
                 let value = f64::from(color.rgb[c * cols + i]);
                 scratch.gradient[k][column] += by_color * (value - 1.0);
@@ -219,7 +225,9 @@ fn part_backward(
     scratch: &mut Scratch,
     slot: &mut PartSlot<'_>,
 ) {
-    let (isa, samples, view) = (context.isa, context.batch.samples, &context.parts[k]);
+    let isa = context.isa;
+    let samples = context.batch.samples;
+    let view = &context.parts[k];
     let cols = rays.len() * samples;
     let PartScratch { geometry, color, columns, cols: color_cols } = &mut scratch.parts[k];
     geometry.d_outputs[..GEOMETRY_OUTPUTS * cols].fill(0.0);

@@ -142,7 +142,8 @@ impl RadianceEngine {
                 pieces.push(own);
                 rest = others;
             }
-            let (network, backward) = (&networks[k], &backwards[k]);
+            let network = &networks[k];
+            let backward = &backwards[k];
             let view = PartView { network, backward, features, inside, directions, mobile: k > 0 };
             parts.push((view, PointColumns { x, y, z }));
         }
@@ -161,7 +162,8 @@ impl RadianceEngine {
                 p.push(scratch);
             }
             for (m, by_pose) in sum.by_pose.iter_mut().enumerate() {
-                let (k, rays) = (m + 1, rays.clone());
+                let k = m + 1;
+                let rays = rays.clone();
                 let moved = by_position(
                     &fields[k],
                     points[k],

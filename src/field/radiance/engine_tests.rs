@@ -52,7 +52,8 @@ fn motions(parts: usize) -> Vec<HalfMotion> {
 fn batch(rays: usize, samples: usize, seed: u64) -> RayBatch {
     let mut rng = stage_rng(seed, "test/rays", 0);
     let mut next = move || f64::from(uniform(&mut rng));
-    let (mut made, mut distances) = (Vec::new(), Vec::new());
+    let mut made = Vec::new();
+    let mut distances = Vec::new();
     for i in 0..rays {
         let origin = Vector3::from_fn(|_, _| next() - 0.5).normalize() * 2.5;
         let target = Vector3::from_fn(|_, _| 0.8 * (next() - 0.5));
@@ -81,8 +82,11 @@ fn engine(fields: &[FieldParams]) -> RadianceEngine {
 
 /// Central difference of a loss; `None` at a kink, where the two one-sided differences disagree.
 fn numeric(value: impl Fn(f64) -> f64, h: f64) -> Option<f64> {
-    let (up, down, zero) = (value(h), value(-h), value(0.0));
-    let (right, left) = ((up - zero) / h, (zero - down) / h);
+    let up = value(h);
+    let down = value(-h);
+    let zero = value(0.0);
+    let right = (up - zero) / h;
+    let left = (zero - down) / h;
     ((right - left).abs() <= 1e-3 * (1e-4 + right.abs().max(left.abs()))).then_some((up - down) / (2.0 * h))
 }
 
@@ -90,7 +94,9 @@ type Loss = dyn Fn(&[Reference<'_>], &[HalfMotion], &RayBatch, &RadianceConfig) 
 
 /// Compares loss and gradients of the engine with a loss and its differences.
 fn check(parts: usize, expected: &Loss) {
-    let (config, fields, motions) = (config(parts), fields(parts), motions(parts));
+    let config = config(parts);
+    let fields = fields(parts);
+    let motions = motions(parts);
     let batch = batch(12, 16, 7);
     let (RadianceGradient { losses, by_pose, .. }, gradients) =
         engine(&fields).gradient(&batch, &motions, &config);
@@ -179,7 +185,10 @@ fn four_parts_have_the_loss_and_gradients_of_the_equations() {
 
 #[test]
 fn the_two_forms_of_the_reference_agree() {
-    let (config, fields, motions, batch) = (config(2), fields(2), motions(2), batch(12, 16, 7));
+    let config = config(2);
+    let fields = fields(2);
+    let motions = motions(2);
+    let batch = batch(12, 16, 7);
     let references: Vec<_> = fields.iter().map(Reference::new).collect();
     let many = loss(&references, &motions, &batch, &config);
     let two = two_part_loss([&references[0], &references[1]], &motions[0], &batch, &config);
@@ -192,13 +201,15 @@ fn the_number_of_threads_changes_no_bit() {
     let train = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let (mut engine, mut state) = (engine(&fields(3)), MotionState::new(motions(3)));
+            let mut engine = engine(&fields(3));
+            let mut state = MotionState::new(motions(3));
             let step = |k: usize| engine.step(&batch(100, 48, 100 + k as u64), &mut state, &config, k);
             let losses: Vec<_> = (0..4).map(step).collect();
             (losses, engine.states(), state)
         })
     };
-    let (one, two) = (train(1), train(2));
+    let one = train(1);
+    let two = train(2);
     assert!(one == two && train(3) == two);
 }
 

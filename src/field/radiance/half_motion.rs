@@ -195,8 +195,10 @@ mod tests {
 
     #[test]
     fn gradients_are_those_of_images_and_turned_directions() {
-        let (x, d) = (Point3::new(0.2, 0.5, -0.7), Vector3::new(0.6, 0.0, 0.8));
-        let (by_x, by_d) = (Vector3::new(0.3, -0.8, 0.5), Vector3::new(-0.2, 0.4, 0.9));
+        let x = Point3::new(0.2, 0.5, -0.7);
+        let d = Vector3::new(0.6, 0.0, 0.8);
+        let by_x = Vector3::new(0.3, -0.8, 0.5);
+        let by_d = Vector3::new(-0.2, 0.4, 0.9);
         for motion in motions() {
             for back in [false, true] {
                 let value = |m: &HalfMotion| {

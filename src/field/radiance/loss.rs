@@ -100,7 +100,8 @@ pub(super) fn ray_loss(
     }
 
     if let Some(distance) = ray.distance {
-        let (weight, excess) = (config.depth_weight * share.reading, shown.distance - distance);
+        let weight = config.depth_weight * share.reading;
+        let excess = shown.distance - distance;
         loss.depth = weight * excess * excess;
         by.distance = 2.0 * weight * excess;
     }
@@ -145,7 +146,8 @@ mod tests {
     #[test]
     fn derivatives_agree_with_differences() {
         for (object, distance) in [(true, Some(1.3)), (false, None)] {
-            let (ray, config) = (ray(object, distance), config(0.3));
+            let ray = ray(object, distance);
+            let config = config(0.3);
             let base = Rendered { color: [0.5, 0.7, 0.8], opacities: vec![0.3, 0.1, 0.2], distance: 0.9 };
             let (_, by) = ray_loss(&ray, &base, SHARE, &config);
             let check = |nudge: &dyn Fn(&mut Rendered, f64), expected: f64| {

@@ -62,9 +62,11 @@ fn by_unit_coordinates(
         let table = &field.params.table[layout.offset..layout.offset + layout.entries * FEATURES];
         for block in blocks(rays.clone(), samples) {
             let columns = block.start * samples..block.end * samples;
-            let (cols, first) = (columns.len(), columns.start - rays.start * samples);
+            let cols = columns.len();
+            let first = columns.start - rays.start * samples;
             let d = &d_features[rows * first..][..rows * cols];
-            let (a, b) = (&d[FEATURES * l * cols..][..cols], &d[(FEATURES * l + 1) * cols..][..cols]);
+            let a = &d[FEATURES * l * cols..][..cols];
+            let b = &d[(FEATURES * l + 1) * cols..][..cols];
             // Most rays pass through empty space, where nothing has a slope.
             if a.iter().chain(b).all(|&x| x == 0.0) {
                 continue;

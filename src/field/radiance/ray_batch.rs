@@ -80,7 +80,8 @@ impl<'a> RaySource<'a> {
 
     /// Whether a ray of a lattice of pixels crosses the cube.
     fn sees_cube(&self, frame: &RgbdFrame) -> bool {
-        let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
+        let w = frame.intrinsics.width;
+        let h = frame.intrinsics.height;
         let on_lattice = |i: usize, of: usize| (2 * i + 1) * of / (2 * LATTICE);
         (0..LATTICE * LATTICE)
             .map(|i| on_lattice(i / LATTICE, h) * w + on_lattice(i % LATTICE, w))
@@ -93,7 +94,8 @@ impl<'a> RaySource<'a> {
         let view = View { intrinsics: frame.intrinsics, world_from_camera: frame.world_from_camera };
         let (origin, direction) = view.ray(pixel as u32);
         let origin = self.scene.normalise(&origin);
-        let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
+        let mut enter = 0.0f64;
+        let mut leave = f64::INFINITY;
         for k in 0..3 {
             // A ray along a face divides by 0: infinities of the right sign, or NaN, which max and min pass
             // over.

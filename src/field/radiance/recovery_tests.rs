@@ -27,7 +27,9 @@ fn boxes(state: usize) -> [Cuboid; 2] {
 fn hit(origin: &Point3<f64>, direction: &Vector3<f64>, state: usize) -> Option<(f64, [u8; 3])> {
     let mut nearest: Option<(f64, [u8; 3])> = None;
     for (k, (center, half)) in boxes(state).into_iter().enumerate() {
-        let (mut enter, mut leave, mut axis) = (0.0, f64::INFINITY, 0);
+        let mut enter = 0.0;
+        let mut leave = f64::INFINITY;
+        let mut axis = 0;
         for a in 0..3 {
             let [p, q] = [-1.0, 1.0].map(|s| (center[a] + s * half[a] - origin[a]) / direction[a]);
             if p.min(q) > enter {
@@ -50,8 +52,8 @@ fn hit(origin: &Point3<f64>, direction: &Vector3<f64>, state: usize) -> Option<(
 fn frames(state: usize) -> Vec<RgbdFrame> {
     let intrinsics = Intrinsics { width: SIDE, height: SIDE, fx: 60.0, fy: 60.0, cx: 23.5, cy: 23.5 };
     let view = |i: usize| {
-        let (turn, up) =
-            (std::f64::consts::TAU * (i as f64 + 0.3 * state as f64) / 8.0, 0.35 + 0.3 * (i % 2) as f64);
+        let turn = std::f64::consts::TAU * (i as f64 + 0.3 * state as f64) / 8.0;
+        let up = 0.35 + 0.3 * (i % 2) as f64;
         let eye = Point3::new(turn.cos(), turn.sin(), up);
         let forward = -eye.coords.normalize();
         let right = forward.cross(&Vector3::z()).normalize();
@@ -123,8 +125,10 @@ fn a_sliding_box_is_recovered_from_a_near_start() {
     let model = trainer.model();
     let shift = model.motions_to_state1()[0].translation.vector;
     let mean = |l: &[super::RadianceLosses]| l.iter().map(|l| l.color).sum::<f64>() / l.len() as f64;
-    let (first, last) = (mean(&losses[..20]), mean(&losses[380..]));
-    let (distance_m, angle) = (shift.norm(), shift.normalize().dot(&Vector3::y()).acos().to_degrees());
+    let first = mean(&losses[..20]);
+    let last = mean(&losses[380..]);
+    let distance_m = shift.norm();
+    let angle = shift.normalize().dot(&Vector3::y()).acos().to_degrees();
     println!("color {first:.5} -> {last:.5}; {distance_m:.4} m at {angle:.2} degrees");
     assert!(matches!(model.motions[0], HalfMotion::Prismatic { .. }));
     assert!(last < 0.1 * first, "color loss {first} to {last}");

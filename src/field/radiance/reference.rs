@@ -40,7 +40,10 @@ fn cross_entropy(opacity: f64, object: bool) -> f64 {
 fn mean(batch: &RayBatch, config: &RadianceConfig, each: impl Fn(usize, &Ray) -> (f64, f64)) -> f64 {
     let mut total = 0.0;
     for state in 0..2 {
-        let (mut sum, mut depth, mut rays, mut readings) = (0.0, 0.0, 0.0, 0.0);
+        let mut sum = 0.0;
+        let mut depth = 0.0;
+        let mut rays = 0.0;
+        let mut readings = 0.0;
         for (i, ray) in batch.rays.iter().enumerate().filter(|(_, r)| r.state == state) {
             let (loss, distance) = each(i, ray);
             sum += loss;
@@ -63,7 +66,9 @@ pub(super) fn loss(
     config: &RadianceConfig,
 ) -> f64 {
     mean(batch, config, |i, ray| {
-        let (mut color, mut distance, mut transmittance) = (vec![0.0; 3], 0.0, 1.0);
+        let mut color = vec![0.0; 3];
+        let mut distance = 0.0;
+        let mut transmittance = 1.0;
         let mut opacities = vec![0.0; fields.len()];
         for &t in &batch.distances[i * batch.samples..(i + 1) * batch.samples] {
             let mut through = 1.0;
@@ -100,7 +105,10 @@ pub(super) fn two_part_loss(
 ) -> f64 {
     mean(batch, config, |i, ray| {
         let mut color = [0.0; 3];
-        let (mut o_s, mut o_m, mut distance, mut light) = (0.0, 0.0, 0.0, 1.0);
+        let mut o_s = 0.0;
+        let mut o_m = 0.0;
+        let mut distance = 0.0;
+        let mut light = 1.0;
         for &t in &batch.distances[i * batch.samples..(i + 1) * batch.samples] {
             let (sigma_s, c_s) = sample(fixed, None, config, ray, t);
             let (sigma_m, c_m) = sample(mobile, Some(motion), config, ray, t);

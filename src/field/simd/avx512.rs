@@ -53,7 +53,8 @@ impl Lanes for Avx512 {
             // A pair of floats is gathered as one double: half as many reads.
             let low = _mm512_i32gather_pd::<8>(_mm512_castsi512_si256(index), table.cast());
             let high = _mm512_i32gather_pd::<8>(_mm512_extracti64x4_epi64::<1>(index), table.cast());
-            let (low, high) = (_mm512_castpd_ps(low), _mm512_castpd_ps(high));
+            let low = _mm512_castpd_ps(low);
+            let high = _mm512_castpd_ps(high);
             let even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
             let odd = _mm512_setr_epi32(1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 23, 25, 27, 29, 31);
             (_mm512_permutex2var_ps(low, even, high), _mm512_permutex2var_ps(low, odd, high))

@@ -96,11 +96,14 @@ fn axis<S: Lanes>(s: S, level: LevelGeometry, unit: S::F) -> (S::I, S::F) {
 unsafe fn cell<S: Lanes>(s: S, level: LevelGeometry, x: *const f32, y: *const f32, z: *const f32) -> Cell<S> {
     // SAFETY: the caller's promise.
     let (x, y, z) = unsafe { (s.load(x), s.load(y), s.load(z)) };
-    let ((ix, fx), (iy, fy), (iz, fz)) = (axis(s, level, x), axis(s, level, y), axis(s, level, z));
+    let (ix, fx) = axis(s, level, x);
+    let (iy, fy) = axis(s, level, y);
+    let (iz, fz) = axis(s, level, z);
     let one = s.splat_int(1);
     let corners = if level.hashed {
         let mask = s.splat_int((level.entries - 1) as i32);
-        let (hy, hz) = (s.mul_int(iy, s.splat_int(HASH_Y)), s.mul_int(iz, s.splat_int(HASH_Z)));
+        let hy = s.mul_int(iy, s.splat_int(HASH_Y));
+        let hz = s.mul_int(iz, s.splat_int(HASH_Z));
         // docs/method.md (12.2). The upper node's hash is one multiplier more, without a second product.
         let xs = [ix, s.add_int(ix, one)];
         let ys = [hy, s.add_int(hy, s.splat_int(HASH_Y))];
@@ -109,7 +112,8 @@ unsafe fn cell<S: Lanes>(s: S, level: LevelGeometry, x: *const f32, y: *const f3
     } else {
         let r = s.splat_int(level.resolution);
         let base = s.add_int(ix, s.mul_int(r, s.add_int(iy, s.mul_int(r, iz))));
-        let (dy, dz) = (level.resolution, level.resolution.wrapping_mul(level.resolution));
+        let dy = level.resolution;
+        let dz = level.resolution.wrapping_mul(level.resolution);
         std::array::from_fn(|c| {
             let offset = (c & 1) as i32 + if c & 2 != 0 { dy } else { 0 } + if c & 4 != 0 { dz } else { 0 };
             s.add_int(base, s.splat_int(offset))
@@ -122,7 +126,9 @@ unsafe fn cell<S: Lanes>(s: S, level: LevelGeometry, x: *const f32, y: *const f3
 #[inline(always)]
 fn corner_weights<S: Lanes>(s: S, [fx, fy, fz]: [S::F; 3]) -> [S::F; 8] {
     let one = s.splat(1.0);
-    let (gx, gy, gz) = (s.sub(one, fx), s.sub(one, fy), s.sub(one, fz));
+    let gx = s.sub(one, fx);
+    let gy = s.sub(one, fy);
+    let gz = s.sub(one, fz);
     let yz = [s.mul(gy, gz), s.mul(fy, gz), s.mul(gy, fz), s.mul(fy, fz)];
     std::array::from_fn(|c| s.mul(if c & 1 == 0 { gx } else { fx }, yz[c >> 1]))
 }
@@ -148,7 +154,8 @@ pub(super) fn encode<S: Lanes>(
             let cell =
                 cell(s, level, points.x.as_ptr().add(i), points.y.as_ptr().add(i), points.z.as_ptr().add(i));
             let weights = corner_weights(s, cell.frac);
-            let (mut a, mut b) = (s.splat(0.0), s.splat(0.0));
+            let mut a = s.splat(0.0);
+            let mut b = s.splat(0.0);
             for c in 0..8 {
                 let (f, g) = s.gather_pairs(table.as_ptr(), cell.corners[c]);
                 a = s.fma(weights[c], f, a);
@@ -206,7 +213,8 @@ fn trilinear<S: Lanes>(s: S, scale: f32, [fx, fy, fz]: [S::F; 3], v: [S::F; 8]) 
     let lerp = |a, b, t| s.fma(s.sub(b, a), t, a);
     let x: [S::F; 4] = std::array::from_fn(|i| lerp(v[2 * i], v[2 * i + 1], fx));
     let dx: [S::F; 4] = std::array::from_fn(|i| s.sub(v[2 * i + 1], v[2 * i]));
-    let (y0, y1) = (lerp(x[0], x[1], fy), lerp(x[2], x[3], fy));
+    let y0 = lerp(x[0], x[1], fy);
+    let y1 = lerp(x[2], x[3], fy);
     let gx = lerp(lerp(dx[0], dx[1], fy), lerp(dx[2], dx[3], fy), fz);
     let gy = lerp(s.sub(x[1], x[0]), s.sub(x[3], x[2]), fz);
     // A unit coordinate has `scale` spacings.

@@ -70,7 +70,8 @@ pub(super) fn forward<S: Lanes>(
     assert!(outputs * cols <= y.len() && biases.is_none_or(|b| b.len() == outputs));
     let w = weights.as_ptr();
     let b = biases.map_or(std::ptr::null(), <[f32]>::as_ptr);
-    let (xp, yp) = (x.data.as_ptr(), y.as_mut_ptr());
+    let xp = x.data.as_ptr();
+    let yp = y.as_mut_ptr();
     let shape = Shape { outputs, inputs: x.rows, stride: x.stride, cols };
     // SAFETY: the lengths were checked above for `shape`; a mask has at least the size of `y`.
     unsafe {

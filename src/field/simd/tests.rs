@@ -17,7 +17,9 @@ fn products_agree_with_plain_loops() {
     for isa in InstructionSet::available() {
         for (outputs, inputs, cols) in [(64, 32, 256), (16, 64, 240), (4, 7, 16), (8, 5, 112)] {
             let stride = cols + 32;
-            let (w, b, x) = (values(outputs * inputs, 1), values(outputs, 2), values(inputs * stride, 3));
+            let w = values(outputs * inputs, 1);
+            let b = values(outputs, 2);
+            let x = values(inputs * stride, 3);
             let mask = values(outputs * cols, 4);
             let view = Columns { data: &x, stride, rows: inputs };
             for kind in 0..3 {
@@ -45,7 +47,8 @@ fn products_agree_with_plain_loops() {
                 }
             }
             let dy = values(outputs * cols, 5);
-            let (mut dw, mut db) = (vec![1.0; outputs * inputs], vec![2.0; outputs]);
+            let mut dw = vec![1.0; outputs * inputs];
+            let mut db = vec![2.0; outputs];
             isa.weight_gradient(
                 Columns { data: &dy, stride: cols, rows: outputs },
                 view,
@@ -108,7 +111,8 @@ fn derivatives_of_the_encoding_are_those_of_its_values() {
             let columns = |a: &'static [Vec<f32>; 3]| PointColumns { x: &a[0], y: &a[1], z: &a[2] };
             isa.encode_jacobian(geometry, &table, columns(Box::leak(Box::new(axes.clone()))), jacobian);
             let encode = |axes: [Vec<f32>; 3]| {
-                let (mut a, mut b) = (vec![0.0; n], vec![0.0; n]);
+                let mut a = vec![0.0; n];
+                let mut b = vec![0.0; n];
                 isa.encode(
                     geometry,
                     &table,
@@ -131,13 +135,12 @@ fn derivatives_of_the_encoding_are_those_of_its_values() {
                     a[k].iter_mut().for_each(|x| *x += h);
                     encode(a)
                 };
-                let (up, down) = (moved(h), moved(-h));
+                let up = moved(h);
+                let down = moved(-h);
                 for feature in 0..2 {
                     for i in 0..n {
-                        let (right, left) = (
-                            (up[feature][i] - center[feature][i]) / h,
-                            (center[feature][i] - down[feature][i]) / h,
-                        );
+                        let right = (up[feature][i] - center[feature][i]) / h;
+                        let left = (center[feature][i] - down[feature][i]) / h;
                         let exact = out[(4 * feature + 1 + k) * n + i];
                         // At a cell border the interpolant has a kink; one side must agree.
                         let error = (right - exact).abs().min((left - exact).abs());
@@ -178,7 +181,8 @@ fn points_outside_or_not_a_number_stay_in_the_table() {
         let geometry = LevelGeometry::new(&level);
         let table = vec![1.0; 2 * level.entries];
         for isa in InstructionSet::available() {
-            let (mut a, mut b) = (vec![0.0; 16], vec![0.0; 16]);
+            let mut a = vec![0.0; 16];
+            let mut b = vec![0.0; 16];
             isa.encode(geometry, &table, points, &mut a, &mut b);
             assert!(a.iter().chain(&b).all(|v| (v - 1.0).abs() < 1e-5), "{}: {a:?}", isa.name());
             let mut gradient = vec![0.0; 2 * level.entries];

@@ -61,7 +61,8 @@ impl<'a> Acting<'a> {
             return None;
         }
         // Columns before the terms': start position, start velocity, lag.
-        let (mut first, mut column) = (None::<Meeting>, 3);
+        let mut first = None::<Meeting>;
+        let mut column = 3;
         for (effect, _, p) in &self.terms {
             if let Some(i) = effect.begins() {
                 // At rest this is infinite or no number, and the comparisons below fail.

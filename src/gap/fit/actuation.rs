@@ -154,7 +154,9 @@ fn regressed(
     damping: Option<f64>,
 ) -> Regressed {
     let own = |given: Option<f64>, x: f64| if given.is_some() { 0.0 } else { x };
-    let (mut normal, mut right, mut square) = (Matrix4::zeros(), Vector4::zeros(), 0.0);
+    let mut normal = Matrix4::zeros();
+    let mut right = Vector4::zeros();
+    let mut square = 0.0;
     for m in moments {
         let signal = signal(m);
         let known = factor.unwrap_or(0.0) * signal - damping.unwrap_or(0.0) * m.velocity;

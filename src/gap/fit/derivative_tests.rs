@@ -96,7 +96,8 @@ fn effects_have_the_derivatives_that_they_claim() {
             for i in 0..p.len() {
                 // Times are large numbers; a finer step would be lost in rounding.
                 let h = if effect.name() == "disturbance" { 1e-5 } else { 1e-6 };
-                let (mut up, mut down) = (p.clone(), p.clone());
+                let mut up = p.clone();
+                let mut down = p.clone();
                 up[i] += h;
                 down[i] -= h;
                 let by_p =
@@ -157,7 +158,8 @@ fn assert_sensitivities(
     allowed: f64,
     what: &str,
 ) {
-    let (row, parameters) = (end(model).1, model.parameters());
+    let row = end(model).1;
+    let parameters = model.parameters();
     for i in 0..parameters.len() {
         let h = 1e-5 * (1.0 + parameters[i].abs());
         let shifted = |by: f64| {
@@ -270,7 +272,8 @@ fn friction_that_settles_brings_to_rest_in_its_time_and_creeps() {
     };
     for (finer, allowed) in [(1, 0.05), (8, 0.002)] {
         for at in [0, 1, 3, 6, 150] {
-            let (v, wanted) = (velocity(finer, at), mean(0.005 * at as f64));
+            let v = velocity(finer, at);
+            let wanted = mean(0.005 * at as f64);
             assert!((v - wanted).abs() < allowed * 0.004, "interval {at}: {v} {wanted}");
         }
     }

@@ -77,9 +77,11 @@ fn rows(seen: &[Seen], effort: &[f64], turns: bool) -> Vec<SVector<f64, COLUMNS>
     let size = (effort.iter().map(|u| u * u).sum::<f64>() / n).sqrt().max(1e-300);
     let one = |(s, u): (&Seen, &f64)| {
         let (sine, cosine) = if turns { s.position.sin_cos() } else { (0.0, 0.0) };
-        let (v, q) = (s.velocity / speed, (s.position - mean) / travel);
+        let v = s.velocity / speed;
+        let q = (s.position - mean) / travel;
         let sign = s.velocity.signum();
-        let (by_effort, by_need) = (u.abs() / size * sign, s.rest.abs() / need * sign);
+        let by_effort = u.abs() / size * sign;
+        let by_need = s.rest.abs() / need * sign;
         SVector::from([s.inertial, s.rest, *u, 1.0, v, sign, q, sine, cosine, by_effort, by_need])
     };
     seen.iter().zip(effort).map(one).collect()
@@ -110,7 +112,8 @@ pub fn independent_share(seen: &[Seen], effort: &[f64], turns: bool, follows: &[
     let error: Vec<f64> = rows.iter().map(without).map(|(r, own)| own - r.dot(&found)).collect();
     let square: f64 = error.iter().map(|e| e * e).sum();
     let pairs = error.windows(2).zip(&follows[1.min(follows.len())..]).filter(|(_, f)| **f);
-    let (mut product, mut count) = (0.0, 0.0);
+    let mut product = 0.0;
+    let mut count = 0.0;
     for (pair, _) in pairs {
         product += pair[0] * pair[1];
         count += 1.0;
@@ -239,7 +242,9 @@ impl Regression {
         let mut best = Explained { evidence: f64::NEG_INFINITY, factor: 1.0, left: 1.0 };
         for one in all {
             let of = |a: &SVector<f64, KNOWN>, b: &SVector<f64, KNOWN>| (a.transpose() * one.products * b)[0];
-            let (square, across, own) = (of(left, left), of(left, right), of(right, right).max(1e-300));
+            let square = of(left, left);
+            let across = of(left, right);
+            let own = of(right, right).max(1e-300);
             let factor = (across / own).clamp(low, high);
             let error = square - 2.0 * factor * across + factor * factor * own;
             // Of the range the posterior holds this share.

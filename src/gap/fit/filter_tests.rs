@@ -29,7 +29,8 @@ const NOISE: EffortNoise = EffortNoise { white: 0.3, wander: 0.7, memory_s: 0.01
 
 /// Transition of (position, velocity, wander) to the next sample.
 fn transition(local: &Local, noise: &EffortNoise) -> Matrix3<f64> {
-    let (a, g) = (local.a, local.g);
+    let a = local.a;
+    let g = local.g;
     let kept = (-local.interval_s / noise.memory_s).exp();
     Matrix3::new(a[0], a[1], g[0], a[2], a[3], g[1], 0.0, 0.0, kept)
 }
@@ -74,7 +75,9 @@ fn columns(count: usize) -> DMatrix<f64> {
 
 #[test]
 fn whitened_columns_have_the_products_of_generalized_least_squares() {
-    let (locals, readings, columns) = (locals(9), readings(9), columns(9));
+    let locals = locals(9);
+    let readings = readings(9);
+    let columns = columns(9);
     let (gains, log_variance) = gains_of(&locals, &readings, &NOISE);
     let mut rows = vec![[0.0; 16]; 9];
     for (k, row) in rows.iter_mut().enumerate() {
@@ -84,7 +87,8 @@ fn whitened_columns_have_the_products_of_generalized_least_squares() {
     whiten::<3>(&mut rows, &locals, &gains);
     let whitened = DMatrix::from_fn(9, 3, |k, i| rows[k][i]);
     let known = covariance(&locals, &readings, &NOISE).cholesky().unwrap();
-    let (found, expected) = (whitened.tr_mul(&whitened), columns.tr_mul(&known.solve(&columns)));
+    let found = whitened.tr_mul(&whitened);
+    let expected = columns.tr_mul(&known.solve(&columns));
     assert!((&found - &expected).amax() < 1e-9 * expected.amax(), "{found} {expected}");
     let determinant = 2.0 * known.l().diagonal().map(f64::ln).sum();
     assert!((log_variance - determinant).abs() < 1e-9, "{log_variance} {determinant}");
@@ -94,7 +98,9 @@ fn whitened_columns_have_the_products_of_generalized_least_squares() {
 
 #[test]
 fn white_noise_alone_leaves_nothing_behind() {
-    let (locals, readings, columns) = (locals(9), readings(9), columns(9));
+    let locals = locals(9);
+    let readings = readings(9);
+    let columns = columns(9);
     let noise = EffortNoise::white(0.3);
     let (gains, log_variance) = gains_of(&locals, &readings, &noise);
     assert!(gains.iter().all(|g| g.kd == 0.0 && g.kept == 0.0));
@@ -113,7 +119,8 @@ fn white_noise_alone_leaves_nothing_behind() {
 fn variances_of_any_size_add_up_in_the_logarithm() {
     for scale in [1e-14, 1e14] {
         let noise = NOISE.scaled(scale);
-        let (locals, readings) = (locals(40), vec![0.01 * scale * scale; 40]);
+        let locals = locals(40);
+        let readings = vec![0.01 * scale * scale; 40];
         let (gains, log_variance) = gains_of(&locals, &readings, &noise);
         let expected: f64 = gains.iter().map(|g| -2.0 * g.scale.ln()).sum();
         assert!((log_variance / expected - 1.0).abs() < 1e-9, "{log_variance} {expected}");
@@ -122,7 +129,8 @@ fn variances_of_any_size_add_up_in_the_logarithm() {
 
 #[test]
 fn a_response_is_the_whitened_motion_under_the_efforts() {
-    let (locals, readings) = (locals(9), readings(9));
+    let locals = locals(9);
+    let readings = readings(9);
     let (gains, _) = gains_of(&locals, &readings, &NOISE);
     let effort: Vec<f64> = (0..9).map(|k| (1.3 * f64::from(k)).cos()).collect();
     let direct: Vec<f64> = (0..9).map(|k| 0.1 * (0.4 * f64::from(k)).sin()).collect();
@@ -184,7 +192,8 @@ fn assert_near(local: &Local, a: [f64; 4], g: [f64; 2], tolerance: f64) {
 fn exact(inertia: f64, stiffness: f64, damping: f64) -> ([f64; 4], [f64; 2]) {
     let rate = Matrix3::new(0.0, 1.0, 0.0, -stiffness, -damping, 1.0, 0.0, 0.0, 0.0);
     let rate = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0 / inertia, 1.0)) * rate * 0.01;
-    let (mut sum, mut term) = (Matrix3::identity(), Matrix3::identity());
+    let mut sum = Matrix3::identity();
+    let mut term = Matrix3::identity();
     for k in 1..20 {
         term *= rate / f64::from(k);
         sum += term;

@@ -144,12 +144,14 @@ fn pooled(windows: &[Witness], groups: &[usize]) -> Vec<Witness> {
 /// parameter rests on; `c` is the inverse of `matrix`.
 fn moves(matrix: &DMatrix<f64>, c: &DMatrix<f64>, witnesses: &[Witness]) -> (Vec<f64>, Vec<f64>) {
     let n = matrix.nrows();
-    let (mut moved, mut shares) = (vec![0.0; n], vec![(0.0, 0.0); n]);
+    let mut moved = vec![0.0; n];
+    let mut shares = vec![(0.0, 0.0); n];
     for Witness { hessian, gradient } in witnesses {
         // At the optimum the gradient of the others is minus this one's: one solve without it gives the step
         // that its absence makes, up to a sign.
         let without = (matrix - hessian).cholesky().map_or_else(|| c * gradient, |rest| rest.solve(gradient));
-        let (known, within) = (c * hessian * c, c * gradient);
+        let known = c * hessian * c;
+        let within = c * gradient;
         for i in 0..n {
             // Without the witness that shows most of a parameter nothing is left to compare.
             let way = if known[(i, i)] > SOLE * c[(i, i)] { within[i] } else { without[i] };

@@ -89,7 +89,8 @@ struct Residuals<'a, 'p, 'c> {
 impl Residuals<'_, '_, '_> {
     /// Restricted log likelihood of a noise, up to a constant.
     fn log_likelihood(&self, noise: &EffortNoise) -> f64 {
-        let (mut log_variance, mut rest) = (0.0, Vec::with_capacity(self.rollouts.len()));
+        let mut log_variance = 0.0;
+        let mut rest = Vec::with_capacity(self.rollouts.len());
         let ridge = start_ridge(self.problem);
         let groups = self.problem.windows.chunks(SIDE_BY_SIDE).zip(self.rollouts.chunks(SIDE_BY_SIDE));
         for (windows, rollouts) in groups {
@@ -97,7 +98,8 @@ impl Residuals<'_, '_, '_> {
             pass_windows(self.problem, &self.whitening.locals, windows, &mut ways, Way::pass);
             for Way { gains, sums, .. } in &ways {
                 log_variance += gains.log_variance();
-                let (start, gradient) = (sums.start() + ridge, sums.gradient());
+                let start = sums.start() + ridge;
+                let gradient = sums.gradient();
                 let inverse = start.try_inverse().unwrap_or_else(Matrix2::zeros);
                 let determinant = start.determinant().max(1e-300);
                 rest.push(sums.cost() - gradient.dot(&(inverse * gradient)) + determinant.ln());
@@ -116,7 +118,8 @@ impl Residuals<'_, '_, '_> {
 
     /// With an effort that lasts, where that is likelier, of the memory that serves best.
     fn with_wander(&self, without: (f64, EffortNoise), around: EffortNoise) -> EffortNoise {
-        let (interval_s, least) = (self.problem.coverage.interval_s, self.problem.min_sigma_u);
+        let interval_s = self.problem.coverage.interval_s;
+        let least = self.problem.min_sigma_u;
         let mut best = without;
         let mut wander = if around.wander > 0.0 { around.wander } else { without.1.white };
         for intervals in MEMORIES {
@@ -160,7 +163,8 @@ fn top(around: f64, least: f64, mut score: impl FnMut(f64) -> f64) -> (f64, f64)
             factor = factor.sqrt().max(FINE);
         } else {
             // The top of the parabola through the three, on a logarithmic scale.
-            let (down, up) = (sides[0].0 - middle, sides[1].0 - middle);
+            let down = sides[0].0 - middle;
+            let up = sides[1].0 - middle;
             let shift =
                 if down + up < 0.0 { (0.5 * (down - up) / (down + up)).clamp(-0.5, 0.5) } else { 0.0 };
             return (middle, (center * factor.powf(shift)).max(least));

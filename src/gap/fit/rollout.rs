@@ -221,7 +221,8 @@ impl Kicks<'_> {
         acted: &Acted,
         by_delay: f64,
     ) {
-        let (inverse, v) = (self.inverse, moving.v);
+        let inverse = self.inverse;
+        let v = moving.v;
         let mut sum = self.acting.add_up(at, &mut self.effort_p, &mut self.friction_p);
         self.layout.by_drive(&sum, acted, (by_delay, at.q), &mut self.effort_p, &mut self.friction_p);
         let total = at.u + sum.effort;
@@ -241,7 +242,8 @@ impl Kicks<'_> {
         // The velocity that friction gives a joint that it can hold, (14.7) and (14.8).
         let target = settling.keep * v + settling.creep * kick * total;
         let taken = free - target;
-        let (dq, dv) = (&moving.dq, &mut moving.dv);
+        let dq = &moving.dq;
+        let dv = &mut moving.dv;
         if taken.abs() <= bound {
             moving.v = target;
             // Stick: friction takes up whatever the parameters change, save the creep.
@@ -266,7 +268,8 @@ impl Kicks<'_> {
     fn leap(&self, at: &At, position: f64, h: f64) -> f64 {
         // A contact's damping sets in at once: the effort differs on both sides of its position.
         let side = |by: f64| self.acting.at(&At { q: position + by * at.direction, ..*at });
-        let (before, after) = (side(-BESIDE), side(BESIDE));
+        let before = side(-BESIDE);
+        let after = side(BESIDE);
         let implicit = (1.0 - 0.5 * h * after.v * self.inverse).max(0.5);
         self.inverse * (after.effort - before.effort) / (implicit * implicit)
     }
@@ -288,18 +291,22 @@ fn roll_columns<const W: usize>(
 ) -> Start {
     let sensor = model.sensor(catalogue);
     let layout = Layout::of(model, catalogue);
-    let (gain, added, sensors) = (layout.gain, layout.added, layout.sensors);
+    let gain = layout.gain;
+    let added = layout.added;
+    let sensors = layout.sensors;
     let inverse = inverse_inertia(model.plant.inertia, added);
     let row = [0.0; MAX_COLUMNS];
     let mut kicks =
         Kicks { acting: Acting::of(model, catalogue), layout, inverse, effort_p: row, friction_p: row };
     let mut moving = Moving { q: start.position, v: start.velocity, dq: row, dv: row };
     (moving.dq[0], moving.dv[1]) = (1.0, 1.0);
-    let (mut gauge, mut dgauge) = (moving.q + start.play * sensor.half_gap, moving.dq);
+    let mut gauge = moving.q + start.play * sensor.half_gap;
+    let mut dgauge = moving.dq;
     if let Some(c) = sensors[2] {
         dgauge[c] = start.play;
     }
-    let (mut settled_h, mut settling) = (f64::NAN, Settling::default());
+    let mut settled_h = f64::NAN;
+    let mut settling = Settling::default();
     for k in span.start..span.start + span.len {
         measure::<W>(moving.q, &moving.dq, &sensor, sensors, &mut gauge, &mut dgauge, &mut each);
         if k + 1 == span.start + span.len {
@@ -314,7 +321,8 @@ fn roll_columns<const W: usize>(
         }
         for s in 0..drive.steps {
             let index = k * drive.steps + s;
-            let (signal, by_delay) = (drive.signal[index], drive.by_delay[index]);
+            let signal = drive.signal[index];
+            let by_delay = drive.by_delay[index];
             // A step across the begin of a contact is split: else that would act too long or too late.
             let meeting = kicks.acting.meeting(moving.q, moving.v, step);
             let before = meeting.map_or(step, |m| m.after_s);
@@ -331,7 +339,8 @@ fn roll_columns<const W: usize>(
                 let t = t + (s as f64 + 0.5) * step;
                 // The kick acts after the first half drift: its efforts are those of the middle of the
                 // step.
-                let (q, v) = (moving.q + 0.5 * h * moving.v, moving.v);
+                let q = moving.q + 0.5 * h * moving.v;
+                let v = moving.v;
                 let acted = model.plant.actuator.act(signal, q, v, (sensor.scale, sensor.bias));
                 let at = At {
                     q,

@@ -140,7 +140,8 @@ fn evaluate_columns<const W: usize>(
 /// Adds the windows up, with the prior of the lag.
 fn total(problem: &Problem, model: &JointModel, blocks: Vec<Block>, frozen: &[bool]) -> Evaluation {
     let free = model.free();
-    let (mut hessian, mut gradient) = (DMatrix::zeros(free, free), DVector::zeros(free));
+    let mut hessian = DMatrix::zeros(free, free);
+    let mut gradient = DVector::zeros(free);
     for b in &blocks {
         hessian += &b.hessian;
         gradient += &b.gradient;
@@ -178,7 +179,8 @@ struct Step {
 }
 
 fn solve(normal: &Normal, frozen: &[bool], damping: f64) -> Option<Step> {
-    let (mut s, mut g) = (normal.hessian.clone(), normal.gradient.clone());
+    let mut s = normal.hessian.clone();
+    let mut g = normal.gradient.clone();
     let inverses: Vec<Matrix2<f64>> =
         normal.blocks.iter().map(|b| b.start.try_inverse().unwrap_or_else(Matrix2::zeros)).collect();
     for (b, inverse) in normal.blocks.iter().zip(&inverses) {

@@ -55,7 +55,8 @@ impl Predict<'_> {
     fn matrices(&self, carried: Option<&Carried>, q: f64, dt: f64) -> ([f64; 4], [f64; 2]) {
         let (inertia, rate) = self.plant.inertia_at(carried);
         let i = 1.0 / inertia;
-        let (k, b) = (self.plant.load_at(carried, q).1 * i, (self.plant.damping + rate) * i);
+        let k = self.plant.load_at(carried, q).1 * i;
+        let b = (self.plant.damping + rate) * i;
         // Exact in the damping, which may be strong over an interval; first order in the load's slope.
         let lost = 1.0 - (-b * dt).exp();
         ([1.0 - 0.5 * k * dt * dt, dt * (1.0 - 0.5 * lost), -k * dt, 1.0 - lost], [0.5 * dt * dt * i, dt * i])
@@ -67,8 +68,10 @@ impl Predict<'_> {
         // The transition carries the load's linear part about this position; the push carries the rest.
         let push = effort - load + slope * s.q;
         let w = self.noise * self.noise;
-        let (m00, m01) = (a[0] * s.qq + a[1] * s.qv, a[0] * s.qv + a[1] * s.vv);
-        let (m10, m11) = (a[2] * s.qq + a[3] * s.qv, a[2] * s.qv + a[3] * s.vv);
+        let m00 = a[0] * s.qq + a[1] * s.qv;
+        let m01 = a[0] * s.qv + a[1] * s.vv;
+        let m10 = a[2] * s.qq + a[3] * s.qv;
+        let m11 = a[2] * s.qv + a[3] * s.vv;
         let next = Belief {
             q: a[0] * s.q + a[1] * s.v + g[0] * push,
             v: a[2] * s.q + a[3] * s.v + g[1] * push,
@@ -146,7 +149,8 @@ fn forward(
             if k > span.start + 2 {
                 likelihood -= 0.5 * (innovation * innovation / s + s.ln());
             }
-            let (kq, kv) = (predicted.qq / s, predicted.qv / s);
+            let kq = predicted.qq / s;
+            let kv = predicted.qv / s;
             belief = Belief {
                 q: predicted.q + kq * innovation,
                 v: predicted.v + kv * innovation,
@@ -187,8 +191,10 @@ fn backward(log: &JointLog, index: usize, effort: &[f64], predict: &Predict, rea
                 let det = next.qq * next.vv - next.qv * next.qv;
                 // Where rounding makes the prediction singular, the filtered state stands.
                 if det > 0.0 {
-                    let (x, y) = (q - next.q, v - next.v);
-                    let (ix, iy) = ((next.vv * x - next.qv * y) / det, (next.qq * y - next.qv * x) / det);
+                    let x = q - next.q;
+                    let y = v - next.v;
+                    let ix = (next.vv * x - next.qv * y) / det;
+                    let iy = (next.qq * y - next.qv * x) / det;
                     state = (updated.q + c[0] * ix + c[1] * iy, updated.v + c[2] * ix + c[3] * iy);
                 }
             }
@@ -200,7 +206,8 @@ fn backward(log: &JointLog, index: usize, effort: &[f64], predict: &Predict, rea
     let top = trace.velocity.iter().fold(0.0f64, |m, v| m.max(v.abs()));
     let mut last = 0.0;
     for k in 0..n {
-        let (q, v) = (trace.position[k], trace.velocity[k]);
+        let q = trace.position[k];
+        let v = trace.velocity[k];
         let carried = log.carried.get(k);
         trace.acceleration[k] = plant.net_effort(carried, q, v, effort[k]) / plant.inertia_at(carried).0;
         // Near rest the last clear sign stands.

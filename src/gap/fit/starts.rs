@@ -92,7 +92,8 @@ impl Bench<'_, '_> {
 
     /// Damped Gauss-Newton on the start state alone.
     fn polish(&self, window: usize, from: Trial) -> Trial {
-        let (mut now, mut damping) = (from, FIRST_DAMPING);
+        let mut now = from;
+        let mut damping = FIRST_DAMPING;
         for _ in 0..POLISH_STEPS {
             let mut normal = now.normal;
             normal[(0, 0)] *= 1.0 + damping;
@@ -199,14 +200,16 @@ fn searched(
         return quick;
     }
     let span = bench.problem.windows[w];
-    let (log, scale) = (&bench.problem.logs[span.log], bench.model.sensor(bench.problem.catalogue).scale);
+    let log = &bench.problem.logs[span.log];
+    let scale = bench.model.sensor(bench.problem.catalogue).scale;
     let last = log.time_s.len() as i64 - 1;
     let places: &[f64] = if half_gap > 0.0 { &PLAY } else { &[0.0] };
     // The smoothed motion knows no contact and no catch: near one its velocity is wrong, and slopes of
     // the record beside it are better.
     for (from, to) in SLOPES {
         let at = |k: i64| (span.start as i64 + k).clamp(0, last) as usize;
-        let (a, b) = (at(from), at(to));
+        let a = at(from);
+        let b = at(to);
         if a == b {
             continue;
         }
@@ -301,7 +304,8 @@ mod tests {
             let cost = |from: &[Start]| {
                 from.iter().enumerate().map(|(w, s)| bench.try_start(w, *s).cost).sum::<f64>()
             };
-            let (before, after) = (cost(&far), cost(&starts));
+            let before = cost(&far);
+            let after = cost(&starts);
             assert!(after < 2.0 * 800.0 && before > 1e3 * after, "{before} {after}");
         }
     }

@@ -58,7 +58,8 @@ pub fn stretches(runs: &[RunMotion], joint: usize) -> Vec<Stretch> {
         let Some((moved, log)) = of(run) else { continue };
         let width = width_s(&runs[run]);
         for span in log.segments(run) {
-            let (first, last) = (log.time_s[span.start], log.time_s[span.start + span.len - 1]);
+            let first = log.time_s[span.start];
+            let last = log.time_s[span.start + span.len - 1];
             let from = (first / width).ceil().max(0.0) as usize;
             for index in from..(last / width).floor().max(0.0) as usize {
                 let time_s = (width * index as f64, width * (index + 1) as f64);
@@ -79,7 +80,8 @@ fn means(run: &RunMotion, key: (usize, usize), time_s: (f64, f64)) -> Stretch {
         Stretch { key, time_s, position: Vec::new(), velocity: Vec::new(), acceleration: Vec::new() };
     for moved in run {
         let at = |t: f64| moved.as_ref().map_or([0.0; 2], |m| [m.motion.at(t)[0], m.motion.at(t)[1]]);
-        let ([q0, v0], [q1, v1]) = (at(time_s.0), at(time_s.1));
+        let [q0, v0] = at(time_s.0);
+        let [q1, v1] = at(time_s.1);
         let width = time_s.1 - time_s.0;
         stretch.position.push(0.5 * (q0 + q1));
         stretch.velocity.push((q1 - q0) / width);

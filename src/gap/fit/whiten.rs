@@ -59,7 +59,8 @@ pub fn linearize(
         for (x, other) in now.iter_mut().zip(&others) {
             *x = other[k];
         }
-        let (q, v) = (trace.position[k], trace.velocity[k]);
+        let q = trace.position[k];
+        let v = trace.velocity[k];
         // A servo reads the position that was recorded.
         let acted = model.plant.actuator.act(trace.signal[k], q, v, (1.0, 0.0));
         let u = gain * acted.effort;
@@ -152,7 +153,8 @@ impl Belief {
 
     /// At the next sample; the wander acts as an effort does.
     fn next(&self, local: &Local, noise: &EffortNoise, kept: f64) -> Self {
-        let (a, g) = (&local.a, &local.g);
+        let a = &local.a;
+        let g = &local.g;
         let moved = |q: f64, v: f64, d: f64| {
             [a[0] * q + a[1] * v + g[0] * d, a[2] * q + a[3] * v + g[1] * d, kept * d]
         };
@@ -160,9 +162,11 @@ impl Belief {
         let [qq, vq, dq] = moved(self.qq, self.qv, self.qd);
         let [qv, vv, dv] = moved(self.qv, self.vv, self.vd);
         let [qd, vd, dd] = moved(self.qd, self.vd, self.dd);
-        let ([qq, qv, qd], [_, vv, vd], [_, _, dd]) =
-            (moved(qq, qv, qd), moved(vq, vv, vd), moved(dq, dv, dd));
-        let (white, wander) = (noise.white * noise.white, noise.wander * noise.wander);
+        let [qq, qv, qd] = moved(qq, qv, qd);
+        let [_, vv, vd] = moved(vq, vv, vd);
+        let [_, _, dd] = moved(dq, dv, dd);
+        let white = noise.white * noise.white;
+        let wander = noise.wander * noise.wander;
         Self {
             qq: qq + white * g[0] * g[0],
             qv: qv + white * g[0] * g[1],
@@ -247,10 +251,12 @@ impl<const W: usize> Filter<W> {
     /// Whitens the first `W` columns of the next row.
     #[inline]
     pub fn pass(&mut self, row: &mut [f64], local: &Local, gain: &Gain) {
-        let (a, g) = (&local.a, &local.g);
+        let a = &local.a;
+        let g = &local.g;
         for i in 0..W {
             let innovation = row[i] - self.q[i];
-            let (q, v) = (self.q[i] + gain.kq * innovation, self.v[i] + gain.kv * innovation);
+            let q = self.q[i] + gain.kq * innovation;
+            let v = self.v[i] + gain.kv * innovation;
             let d = self.d[i] + gain.kd * innovation;
             row[i] = innovation * gain.scale;
             self.q[i] = a[0] * q + a[1] * v + g[0] * d;
@@ -271,13 +277,17 @@ pub fn whiten<const W: usize>(rows: &mut [Row], locals: &[Local], gains: &[Gain]
 /// Whitened response of the position to efforts (one a sample) and to a direct change of the measurement.
 pub fn respond(effort: &[f64], direct: Option<&[f64]>, locals: &[Local], gains: &[Gain], out: &mut [f64]) {
     // Differences between the true and the predicted states; the wander is predicted, and not there.
-    let (mut q, mut v, mut d) = (0.0, 0.0, 0.0);
+    let mut q = 0.0;
+    let mut v = 0.0;
+    let mut d = 0.0;
     for (k, gain) in gains.iter().enumerate() {
         let innovation = q + direct.map_or(0.0, |d| d[k]);
         out[k] = innovation * gain.scale;
-        let (uq, uv) = (q - gain.kq * innovation, v - gain.kv * innovation);
+        let uq = q - gain.kq * innovation;
+        let uv = v - gain.kv * innovation;
         let ud = d - gain.kd * innovation;
-        let (a, g) = (&locals[k].a, &locals[k].g);
+        let a = &locals[k].a;
+        let g = &locals[k].g;
         let acting = effort[k] + ud;
         q = a[0] * uq + a[1] * uv + g[0] * acting;
         v = a[2] * uq + a[3] * uv + g[1] * acting;
@@ -299,12 +309,16 @@ mod tests {
     /// A free mass under an effort that lasts, read with noise: whitened residuals against the motion without
     /// that effort.
     fn whitened(noise: &EffortNoise) -> Vec<f64> {
-        let (h, count) = (0.01, 20_000);
+        let h = 0.01;
+        let count = 20_000;
         let truth = EffortNoise { white: 0.3, wander: 1.0, memory_s: 0.1, deflection: 0.0 };
-        let (a, g) = ([1.0, h, 0.0, 1.0], [0.5 * h * h, h]);
+        let a = [1.0, h, 0.0, 1.0];
+        let g = [0.5 * h * h, h];
         let locals = vec![Local { a, g, interval_s: h }; count];
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(7);
-        let (mut q, mut v, mut d) = (0.0, 0.0, normal(&mut rng));
+        let mut q = 0.0;
+        let mut v = 0.0;
+        let mut d = normal(&mut rng);
         let mut gains = Gains::of(noise);
         let mut filter = Filter::<1>::default();
         let kept = truth.kept(h);

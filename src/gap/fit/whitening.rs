@@ -102,7 +102,8 @@ pub fn predict(
 #[must_use]
 pub fn start_ridge(problem: &Problem) -> Matrix2<f64> {
     let range = problem.coverage.position.1 - problem.coverage.position.0;
-    let (q, v) = ((range + problem.noise.at_rest).max(1e-9), problem.coverage.speed.1.max(range).max(1e-9));
+    let q = (range + problem.noise.at_rest).max(1e-9);
+    let v = problem.coverage.speed.1.max(range).max(1e-9);
     // derived: deviations of ten times the range and the top speed, which any moving window outweighs.
     Matrix2::new(1e-2 / (q * q), 0.0, 0.0, 1e-2 / (v * v))
 }

@@ -61,7 +61,8 @@ fn residuals_stand_behind_the_sensitivities() {
     let effects = catalogue(0);
     let problem = problem(&effects);
     let model = with(&effects, &problem.plant, &[("coulomb_friction", &[0.05])]);
-    let (starts, drives) = (problem.starts(&model), problem.drives(&model));
+    let starts = problem.starts(&model);
+    let drives = problem.drives(&model);
     let mut rolled = Rollout::default();
     for (w, window) in problem.windows.iter().enumerate() {
         predict(&problem, &model, &drives, w, starts[w], &mut rolled);

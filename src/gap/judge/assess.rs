@@ -116,7 +116,8 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
     // Names that the held-out runs do not bear out are taken back; the proof is then that of the twin.
     let is_borne_out = |model: &JointModel, gap: &Gap, noise: EffortNoise| {
         // Of an effect that acts at a place or for a moment, the held-out run may show nothing.
-        let (closes, may_better) = (is_proven(gap), !is_surely_worse(gap));
+        let closes = is_proven(gap);
+        let may_better = !is_surely_worse(gap);
         // Beside an effort that lasts, and where little is to be explained, one held-out run says little.
         if closes && !noise.remains() && gap.before > REPORTED_NOISES * gap.noise_floor {
             return true;
@@ -246,7 +247,8 @@ fn fewer(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> {
         folds.iter().map(one).sum::<f64>().sqrt()
     };
     let whole = predicted(nearest);
-    let (mut model, mut rmse) = (nearest.clone(), whole);
+    let mut model = nearest.clone();
+    let mut rmse = whole;
     while model.terms.len() > 1 {
         let without = |i: usize| {
             let mut fewer = model.clone();

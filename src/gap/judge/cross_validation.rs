@@ -185,7 +185,8 @@ impl Unseen {
     ) -> Self {
         let folds = problem.predicting().folds();
         let [with, without] = [model, other].map(|model| {
-            let (mut all, held_out) = (crossed(&folds, model, noise), left(held_out, model));
+            let mut all = crossed(&folds, model, noise);
+            let held_out = left(held_out, model);
             all.iter_mut().zip(held_out).for_each(|(all, more)| all.extend(more));
             all
         });

@@ -149,7 +149,8 @@ impl<'a> JointScene<'a> {
     pub fn of(scene: &'a Scene<'a>, joint: usize) -> Self {
         let own = Self { scene, joint, stretches: stretches(scene.runs, joint), share: 1.0 };
         let all: Vec<&Stretch> = own.stretches.iter().collect();
-        let (seen, efforts) = (own.seen(&all, &AS_GIVEN), own.efforts(joint, &all, 0.0));
+        let seen = own.seen(&all, &AS_GIVEN);
+        let efforts = own.efforts(joint, &all, 0.0);
         own.with_share((&all, &seen), &efforts)
     }
 
@@ -174,7 +175,8 @@ impl<'a> JointScene<'a> {
     #[must_use]
     pub fn seen(&self, stretches: &[&Stretch], convention: &Convention) -> Vec<Seen> {
         let tree = convention.twin(self.scene.tree);
-        let (n, joint) = (tree.joints.len(), self.joint);
+        let n = tree.joints.len();
+        let joint = self.joint;
         let factor: Vec<f64> = tree.joints.iter().map(|j| convention.of_position(j.motion)).collect();
         let zero = vec![0.0; n];
         let mut unit = zero.clone();
@@ -183,7 +185,9 @@ impl<'a> JointScene<'a> {
             |values: &[f64]| -> Vec<f64> { values.iter().zip(&factor).map(|(x, f)| x * f).collect() };
         let spec = &tree.joints[joint];
         let one = |s: &&Stretch| {
-            let (q, v, a) = (scaled(&s.position), scaled(&s.velocity), scaled(&s.acceleration));
+            let q = scaled(&s.position);
+            let v = scaled(&s.velocity);
+            let a = scaled(&s.acceleration);
             let inertia = tree.inverse_dynamics(&q, &zero, &unit, false)[joint];
             let whole = tree.inverse_dynamics(&q, &v, &a, true)[joint];
             let inertial = inertia * a[joint];
@@ -279,10 +283,8 @@ impl<'a> JointScene<'a> {
             if !regression.is_telling() {
                 return None;
             }
-            let (of_motion, of_effort) = (
-                given.motion + regression.weight() * prices.0,
-                given.effort + regression.weight() * prices.1,
-            );
+            let of_motion = given.motion + regression.weight() * prices.0;
+            let of_effort = given.effort + regression.weight() * prices.1;
             let mut all: Vec<(f64, Odds)> = Vec::new();
             for gain in gains {
                 let motion = regression.of_motion(&inertias, *gain);
@@ -305,7 +307,8 @@ impl<'a> JointScene<'a> {
     /// Log odds of a convention.
     fn of_convention(&self, convention: &Convention, given: &Baseline) -> Option<Odds> {
         let stretches: Vec<&Stretch> = self.stretches.iter().collect();
-        let (seen, taken) = (self.seen(&stretches, convention), self.seen(&stretches, &AS_GIVEN));
+        let seen = self.seen(&stretches, convention);
+        let taken = self.seen(&stretches, &AS_GIVEN);
         if seen == taken && convention.effort == 1.0 {
             // A slide knows nothing of lengths.
             return None;
@@ -333,7 +336,8 @@ impl<'a> JointScene<'a> {
         let share = self.share.max(self.with_share((&both, &seen), &efforts(0.0)).share);
         let of = |scene: &Self| Self { scene: scene.scene, joint: scene.joint, stretches: Vec::new(), share };
         let gains = all_gains();
-        let (own, their) = (of(self).baseline(&both, &gains)?, of(other).baseline(&theirs, &gains)?);
+        let own = of(self).baseline(&both, &gains)?;
+        let their = of(other).baseline(&theirs, &gains)?;
         let given = Baseline { motion: own.motion, ..their };
         of(self).odds(&seen, &efforts, &given, &about_one(), (0.0, 0.0))
     }

@@ -115,7 +115,8 @@ fn efforts_of_the_opposite_sign_are_said() {
 fn efforts_of_another_joint_are_said_of_both() {
     let twin = pendulums(2);
     let runs = |is_swapped: bool| -> Vec<RunMotion> {
-        let (mut left, mut right) = (logs(BRAKED, 0..2), logs(BRAKED, 5..7));
+        let mut left = logs(BRAKED, 0..2);
+        let mut right = logs(BRAKED, 5..7);
         if is_swapped {
             left.iter_mut().zip(&mut right).for_each(|(a, b)| std::mem::swap(&mut a.effort, &mut b.effort));
         }

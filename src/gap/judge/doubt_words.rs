@@ -64,7 +64,8 @@ impl Doubt {
     /// It and its evidence, without the joint.
     #[must_use]
     pub fn words(&self) -> String {
-        let (looks, remedy) = (self.looks(), self.remedy());
+        let looks = self.looks();
+        let remedy = self.remedy();
         if let Some(by) = &self.by {
             return format!("{looks}, as joint '{by}' shows: no name is given on such numbers; {remedy}");
         }
@@ -74,7 +75,8 @@ impl Doubt {
             }
             _ => String::new(),
         };
-        let (so, given) = (100.0 * self.left.0, 100.0 * self.left.1);
+        let so = 100.0 * self.left.0;
+        let given = 100.0 * self.left.1;
         format!(
             "{looks}, by motion and efforts (log odds {:.0}): {inertia}so {so:.1} % of the squared effort is \
              left unexplained, as given {given:.1} %; no name is given on such numbers; {remedy}",

@@ -60,8 +60,10 @@ mod tests {
         let nothing = JointModel::of(&plant);
         let alone = |name: &str, p: &[f64]| nothing.clone().with(of(name), p);
         let set = alone("encoder_scale", &[1.1]).with(of("viscous_friction"), &[0.2]);
-        let (friction, bias) = (alone("coulomb_friction", &[0.3]), alone("constant_bias", &[0.1]));
-        let (own, gain) = (alone("viscous_friction", &[0.4]), alone("torque_gain", &[1.2]));
+        let friction = alone("coulomb_friction", &[0.3]);
+        let bias = alone("constant_bias", &[0.1]);
+        let own = alone("viscous_friction", &[0.4]);
+        let gain = alone("torque_gain", &[1.2]);
         let others = [&friction, &bias, &own, &gain];
         let sorted = |names: [&str; 2]| {
             let mut effects = names.map(of).to_vec();

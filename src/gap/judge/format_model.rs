@@ -302,6 +302,7 @@ fn may_stand_in(other: &dyn Effect, effect: &dyn Effect) -> bool {
 
 /// The set fitted with the small steps that parameters are reported from.
 fn finely(problem: &Problem, coarse: &Candidate) -> Candidate {
-    let (fit_, problem) = (&coarse.fit, &problem.refined());
+    let fit_ = &coarse.fit;
+    let problem = &problem.refined();
     candidate(problem, fit(problem, &fit_.model, Some(&fit_.starts), fit_.noise, Free::All, Pace::WARM))
 }

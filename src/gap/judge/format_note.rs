@@ -11,8 +11,11 @@ use common::note::{Note, NoteCode};
 #[must_use]
 pub fn format_note(held: &FormatModel, file: &str, joint: &JointReport, is_sole: bool) -> Option<Note> {
     let gap = joint.gap.as_ref().filter(|_| !held.is_whole())?;
-    let (name, unit) = (&joint.joint, if joint.turns { "rad" } else { "m" });
-    let (twin, own, found) = (held.twin_rmse, held.rmse, gap.after);
+    let name = &joint.joint;
+    let unit = if joint.turns { "rad" } else { "m" };
+    let twin = held.twin_rmse;
+    let own = held.rmse;
+    let found = gap.after;
     if joint.diagnosis.findings.is_empty() {
         let text = format!(
             "{file} holds at joint '{name}' what stands in for something unknown: it leaves {own:.2e} {unit} \

@@ -207,7 +207,8 @@ impl Sum<'_> {
         // A law is shown where it was seen, and a bin more.
         let bin = (high - low) / BINS as f64;
         let ends = law.points.iter().map(|p| p.x).fold((high, low), |(l, h), x| (l.min(x), h.max(x)));
-        let (low, high) = (low.max(ends.0 - bin), high.min(ends.1 + bin));
+        let low = low.max(ends.0 - bin);
+        let high = high.min(ends.1 + bin);
         if !self.terms.is_empty() && high > low {
             let curves = self.ways().into_iter().flat_map(|way| self.curves(way, (low, high), spread));
             law.curves = curves.collect();
@@ -287,7 +288,8 @@ impl Sum<'_> {
             sides.into_iter().filter(|(w, x)| w.sign() * x[GRID] > 0.0).collect()
         };
         let curve = |(side, x): (Way, Vec<f64>)| {
-            let (mut effort, mut half) = (Vec::new(), Vec::new());
+            let mut effort = Vec::new();
+            let mut half = Vec::new();
             for &x in &x {
                 let (value, gradient) = self.value(x, side);
                 effort.push(value);
@@ -342,7 +344,8 @@ impl Sum<'_> {
         let mut bins: Vec<Bin> = vec![Bin::new(); edges.len() - 1];
         for o in seen.iter().filter(|o| self.shows(o)) {
             let own = if o.v < 0.0 { Way::Falling } else { Way::Rising };
-            let (x, bin) = (self.x(o), edges.partition_point(|e| *e <= self.sorted_by(o)));
+            let x = self.x(o);
+            let bin = edges.partition_point(|e| *e <= self.sorted_by(o));
             if (way != Way::Both && way != own) || bin == 0 || bin >= edges.len() {
                 continue;
             }

@@ -139,7 +139,8 @@ pub fn locate(problem: &Problem, screen: &Screen, rng: &mut impl Rng) -> Vec<Dep
 fn value(screen: &Screen, problem: &Problem, variable: Variable, log: usize, k: usize) -> Option<f64> {
     let m = &screen.middle()[log];
     let still = STILL * problem.coverage.speed.1;
-    let (q, v) = (m.position[k], m.velocity[k]);
+    let q = m.position[k];
+    let v = m.velocity[k];
     match variable {
         Variable::Position => Some(q),
         Variable::PositionRising => (v > still).then_some(q),
@@ -190,7 +191,8 @@ fn dependence(
     let per_run = (edges.len().saturating_sub(1)).min(30 / runs.min(30)).max(1);
     // Time bins of every run stand beside each other; there are fewer of them where there are many runs.
     let edges: Vec<f64> = if runs > 1 {
-        let (low, high) = (edges[0], edges[edges.len() - 1]);
+        let low = edges[0];
+        let high = edges[edges.len() - 1];
         (0..=per_run).map(|i| low + (high - low) * i as f64 / per_run as f64).collect()
     } else {
         edges

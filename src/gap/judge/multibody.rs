@@ -120,7 +120,8 @@ const SURE: f64 = 6.0;
 /// The models with one effect less, or a special case in its place; and by how much each may fall behind.
 fn less(joints: &Joints, fitted: &MultibodyFit) -> Vec<(Vec<JointModel>, f64)> {
     let models = &fitted.models;
-    let (mut all, mut first) = (Vec::new(), 0);
+    let mut all = Vec::new();
+    let mut first = 0;
     let mut with = |i: usize, model: JointModel, lead: f64| {
         let mut models = models.clone();
         models[i] = model;

@@ -59,14 +59,18 @@ impl Observed<'_> {
 /// All moments within the windows of the runs, as a model's sensor sees them.
 #[must_use]
 pub fn observed<'a>(problem: &'a Problem, model: &JointModel) -> Vec<Observed<'a>> {
-    let (plant, sensor) = (&problem.plant, model.sensor(problem.catalogue));
+    let plant = &problem.plant;
+    let sensor = model.sensor(problem.catalogue);
     let drives = problem.drives(model);
     let mut seen = Vec::new();
     for (window, span) in problem.windows.iter().enumerate() {
-        let (log, trace) = (&problem.logs[span.log], &problem.traces[span.log]);
-        let (drive, first) = (&drives[span.log], seen.len());
+        let log = &problem.logs[span.log];
+        let trace = &problem.traces[span.log];
+        let drive = &drives[span.log];
+        let first = seen.len();
         for k in span.start..span.start + span.len - 1 {
-            let (dt, carried) = (log.time_s[k + 1] - log.time_s[k], log.carried.get(k));
+            let dt = log.time_s[k + 1] - log.time_s[k];
+            let carried = log.carried.get(k);
             let q = (0.5 * (trace.position[k] + trace.position[k + 1]) - sensor.bias) / sensor.scale;
             let v = 0.5 * (trace.velocity[k] + trace.velocity[k + 1]) / sensor.scale;
             let recorded = (trace.velocity[k + 1] - trace.velocity[k]) / (dt * sensor.scale).max(1e-12);
@@ -79,8 +83,10 @@ pub fn observed<'a>(problem: &'a Problem, model: &JointModel) -> Vec<Observed<'a
             let lacking = inertia * recorded + rubs - smooth;
             let t = run_time_s(span.log, log, k);
             let others = log.others_after(k);
-            let (log, found) = (span.log, 0.0);
-            let (a, about) = (0.0, 0.0);
+            let log = span.log;
+            let found = 0.0;
+            let a = 0.0;
+            let about = 0.0;
             let mut o = Observed { log, window, q, v, a, about, u, t, others, carried, lacking, found };
             let acts = found_beside_inertia(problem, model, &o, smooth);
             let added = model.scalar(problem.catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);

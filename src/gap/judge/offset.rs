@@ -35,7 +35,8 @@ pub fn with_offset(
     let Some((at, term)) = model.placed().find(|(_, t)| t.effect == asymmetric && !beside) else {
         return (model, spread);
     };
-    let (mean, half) = (0.5 * (term.p[0] + term.p[1]), 0.5 * (term.p[1] - term.p[0]));
+    let mean = 0.5 * (term.p[0] + term.p[1]);
+    let half = 0.5 * (term.p[1] - term.p[0]);
     // Densities of the share: half of a normal distribution, and 1 from none to all.
     let share = half / (mean * OFFSET);
     let density = (2.0 / std::f64::consts::PI).sqrt() / OFFSET * (-0.5 * share * share).exp();
@@ -104,7 +105,8 @@ mod tests {
             model.terms.iter().map(term).sum::<f64>()
         };
         for direction in [1.0, -1.0] {
-            let (a, b) = (slip(&of([0.2, 0.24]), direction), slip(&other, direction));
+            let a = slip(&of([0.2, 0.24]), direction);
+            let b = slip(&other, direction);
             assert!((a - b).abs() < 1e-12, "{a} {b}");
         }
     }

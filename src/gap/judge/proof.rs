@@ -125,8 +125,8 @@ pub fn prove(
 ) -> (Gap, Vec<RunSeries>, Vec<Start>) {
     // Each model starts where it fits best; else one would pay for start states of the other.
     let [(before, before_starts), (after, after_starts)] = [before, after].map(|m| started(held_out, m));
-    let (one, other) =
-        (residuals(held_out, &before, &before_starts), residuals(held_out, &after, &after_starts));
+    let one = residuals(held_out, &before, &before_starts);
+    let other = residuals(held_out, &after, &after_starts);
     let full_one = full_residuals(held_out, &before, &before_starts);
     let full_other = full_residuals(held_out, &after, &after_starts);
     let mut runs = Vec::new();

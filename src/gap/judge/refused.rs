@@ -17,7 +17,8 @@ use crate::{
 /// The report of a joint that is not diagnosed: any effect would be one of the input.
 #[must_use]
 pub fn refused(effects: &Catalogue, plant: &Plant, doubt: &Doubt, runs: Runs) -> JointReport {
-    let (turns, tracks) = (runs.turns, tracks(&runs));
+    let turns = runs.turns;
+    let tracks = tracks(&runs);
     let coverage = Problem::new(effects, plant, turns, runs.fitted, runs.hold).coverage;
     let nothing = Diagnosis::without_findings(Verdict::Unknown, JointModel::of(plant));
     let diagnosis = Diagnosis { left: 1.0, lacks: vec![doubt.looks()], ..nothing };

@@ -91,7 +91,8 @@ pub fn regressed_sets(
     let hits: Vec<Hit> =
         effects.iter().filter(|e| is_effort(problem, **e)).flat_map(|e| screen.hits(*e, SHAPES)).collect();
     let mut sets: Vec<JointModel> = Vec::new();
-    let (mut terms, mut reached) = (Vec::<Term>::new(), 0.0);
+    let mut terms = Vec::<Term>::new();
+    let mut reached = 0.0;
     while terms.len() < largest {
         let with = |hit: &Hit| {
             let mut more = terms.clone();

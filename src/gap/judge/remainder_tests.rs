@@ -51,7 +51,9 @@ fn efforts_that_no_catalogue_holds_have_no_name() {
 fn a_name_that_stays_is_as_sure_as_another_search_says() {
     let effects = catalogue(0);
     let of = |name: &str| effects.iter().position(|e| e.name() == name).unwrap();
-    let (inertia, gain, delay) = (of("inertia"), of("torque_gain"), of("delay"));
+    let inertia = of("inertia");
+    let gain = of("torque_gain");
+    let delay = of("delay");
     let mut found = Diagnosis::without_findings(Verdict::Named, JointModel::of(&pendulum(0.6)));
     let name = |index: usize| Finding {
         index,

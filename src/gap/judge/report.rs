@@ -323,8 +323,8 @@ impl JointReport {
     #[must_use]
     pub fn remainder(&self) -> Option<(f64, f64)> {
         let gap = self.gap.as_ref().filter(|_| !self.diagnosis.findings.is_empty())?;
-        let (share, noises) =
-            (left_of(gap.before, gap.after, gap.noise_floor), gap.after / gap.noise_floor.max(1e-300));
+        let share = left_of(gap.before, gap.after, gap.noise_floor);
+        let noises = gap.after / gap.noise_floor.max(1e-300);
         (share > REPORTED_SHARE && noises > REPORTED_NOISES).then_some((share, noises))
     }
 }
@@ -350,7 +350,8 @@ fn off_axis(joint: &JointReport) -> Option<OffAxisJson> {
 }
 
 fn nearest(joint: &JointReport) -> Option<NearestJson> {
-    let (near, gap) = (joint.diagnosis.nearest.as_ref()?, joint.nearest.as_ref()?);
+    let near = joint.diagnosis.nearest.as_ref()?;
+    let gap = joint.nearest.as_ref()?;
     let effects = findings(joint, near.findings.iter());
     Some(NearestJson {
         joint: joint.joint.clone(),
@@ -464,7 +465,8 @@ pub fn summary(joints: &[JointReport]) -> String {
                 bar(g)
             ));
             if let Some(r) = remainder(j) {
-                let (share, noises) = (100.0 * r.share_of_gap, r.times_noise);
+                let share = 100.0 * r.share_of_gap;
+                let noises = r.times_noise;
                 lines.push(format!(
                     "  beside it something unknown is left: {share:.0} % of the gap, \
                  {noises:.0} times the noise"

@@ -300,7 +300,8 @@ impl<'p, 'c> Screen<'p, 'c> {
 
     /// The middle states of a log.
     fn states(&self, index: usize) -> Vec<At<'_>> {
-        let (log, m) = (&self.problem.logs[index], &self.middle[index]);
+        let log = &self.problem.logs[index];
+        let m = &self.middle[index];
         let at = |k: usize| At {
             q: m.position[k],
             v: m.velocity[k],
@@ -359,7 +360,8 @@ impl<'p, 'c> Screen<'p, 'c> {
             }
             // The predicted motion, not the measured one: what is measured has gone through the play already.
             Place::Play => Box::new(move |window, span, columns| {
-                let (half_gap, predicted) = (shape[0], &self.predicted[window]);
+                let half_gap = shape[0];
+                let predicted = &self.predicted[window];
                 let mut gauge = predicted[0] - problem.traces[span.log].direction[span.start] * half_gap;
                 let follow = |q: &f64| {
                     gauge = gauge.clamp(q - half_gap, q + half_gap);
@@ -430,8 +432,8 @@ pub fn amplitudes(effect: &dyn Effect) -> usize {
 /// Positions and times that a window runs through.
 fn extents(problem: &Problem, middle: &[Middle]) -> Vec<Extent> {
     let one = |span: &Span| {
-        let (log, position) =
-            (&problem.logs[span.log], &middle[span.log].position[span.start..span.start + span.len]);
+        let log = &problem.logs[span.log];
+        let position = &middle[span.log].position[span.start..span.start + span.len];
         let low = position.iter().copied().fold(f64::INFINITY, f64::min);
         let high = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let time = |k: usize| run_time_s(span.log, log, k);
@@ -456,10 +458,8 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
             for (x, other) in now.iter_mut().zip(&log.others) {
                 *x = other[k];
             }
-            let (q, v) = (
-                0.5 * (trace.position[k] + trace.position[next]),
-                0.5 * (trace.velocity[k] + trace.velocity[next]),
-            );
+            let q = 0.5 * (trace.position[k] + trace.position[next]);
+            let v = 0.5 * (trace.velocity[k] + trace.velocity[next]);
             // A servo reads the position that was recorded.
             let acted = model.plant.actuator.act(trace.signal[k], q, v, (1.0, 0.0));
             let u = gain * acted.effort;

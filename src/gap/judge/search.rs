@@ -279,7 +279,8 @@ fn best_score(by_size: &[Vec<Candidate>]) -> f64 {
 pub fn begun(problem: &Problem, base: &Candidate, seed: &JointModel) -> Candidate {
     let pace = Pace { searches: true, ..Pace::NEXT };
     let begun = fit(problem, seed, Some(&base.fit.starts), base.fit.noise, Free::All, pace);
-    let (starts, noise) = (Some(begun.starts.as_slice()), begun.noise);
+    let starts = Some(begun.starts.as_slice());
+    let noise = begun.noise;
     candidate(problem, fit(problem, &begun.model, starts, noise, Free::All, Pace::thorough(3)))
 }
 
@@ -337,7 +338,8 @@ fn without_one(problem: &Problem, candidate_: &Candidate, known: &[Candidate]) -
         model.terms.remove(i);
         let begun =
             fit(problem, &model, Some(&candidate_.fit.starts), candidate_.fit.noise, Free::All, Pace::NEXT);
-        let (starts, noise) = (Some(begun.starts.as_slice()), begun.noise);
+        let starts = Some(begun.starts.as_slice());
+        let noise = begun.noise;
         candidate(problem, fit(problem, &begun.model, starts, noise, Free::All, Pace::thorough(3)))
     };
     (0..candidate_.fit.model.terms.len()).into_par_iter().filter(is_new).map(one).collect()
@@ -360,7 +362,8 @@ const MIN_GAIN_OF_PLAY_FIT: f64 = 2.0;
 pub fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candidate> {
     let jobs: Vec<JointModel> = hits.iter().flatten().flat_map(|h| starts_of(problem, parent, h)).collect();
     let first = |m: &JointModel| {
-        let (seen, sees) = (parent.fit.model.sensor(problem.catalogue), m.sensor(problem.catalogue));
+        let seen = parent.fit.model.sensor(problem.catalogue);
+        let sees = m.sensor(problem.catalogue);
         // The same measured start, through the new sensor.
         let start = |s: &Start| {
             let measured = seen.scale * (s.position + s.play * seen.half_gap) + seen.bias;

@@ -65,7 +65,8 @@ const TERMS: [([f64; 4], f64); 3] =
 /// Half width of a 95 % interval in standard deviations that are estimated with so many degrees of freedom,
 /// three at least: Student's quantile (Abramowitz and Stegun 26.7.5). See docs/method.md (14.18).
 fn half_width(freedom: f64) -> f64 {
-    let (z, n) = (HALF_WIDTH_95, freedom.max(3.0));
+    let z = HALF_WIDTH_95;
+    let n = freedom.max(3.0);
     let of = |powers: [f64; 4]| powers.iter().rev().fold(0.0, |sum, c| sum * z * z + c) * z;
     let [first, second, third] = TERMS;
     z + of(first.0) / (first.1 * n) + of(second.0) / (second.1 * n * n) + of(third.0) / (third.1 * n * n * n)
@@ -78,8 +79,10 @@ mod tests {
     #[test]
     fn strengths_that_are_unsure_one_by_one_are_sure_together() {
         // Two that hide each other: their sum is known to 0.1, their difference to 10.
-        let (sum, difference) = (0.01, 100.0);
-        let (own, mixed) = (0.25 * (sum + difference), 0.25 * (sum - difference));
+        let sum = 0.01;
+        let difference = 100.0;
+        let own = 0.25 * (sum + difference);
+        let mixed = 0.25 * (sum - difference);
         let covariance = DMatrix::from_row_slice(2, 2, &[own, mixed, mixed, own]);
         let spread = Spread { covariance, witnesses: vec![1e6; 2] };
         assert!(spread.away(0, &[1.0]) < 0.2 && spread.away(1, &[1.0]) < 0.2);

@@ -329,7 +329,8 @@ fn explains_too_little(
 
 /// What was found of a model's actuator, with intervals.
 fn actuator_estimates(model: &JointModel, spread: &Spread, turns: bool) -> Vec<ParameterEstimate> {
-    let (actuator, [gain, damping]) = (&model.plant.actuator, model.actuator_columns());
+    let actuator = &model.plant.actuator;
+    let [gain, damping] = model.actuator_columns();
     let estimate = |name: &str, unit: &str, value: f64, scale: f64, at: usize| {
         let half = spread.half_width(at, &[scale]);
         let interval = (value - half, value + half);

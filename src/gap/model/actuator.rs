@@ -128,7 +128,8 @@ impl Actuator {
     pub fn with_found(&self, values: &[f64]) -> Self {
         let mut values = values.iter();
         let mut next = |found: bool, own: f64| if found { *values.next().unwrap_or(&own) } else { own };
-        let (gain, damping) = (next(self.is_found[0], self.gain), next(self.is_found[1], self.damping));
+        let gain = next(self.is_found[0], self.gain);
+        let damping = next(self.is_found[1], self.damping);
         Self { gain, damping, ..*self }
     }
 }

@@ -147,7 +147,9 @@ fn load(tree: &TwinTree, joint: usize) -> Load {
         Motion::Turn => {
             let quarter = std::f64::consts::FRAC_PI_2;
             // Three positions fix a constant, a sine and a cosine (14.3).
-            let (a, b, c) = (load_at(0.0), load_at(quarter), load_at(2.0 * quarter));
+            let a = load_at(0.0);
+            let b = load_at(quarter);
+            let c = load_at(2.0 * quarter);
             let constant = 0.5 * (a + c);
             Load { constant: clean(constant), sine: clean(b - constant), cosine: clean(a - constant) }
         }

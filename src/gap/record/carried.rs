@@ -38,7 +38,8 @@ impl Carried {
             return (linear, slope);
         }
         let (s, c) = sin_cos(position);
-        let (ss, cc) = (2.0 * s * c, c * c - s * s);
+        let ss = 2.0 * s * c;
+        let cc = c * c - s * s;
         (linear + s1 * s + c1 * c + s2 * ss + c2 * cc, slope + s1 * c - c1 * s + 2.0 * (s2 * cc - c2 * ss))
     }
 }

@@ -40,7 +40,9 @@ pub fn carried(
     // A unit acceleration of this joint alone: the diagonal of the mass matrix.
     let inertia = |position: &[f64]| tree.inverse_dynamics(position, &zero, &unit, false)[joint];
     let one = |t: &f64| {
-        let (mut q, mut v, mut a) = (zero.clone(), zero.clone(), zero.clone());
+        let mut q = zero.clone();
+        let mut v = zero.clone();
+        let mut a = zero.clone();
         for (o, motion) in others {
             let state = motion.at(*t);
             (q[*o], v[*o], a[*o]) = (state[0], state[1], state[2]);
@@ -56,7 +58,8 @@ pub fn carried(
         let load = match tree.joints[joint].motion {
             Motion::Turn => harmonics(&mut load_at),
             Motion::Slide | Motion::Fixed => {
-                let (a, b) = (load_at(0.0), load_at(1.0));
+                let a = load_at(0.0);
+                let b = load_at(1.0);
                 [a, b - a, 0.0, 0.0, 0.0, 0.0]
             }
         };
@@ -124,11 +127,13 @@ fn expected(
     hold: Hold,
 ) -> Vec<Vec<f64>> {
     let n = tree.joints.len();
-    let (time_s, zero) = (&logs[0].time_s, vec![0.0; n]);
+    let time_s = &logs[0].time_s;
+    let zero = vec![0.0; n];
     let mut expected = vec![Vec::with_capacity(time_s.len()); motions.len()];
     for k in 0..time_s.len() {
         let next = (k + 1).min(time_s.len() - 1);
-        let (mut q, mut v) = (zero.clone(), zero.clone());
+        let mut q = zero.clone();
+        let mut v = zero.clone();
         for (j, motion) in motions {
             let state = motion.at(0.5 * (time_s[k] + time_s[next]));
             (q[*j], v[*j]) = (state[0], state[1]);
@@ -141,7 +146,8 @@ fn expected(
             whole[(motions[a].0, motions[b].0)]
         });
         let push = DVector::from_fn(motions.len(), |a, _| {
-            let (j, log) = (motions[a].0, &logs[a]);
+            let j = motions[a].0;
+            let log = &logs[a];
             let effort = match hold {
                 Hold::Zero => log.effort[k],
                 Hold::Linear => 0.5 * (log.effort[k] + log.effort[next]),

@@ -49,7 +49,8 @@ impl<'a> Signal<'a> {
 
     /// Value and integral at `t`; calls must not go back in time.
     pub fn at(&mut self, t: f64) -> (f64, f64) {
-        let (time, effort) = (self.time_s, self.values);
+        let time = self.time_s;
+        let effort = self.values;
         while self.at + 1 < time.len() && time[self.at + 1] <= t {
             let width = time[self.at + 1] - time[self.at];
             self.sum += width
@@ -59,7 +60,8 @@ impl<'a> Signal<'a> {
                 };
             self.at += 1;
         }
-        let (k, x) = (self.at, t - time[self.at]);
+        let k = self.at;
+        let x = t - time[self.at];
         let next = effort.get(k + 1).copied().unwrap_or(effort[k]);
         match self.hold {
             Hold::Linear if x > 0.0 && k + 1 < time.len() => {

@@ -48,7 +48,9 @@ pub fn complete(
         // Unknown, unless a wrench gives it below.
         let effort = effort.unwrap_or_else(|| vec![f64::NAN; found.time_s.len()]);
         let velocity = vec![f64::NAN; found.time_s.len()];
-        let (name, time_s, position) = (name.clone(), found.time_s, found.position);
+        let name = name.clone();
+        let time_s = found.time_s;
+        let position = found.position;
         let samples = JointSamples { name, time_s, position, effort, velocity };
         run.joints.retain(|s| s.name != samples.name);
         run.joints.push(samples);

@@ -129,7 +129,8 @@ pub fn windows(logs: &[JointLog], length_s: f64) -> Vec<Span> {
             }
             let count = (segment.len as f64 / wanted as f64).round().max(1.0) as usize;
             for w in 0..count {
-                let (a, b) = (segment.len * w / count, segment.len * (w + 1) / count);
+                let a = segment.len * w / count;
+                let b = segment.len * (w + 1) / count;
                 windows.push(Span { log: index, start: segment.start + a, len: b - a });
             }
         }

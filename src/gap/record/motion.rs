@@ -60,7 +60,8 @@ impl SmoothMotion {
         let mut state: Vec<Vector3<f64>> = passed.iter().map(|p| p.updated.0).collect();
         // Backward pass of Rauch, Tung and Striebel.
         for k in (0..state.len().saturating_sub(1)).rev() {
-            let (here, next) = (&passed[k], &passed[k + 1]);
+            let here = &passed[k];
+            let next = &passed[k + 1];
             let Some(inverse) = next.predicted.1.try_inverse() else { continue };
             let gain = here.updated.1 * next.transition.transpose() * inverse;
             state[k] = here.updated.0 + gain * (state[k + 1] - next.predicted.0);
@@ -93,7 +94,8 @@ impl SmoothMotion {
     pub fn at(&self, t: f64) -> Vector3<f64> {
         let Some(last) = self.state.len().checked_sub(1) else { return Vector3::zeros() };
         let k = self.time_s.partition_point(|x| *x <= t).clamp(1, last.max(1)) - 1;
-        let (here, next) = (self.state[k], self.state[(k + 1).min(last)]);
+        let here = self.state[k];
+        let next = self.state[(k + 1).min(last)];
         let x = (t - self.time_s[k]).clamp(0.0, self.time_s[(k + 1).min(last)] - self.time_s[k]);
         let acceleration = self.expected.get(k).copied().unwrap_or(0.0) + 0.5 * (here[2] + next[2]);
         Vector3::new(
@@ -131,8 +133,8 @@ fn filter(
             let h = time_s[k] - time_s[k - 1];
             transition = Matrix3::new(1.0, h, 0.5 * h * h, 0.0, 1.0, h, 0.0, 0.0, 1.0);
             // derived: integrals of white jerk.
-            let (a, b, c) = (h.powi(5) / 20.0, h.powi(4) / 8.0, h.powi(3) / 6.0);
-            let (d, e) = (h.powi(3) / 3.0, h.powi(2) / 2.0);
+            let [a, b, c, d, e] =
+                [h.powi(5) / 20.0, h.powi(4) / 8.0, h.powi(3) / 6.0, h.powi(3) / 3.0, h.powi(2) / 2.0];
             // (14.5)
             let noise = Matrix3::new(a, b, c, b, d, e, c, e, h) * (jerk * jerk);
             let push = expected.get(k - 1).copied().unwrap_or(0.0);

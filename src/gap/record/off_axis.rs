@@ -109,7 +109,8 @@ pub struct PosedJoint {
 /// [`TrackError`] for links and frames that the twin does not have.
 pub fn posed(tree: &TwinTree, joint: usize, tracks: &[&PoseTrack]) -> Result<Option<PosedJoint>, TrackError> {
     let spec = &tree.joints[joint];
-    let (own, base) = (tree.carrier(spec.child), tree.carrier(spec.parent));
+    let own = tree.carrier(spec.child);
+    let base = tree.carrier(spec.parent);
     let rest = tree.link_poses(&vec![0.0; tree.joints.len()]);
     // Links that are fixed to each other move as one: any of their tracks serves, brought to the carrier.
     let on_carrier = |link: usize| rest[tree.carrier(link)].inverse() * rest[link];
@@ -136,7 +137,8 @@ pub fn posed(tree: &TwinTree, joint: usize, tracks: &[&PoseTrack]) -> Result<Opt
         }
         // Else both parts must be tracked in one frame, and the joint is what differs.
         let Some(other) = found.iter().find(|o| o.1 == base && o.0 == *frame) else { continue };
-        let (mut time_s, mut poses) = (Vec::new(), Vec::new());
+        let mut time_s = Vec::new();
+        let mut poses = Vec::new();
         for (t, pose) in track.time_s.iter().zip(&track.pose) {
             if let Some(carried) = at(other.2, *t) {
                 time_s.push(*t);
@@ -151,11 +153,13 @@ pub fn posed(tree: &TwinTree, joint: usize, tracks: &[&PoseTrack]) -> Result<Opt
 /// The pose of a track at a time between its samples.
 fn at(track: &PoseTrack, t: f64) -> Option<Pose> {
     let next = track.time_s.partition_point(|x| *x < t);
-    let (b, tb) = (track.pose.get(next)?, track.time_s[next]);
+    let b = track.pose.get(next)?;
+    let tb = track.time_s[next];
     if tb - t < 1e-9 {
         return Some(*b);
     }
-    let (a, ta) = (track.pose.get(next.checked_sub(1)?)?, track.time_s[next - 1]);
+    let a = track.pose.get(next.checked_sub(1)?)?;
+    let ta = track.time_s[next - 1];
     a.try_lerp_slerp(b, (t - ta) / (tb - ta), 1e-9)
 }
 
@@ -293,7 +297,8 @@ fn is_one_turn(poses: &[Pose], noise: &Across) -> bool {
     let first = poses[0].rotation.inverse();
     let turns: Vec<Matrix3<f64>> =
         poses.iter().map(|p| (p.rotation * first).to_rotation_matrix().into_inner()).collect();
-    let (mut normal, mut right) = (Matrix6::zeros(), Vector6::zeros());
+    let mut normal = Matrix6::zeros();
+    let mut right = Vector6::zeros();
     let design = |turn: &Matrix3<f64>| {
         let mut rows = Matrix3x6::zeros();
         rows.fixed_columns_mut::<3>(0).copy_from(&Matrix3::identity());
@@ -456,7 +461,8 @@ mod tests {
 
     #[test]
     fn an_axis_a_mount_and_another_motion_are_distinguished() {
-        let (turn, slide) = (joint(Motion::Turn), joint(Motion::Slide));
+        let turn = joint(Motion::Turn);
+        let slide = joint(Motion::Slide);
         let across = turn.axis.cross(&Vector3::x()).normalize();
         // The axis a centimeter off and tilted by 2 degrees, the part where the twin has it at zero.
         let off = Pose::new(0.01 * across, 0.035 * across);
@@ -492,7 +498,8 @@ mod tests {
     /// What is distinguished depends on the noise, not on an angle.
     #[test]
     fn a_travel_of_a_tenth_of_a_radian_shows_an_axis_and_a_type() {
-        let (turn, slide) = (joint(Motion::Turn), joint(Motion::Slide));
+        let turn = joint(Motion::Turn);
+        let slide = joint(Motion::Slide);
         let across = turn.axis.cross(&Vector3::x()).normalize();
         let off = Pose::new(0.02 * across, Vector3::zeros());
         let short = |q: f64| off * turn.moved(0.08 * q) * off.inverse();

@@ -115,7 +115,8 @@ impl JointSamples {
         let (mut at, mut last) = (0.0, None::<(f64, f64)>);
         self.position = vec![f64::NAN; self.time_s.len()];
         for k in 0..self.time_s.len() {
-            let (t, v) = (self.time_s[k], self.velocity[k]);
+            let t = self.time_s[k];
+            let v = self.velocity[k];
             if !v.is_finite() || last.is_some_and(|l| t <= l.0) {
                 continue;
             }
@@ -133,7 +134,8 @@ impl Recording {
     /// # Errors
     /// [`RecordingError`] where the run has no position of the joint.
     pub fn motion(&self, name: &str) -> Result<SmoothMotion, RecordingError> {
-        let (run, joint) = (self.name.clone(), name.to_owned());
+        let run = self.name.clone();
+        let joint = name.to_owned();
         let Some(samples) = self.joints.iter().find(|j| j.name == name) else {
             return Err(RecordingError::NoJoint { run, joint, has: self.names() });
         };
@@ -195,9 +197,12 @@ impl Recording {
         let signal = command
             .map_or_else(|| samples.effort.clone(), |c| c.at_samples(&samples.time_s, &samples.position));
         let mut log = JointLog { run: run(), ..JointLog::default() };
-        let (mut backward, mut not_numbers) = (0, 0);
+        let mut backward = 0;
+        let mut not_numbers = 0;
         for k in 0..samples.time_s.len() {
-            let (t, q, u) = (samples.time_s[k], samples.position[k], signal[k]);
+            let t = samples.time_s[k];
+            let q = samples.position[k];
+            let u = signal[k];
             if log.time_s.last().is_some_and(|last| t <= *last + SAME_TIME_S) {
                 backward += 1;
             } else if !q.is_finite() || !u.is_finite() {

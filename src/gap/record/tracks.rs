@@ -166,7 +166,9 @@ pub fn resampled(time_s: &[f64], values: &[f64], stamps: &[f64], hold: Hold) -> 
 
 /// Mean of a held signal from `from` to `to`; sample `first` is the last one at or before `from`.
 fn held_mean(time_s: &[f64], values: &[f64], first: usize, from: f64, to: f64) -> f64 {
-    let (mut sum, mut at, mut k) = (0.0, from, first);
+    let mut sum = 0.0;
+    let mut at = from;
+    let mut k = first;
     while let Some(next) = time_s.get(k + 1).copied().filter(|next| *next < to - 1e-9) {
         sum += values[k] * (next - at).max(0.0);
         (at, k) = (next.max(at), k + 1);
@@ -194,8 +196,8 @@ pub fn joint_efforts(
     for (k, t) in track.time_s.iter().enumerate() {
         let q: Vec<f64> = (0..tree.joints.len()).map(|j| position(j, *t)).collect();
         let poses = tree.link_poses(&q);
-        let (force, moment) =
-            (poses[frame].rotation * track.force[k], poses[frame].rotation * track.moment[k]);
+        let force = poses[frame].rotation * track.force[k];
+        let moment = poses[frame].rotation * track.moment[k];
         for (j, own) in efforts.iter_mut().enumerate() {
             if let Some(own) = own {
                 // A joint feels the moment about its own origin.
@@ -245,7 +247,8 @@ mod tests {
 
     #[test]
     fn a_held_signal_has_its_mean_and_a_straight_one_its_value() {
-        let (time_s, values) = ([0.0, 0.1, 0.2, 0.3], [1.0, 3.0, 5.0, 7.0]);
+        let time_s = [0.0, 0.1, 0.2, 0.3];
+        let values = [1.0, 3.0, 5.0, 7.0];
         let near = |a: &[f64], b: &[f64]| {
             a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12 || (a.is_nan() && b.is_nan()))
         };

@@ -189,7 +189,8 @@ mod tests {
 
     #[test]
     fn a_matrix_at_which_the_search_for_its_rotation_stays_is_read() {
-        let (s, c) = (0.09983341664632815, 0.9950041652780258);
+        let s = 0.09983341664632815;
+        let c = 0.9950041652780258;
         let matrix =
             [c, -0.09983341664682815, 0.0, 0.2, s, c, 0.0, 0.5, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0];
         let pose = pose_from_opengl(Path::new("x"), "0", &matrix).unwrap();

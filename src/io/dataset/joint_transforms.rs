@@ -98,7 +98,8 @@ mod tests {
         let many = r#"{"trans_info": [{"axis": {"o": [0, 0, 1], "d": [1, 0, 0]}, "type": "translate",
             "rotate": null, "translate": [0.1, 0.35]}]}"#;
         let read = |text: &str| serde_json::from_str::<JointTransforms>(text).unwrap().joints();
-        let (one, many) = (read(one), read(many));
+        let one = read(one);
+        let many = read(many);
         assert!((one[0].rotate.unwrap().motion() - 30.5).abs() < 1e-12);
         assert!(many[0].rotate.is_none() && (many[0].translate.unwrap().motion() - 0.25).abs() < 1e-12);
         let text = serde_json::to_string(&JointTransforms::of("made".into(), many)).unwrap();

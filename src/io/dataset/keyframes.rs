@@ -133,7 +133,8 @@ fn read_frame(
     let color_file = color_path(folder, entry);
     let (color, alpha) = codec::color_with_alpha_file(&read_image(&color_file, size, true)?)
         .map_err(|e| image_error(&color_file, e))?;
-    let (width, height) = (color.width, color.height);
+    let width = color.width;
+    let height = color.height;
     let depth_file = image_path(folder, "depth_filtered", entry);
     let depth = codec::depth_file(&read_image(&depth_file, size, false)?, 0.001)
         .map_err(|e| image_error(&depth_file, e))?;

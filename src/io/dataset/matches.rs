@@ -77,7 +77,8 @@ pub fn import_matches(folder: &Path, capture: &mut Capture) -> Result<(), Captur
                 .map(|(i, f)| (f.id.clone(), (state, i, f.intrinsics.width, f.intrinsics.height))),
         );
     }
-    let (mut outside, mut left) = (0, MAX_MATCHES);
+    let mut outside = 0;
+    let mut left = MAX_MATCHES;
     for file in &files {
         match read_matches(&read(file)?, &places, &mut capture.matches, &mut left) {
             Ok(lost) => outside += lost,
@@ -148,7 +149,8 @@ fn add_pair(
         // Keys come with and without the prefix, as those of the keyframes.
         Ok((places.get(id.strip_prefix("frame_").unwrap_or(id)).copied(), pixels))
     };
-    let ((place_a, pixels_a), (place_b, pixels_b)) = (side(a)?, side(b)?);
+    let (place_a, pixels_a) = side(a)?;
+    let (place_b, pixels_b) = side(b)?;
     if pixels_a.len() != pixels_b.len() {
         return Err(MatchesError::Lengths(pixels_a.len(), pixels_b.len()));
     }

@@ -74,10 +74,15 @@ pub fn members(archive: &[u8]) -> Result<Vec<Member<'_>>, NpzError> {
         }
         let field16 = |offset| u16_at(archive, at + offset).ok_or_else(broken);
         let field32 = |offset| u32_at(archive, at + offset).ok_or_else(broken);
-        let (flags, method) = (field16(8)?, field16(10)?);
+        let flags = field16(8)?;
+        let method = field16(10)?;
         // From the directory: a member that was written as a stream has zeros in its own header.
-        let (packed, size, local) = (field32(20)?, field32(24)?, field32(42)?);
-        let (name_len, extra_len, comment_len) = (field16(28)?, field16(30)?, field16(32)?);
+        let packed = field32(20)?;
+        let size = field32(24)?;
+        let local = field32(42)?;
+        let name_len = field16(28)?;
+        let extra_len = field16(30)?;
+        let comment_len = field16(32)?;
         let name = archive.get(at + 46..at + 46 + name_len).ok_or_else(broken)?;
         let name = String::from_utf8_lossy(name).escape_debug().take(64).collect::<String>();
         // Bit 0: encrypted. All ones: ZIP64, where the size stands elsewhere.

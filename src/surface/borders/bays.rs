@@ -32,13 +32,16 @@ pub(super) fn bays(
     let n = rim.len();
     let points: Vec<Point3<f64>> = rim.iter().map(|&v| mesh.vertices[v as usize].cast()).collect();
     let deepest = |from: usize| {
-        let (start, mut length, mut sides) = (points[from], 0.0, 0);
+        let start = points[from];
+        let mut length = 0.0;
+        let mut sides = 0;
         // Twice the area that the rim so far goes around.
         let mut area = Vector3::zeros();
         let mut best: Option<(f64, usize)> = None;
         // A bay leaves one side of the rim at least.
         while sides + 2 < n {
-            let (p, q) = (points[(from + sides) % n], points[(from + sides + 1) % n]);
+            let p = points[(from + sides) % n];
+            let q = points[(from + sides + 1) % n];
             length += (q - p).norm();
             area += (p - start).cross(&(q - start));
             sides += 1;
@@ -71,7 +74,9 @@ fn opens(points: &[Point3<f64>], from: usize, sides: usize, opening_m: f64) -> b
     let n = points.len();
     let to = (from + sides) % n;
     let far = |start: usize, step: usize| {
-        let (mut k, mut length, mut left) = (start, 0.0, n - sides);
+        let mut k = start;
+        let mut length = 0.0;
+        let mut left = n - sides;
         while length < opening_m && left > 0 {
             let next = (k + step) % n;
             length += (points[next] - points[k]).norm();

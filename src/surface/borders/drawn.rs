@@ -61,7 +61,8 @@ pub(super) fn drawn_out(
     let neighbors = Neighbors::of(mesh);
     let mut reach = Reach::new(mesh, &neighbors);
     let mut outward = |v: u32| {
-        let (mut middle, mut normal) = (Vector3::zeros(), Vector3::zeros());
+        let mut middle = Vector3::zeros();
+        let mut normal = Vector3::zeros();
         let around = reach.from(&[(v, 0.0)], AROUND * voxel_m);
         for &n in around {
             middle += mesh.vertices[n as usize].coords.cast::<f64>() / around.len() as f64;
@@ -105,7 +106,8 @@ impl Readings<'_> {
             }
         }
         // What goes on into space that is empty or another part's is not the rim of this one.
-        let (step_m, slack_m) = (STEP * way.voxel_m, 0.5 * way.voxel_m);
+        let step_m = STEP * way.voxel_m;
+        let slack_m = 0.5 * way.voxel_m;
         let mut steps = (1..)
             .map(|k| f64::from(k) * step_m)
             .take_while(|s| *s <= end_m.min(SEARCH[1] * way.voxel_m) - slack_m);
@@ -118,8 +120,9 @@ impl Readings<'_> {
         let frame = view.frame;
         let camera_from_mesh = frame.world_from_camera.inverse() * view.world_from_mesh;
         let [place, outward, normal] = [way.place.coords, way.outward, way.normal];
-        let (place, outward, normal) =
-            (camera_from_mesh * Point3::from(place), camera_from_mesh * outward, camera_from_mesh * normal);
+        let place = camera_from_mesh * Point3::from(place);
+        let outward = camera_from_mesh * outward;
+        let normal = camera_from_mesh * normal;
         if -normal.dot(&place.coords) < MIN_COSINE * place.coords.norm() {
             return None;
         }

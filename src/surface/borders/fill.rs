@@ -44,7 +44,8 @@ impl<'a> Fill<'a> {
             corners.iter().for_each(|&v| around[v as usize].push(t as u32));
         }
         let reach = Reach::new(mesh, neighbors);
-        let (taken, triangles) = (BTreeSet::new(), Vec::new());
+        let taken = BTreeSet::new();
+        let triangles = Vec::new();
         Self { mesh, neighbors, reach, around, voxel_m, is_seen_empty, taken, triangles }
     }
 

@@ -54,7 +54,8 @@ mod tests {
     /// A plate with a lace of holes of one to three cells, without those that touch another.
     fn lace() -> Sheet {
         let hole = |x: u32, y: u32| {
-            let (i, j) = (x / 8, y / 8);
+            let i = x / 8;
+            let j = y / 8;
             let size = 1 + (i + 2 * j) % 3;
             (x % 8).wrapping_sub(3) < size && (y % 8).wrapping_sub(3) < size
         };

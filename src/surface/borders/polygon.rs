@@ -63,7 +63,8 @@ fn turn(a: &Point2<f64>, b: &Point2<f64>, c: &Point2<f64>) -> f64 {
 pub(super) fn is_inside(p: &Point2<f64>, polygon: &[Point2<f64>]) -> bool {
     let n = polygon.len();
     let crosses = |k: &usize| {
-        let (a, b) = (&polygon[*k], &polygon[(k + 1) % n]);
+        let a = &polygon[*k];
+        let b = &polygon[(k + 1) % n];
         (a.y > p.y) != (b.y > p.y) && p.x < a.x + (p.y - a.y) / (b.y - a.y) * (b.x - a.x)
     };
     (0..n).filter(crosses).count() % 2 == 1
@@ -74,7 +75,8 @@ fn sides_cross(corners: &[Point2<f64>]) -> bool {
     let n = corners.len();
     let side = |k: usize| (&corners[k], &corners[(k + 1) % n]);
     let cross = |i: usize, j: usize| {
-        let ((a, b), (c, d)) = (side(i), side(j));
+        let (a, b) = side(i);
+        let (c, d) = side(j);
         turn(a, b, c) * turn(a, b, d) < 0.0 && turn(c, d, a) * turn(c, d, b) < 0.0
     };
     (0..n).any(|i| (i + 2..n).filter(|&j| (j + 1) % n != i).any(|j| cross(i, j)))
@@ -91,8 +93,8 @@ mod tests {
     #[test]
     fn a_star_is_covered_once() {
         let corner = |k: usize| {
-            let (radius, angle) =
-                (if k % 2 == 0 { 2.0 } else { 0.7 }, k as f64 * std::f64::consts::TAU / 14.0);
+            let radius = if k % 2 == 0 { 2.0 } else { 0.7 };
+            let angle = k as f64 * std::f64::consts::TAU / 14.0;
             Point2::new(radius * angle.cos(), radius * angle.sin())
         };
         let corners: Vec<_> = (0..14).map(corner).collect();

@@ -117,7 +117,8 @@ mod tests {
         for limit in [3.0, 6.5] {
             reach.from(&[(0, 0.0)], limit);
             for (v, p) in mesh.vertices.iter().enumerate() {
-                let (d, straight) = (reach.distance_m(v as u32), f64::from(p.coords.norm()));
+                let d = reach.distance_m(v as u32);
+                let straight = f64::from(p.coords.norm());
                 assert!(if straight <= limit { (d - straight).abs() < 1e-6 } else { d.is_infinite() });
             }
         }

@@ -106,14 +106,17 @@ impl<'a> Rim<'a> {
 
     /// The direction in which the rim goes before or behind a point: the slope of a line fitted by length.
     fn direction(&self, k: usize, forward: bool) -> Option<Vector3<f64>> {
-        let (mut sums, mut weight) = ([0.0; 2], 0.0);
-        let (mut mean, mut product) = (Vector3::zeros(), Vector3::zeros());
+        let mut sums = [0.0; 2];
+        let mut weight = 0.0;
+        let mut mean = Vector3::zeros();
+        let mut product = Vector3::zeros();
         if !self.is_known(self.window(k, forward)) {
             return None;
         }
         for j in self.window(k, forward) {
             let s = if forward { self.along(k, j) } else { -self.along(j, k) };
-            let (w, p) = (self.share_m(j), self.points[j].coords - self.points[k].coords);
+            let w = self.share_m(j);
+            let p = self.points[j].coords - self.points[k].coords;
             weight += w;
             sums[0] += w * s;
             sums[1] += w * s * s;
@@ -202,7 +205,9 @@ impl Line {
 
     /// The middle between two lines where they are nearest; `None` for lines that are near to parallel.
     fn meeting(&self, other: &Self) -> Option<Point3<f64>> {
-        let (u, v, d) = (self.direction, other.direction, other.middle - self.middle);
+        let u = self.direction;
+        let v = other.direction;
+        let d = other.middle - self.middle;
         let cosine = u.dot(&v);
         let sine2 = 1.0 - cosine * cosine;
         let on_self = (d.dot(&u) - cosine * d.dot(&v)) / sine2;

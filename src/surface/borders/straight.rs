@@ -89,7 +89,8 @@ fn moved(mesh: &TriangleMesh, mut moves: Vec<Vector3<f64>>) -> TriangleMesh {
         let result = apply(&moves);
         let turns = |&t: &usize| {
             let is_moved = mesh.triangles[t].iter().any(|&v| moves[v as usize] != Vector3::zeros());
-            let (new, old) = (result.area_normal(t), mesh.area_normal(t));
+            let new = result.area_normal(t);
+            let old = mesh.area_normal(t);
             is_moved && new.dot(&old) <= (MIN_COSINE * new.norm()).max(MIN_AREA * old.norm()) * old.norm()
         };
         let mut turned: Vec<u32> =

@@ -282,7 +282,8 @@ impl Cover<'_> {
     /// What joining pairs of cells would add to the error; of those that come near each other.
     fn added(&self, cells: &[Option<Cell>], pairs: Vec<(usize, usize)>) -> Vec<(f64, usize, usize)> {
         let cost = |(a, b): (usize, usize)| {
-            let (left, right) = (cells[a].as_ref()?, cells[b].as_ref()?);
+            let left = cells[a].as_ref()?;
+            let right = cells[b].as_ref()?;
             near(left, right, self.wanted.wall_m).then_some(())?;
             Some((self.union(left, right).loss - left.loss - right.loss, a, b))
         };

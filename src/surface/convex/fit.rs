@@ -56,7 +56,8 @@ impl Fit {
             .map(|normal| Plane { normal: *normal, offset_m: f64::NEG_INFINITY })
             .collect();
         let normals: [Vec<f64>; 3] = [0, 1, 2].map(|k| planes.iter().map(|p| p.normal[k]).collect());
-        let (mut fronts, mut depths) = (vec![0.0; planes.len()], vec![0.0; planes.len()]);
+        let mut fronts = vec![0.0; planes.len()];
+        let mut depths = vec![0.0; planes.len()];
         for piece in pieces {
             fronts.fill(f64::NEG_INFINITY);
             piece.front.iter().for_each(|p| raise(&normals, p, &mut fronts));
@@ -197,7 +198,8 @@ fn meet_all(slopes: &Slopes, (offset_m, plane): (f64, u64), states: &mut States)
         let depth = offset_m - height;
         let depth = if depth > 0.0 { depth } else { 0.0 };
         let met = if *speed > GRAZING { depth / speed } else { f64::INFINITY };
-        let (is_own, is_nearer) = (*by == plane, met < *first);
+        let is_own = *by == plane;
+        let is_nearer = met < *first;
         let behind = if met < *second { met } else { *second };
         let pushed = if is_nearer { *first } else { behind };
         *second = if is_own { *second } else { pushed };
@@ -277,7 +279,8 @@ fn errors_of(felt: &Felt, [offset_m, tolerance_m]: [f64; 2], errors: &mut [f64])
 /// with those before.
 fn settle(planes: &mut [Plane], own: usize, samples: &SampleColumns, tolerance_m: f64) {
     let mut states = States::of(planes, samples);
-    let (mut slopes, mut felt) = (Slopes::default(), Felt::default());
+    let mut slopes = Slopes::default();
+    let mut felt = Felt::default();
     for (k, plane) in planes.iter_mut().enumerate().take(own) {
         let offset_m = plane.offset_m;
         samples.slopes(&plane.normal, &mut slopes);

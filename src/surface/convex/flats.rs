@@ -30,7 +30,8 @@ impl Moments {
     fn of(corners: &[Vector3<f64>; 3]) -> Self {
         let [a, b, c] = corners;
         let normal = (b - a).cross(&(c - a)) * 0.5;
-        let (area, sum) = (normal.norm(), a + b + c);
+        let area = normal.norm();
+        let sum = a + b + c;
         let square = |v: &Vector3<f64>| v * v.transpose();
         // Exact on the triangle, as in `inertia`.
         let second = (square(&sum) + square(a) + square(b) + square(c)) * (area / 12.0);
@@ -90,7 +91,8 @@ pub(super) fn flats(mesh: &TriangleMesh, flat_m: f64) -> Vec<Patch> {
     // A joined patch takes a new number, so that what the queue holds of the old ones is known to be stale.
     let mut alive: Vec<bool> = moments.iter().map(|m| m.area > 0.0).collect();
     while let Some(Reverse((_, a, b))) = queue.pop() {
-        let (a, b) = (a as usize, b as usize);
+        let a = a as usize;
+        let b = b as usize;
         if !alive[a] || !alive[b] {
             continue;
         }

@@ -48,7 +48,8 @@ pub(super) fn fronts(walls: &[HiddenWall]) -> TriangleMesh {
 
 /// Mean color of a patch by area; `None` for a mesh without colors.
 fn mean_color(mesh: &TriangleMesh, patch: &Patch) -> Option<[u8; 3]> {
-    let (mut sum, mut area) = (Vector3::zeros(), 0.0);
+    let mut sum = Vector3::zeros();
+    let mut area = 0.0;
     for &t in &patch.triangles {
         let own = mesh.area_normal(t as usize).norm();
         for v in mesh.triangles[t as usize] {
@@ -142,7 +143,8 @@ fn walls_across(
         let steps = ((longest / spacing_m).ceil() as usize).clamp(1, MAX_STEPS);
         for i in 0..=steps {
             for j in 0..=steps - i {
-                let (a, b) = (i as f64 / steps as f64, j as f64 / steps as f64);
+                let a = i as f64 / steps as f64;
+                let b = j as f64 / steps as f64;
                 let p = corners[0] * a + corners[1] * b + corners[2] * (1.0 - a - b);
                 if (range_m[0]..=range_m[1]).contains(&p.z) && near(&p.xy().into()) {
                     points.push(p.xy().into());

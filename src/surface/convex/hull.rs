@@ -97,7 +97,8 @@ fn tetrahedron(points: &[Point3<f64>], flat_m: f64) -> Option<Vec<Face>> {
             .max_by(|a, b| measure(a.1).total_cmp(&measure(b.1)).then(b.0.cmp(&a.0)))?;
         (measure(p) > flat_m).then_some((i as u32, *p))
     };
-    let (a, pa) = (0, points[0]);
+    let a = 0;
+    let pa = points[0];
     let (b, pb) = best(&|p| (p - pa).norm())?;
     let line = (pb - pa).normalize();
     let (c, pc) = best(&|p| (p - pa).cross(&line).norm())?;

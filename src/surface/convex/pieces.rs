@@ -75,7 +75,8 @@ fn clipped(polygon: &[Vector3<f64>], normal: &Vector3<f64>, offset_m: f64) -> Ve
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (k, a) in polygon.iter().enumerate() {
         let b = &polygon[(k + 1) % polygon.len()];
-        let (da, db) = (height(a), height(b));
+        let da = height(a);
+        let db = height(b);
         if da <= 0.0 {
             kept.push(*a);
         }
@@ -183,7 +184,8 @@ pub(super) fn seen(
             let n = (area / each).sqrt().ceil().max(1.0) as usize;
             let places = (0..n).flat_map(|i| (0..n).map(move |j| (i, j)));
             for (i, j) in places {
-                let (mut u, mut v) = ((i as f64 + 0.5) / n as f64, (j as f64 + 0.5) / n as f64);
+                let mut u = (i as f64 + 0.5) / n as f64;
+                let mut v = (j as f64 + 0.5) / n as f64;
                 if u + v > 1.0 {
                     (u, v) = (1.0 - u, 1.0 - v);
                 }
@@ -233,7 +235,8 @@ fn sides(
             let p = mesh.vertices[i as usize].coords.cast::<f64>();
             p - patch.normal * patch.normal.dot(&(p - patch.center.coords))
         };
-        let (a, b) = (flat(p), flat(q));
+        let a = flat(p);
+        let b = flat(q);
         let Some(out) = (b - a).cross(&patch.normal).try_normalize(1e-9) else { continue };
         let depth_m = depths[t as usize];
         let groups = of_patch.entry(k).or_default();
@@ -274,7 +277,8 @@ fn sides(
 fn close_narrow(samples: &mut Vec<Sample>, first: usize, gap_m: f64) {
     let sides = samples.split_off(first);
     let faces = |a: &Sample, b: &Sample| {
-        let (way, ahead) = (b.place - a.place, (b.place - a.place).dot(&a.normal));
+        let way = b.place - a.place;
+        let ahead = (b.place - a.place).dot(&a.normal);
         way.norm_squared() < gap_m * gap_m && ahead > 0.0 && a.normal.dot(&b.normal) < -0.5
     };
     samples.extend(sides.iter().filter(|a| !sides.iter().any(|b| faces(a, b))));

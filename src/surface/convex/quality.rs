@@ -54,7 +54,8 @@ impl SolidFit {
                     .iter()
                     .zip(&planes)
                     .fold(f64::INFINITY, |nearest, (s, q)| distance_m(s, q, &p, nearest));
-                let (n, off) = (n.cast(), stand_off_m(&planes, &p, &n.cast()));
+                let off = stand_off_m(&planes, &p, &n.cast());
+                let n = n.cast();
                 // Of a mesh that overlaps itself nobody sees what lies inside.
                 let hidden = off > Self::STAND_OFF_M && is_inside(&facets, &p.coords, &n);
                 (if hidden { 0.0 } else { off }, nearest)
@@ -97,9 +98,11 @@ fn stand_off_m(solids: &[Vec<Plane>], p: &Point3<f64>, direction: &Vector3<f64>)
 
 /// Where a ray from a point enters and leaves a solid, meters; `None` where it misses it.
 fn span(planes: &[Plane], p: &Point3<f64>, direction: &Vector3<f64>) -> Option<[f64; 2]> {
-    let (mut from, mut to) = (f64::NEG_INFINITY, f64::INFINITY);
+    let mut from = f64::NEG_INFINITY;
+    let mut to = f64::INFINITY;
     for plane in planes {
-        let (height, speed) = (plane.distance_m(p), plane.normal.dot(direction));
+        let height = plane.distance_m(p);
+        let speed = plane.normal.dot(direction);
         if speed.abs() < 1e-12 {
             if height > 0.0 {
                 return None;

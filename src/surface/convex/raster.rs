@@ -49,7 +49,8 @@ impl Raster {
         let side = upper - lower;
         let cell_m = (side.max() / CELLS).max(min_cell_m);
         let size = |x: f64| ((x / cell_m).ceil() as usize).max(1);
-        let (columns, rows) = (size(side.x), size(side.y));
+        let columns = size(side.x);
+        let rows = size(side.y);
         let mut raster = Self {
             direction,
             lower,
@@ -70,7 +71,8 @@ impl Raster {
     fn mark(&mut self, triangle: &[Point2<f64>; 3]) {
         let turn = area(triangle);
         let [a, b, c] = if turn >= 0.0 { *triangle } else { [triangle[0], triangle[2], triangle[1]] };
-        let (lo, hi) = (a.inf(&b).inf(&c), a.sup(&b).sup(&c));
+        let lo = a.inf(&b).inf(&c);
+        let hi = a.sup(&b).sup(&c);
         let range = |lo: f64, hi: f64, n: usize| {
             (lo.floor().max(0.0) as usize)..((hi.ceil().max(0.0) as usize).min(n))
         };
@@ -96,8 +98,8 @@ impl Raster {
         let mut stop = self.filled.clone();
         for p in stops {
             let at = (turned(&self.direction, p) - self.lower) / self.cell_m;
-            let (x, y) =
-                ((at.x.max(0.0) as usize).min(self.columns - 1), (at.y.max(0.0) as usize).min(self.rows - 1));
+            let x = (at.x.max(0.0) as usize).min(self.columns - 1);
+            let y = (at.y.max(0.0) as usize).min(self.rows - 1);
             stop[y * self.columns + x] = true;
         }
         let rows = (0..self.rows).map(|y| (0..self.columns).map(|x| y * self.columns + x).collect());
@@ -132,8 +134,10 @@ impl Raster {
     /// At most `most` rectangles that cover the cells which closed gaps.
     pub(super) fn closed_rectangles(&self, most: usize) -> Vec<[Point2<f64>; 4]> {
         let corners = |r: &Rectangle| {
-            let (x, y) = (r.x as f64, r.y as f64);
-            let (width, height) = (r.width as f64, r.height as f64);
+            let x = r.x as f64;
+            let y = r.y as f64;
+            let width = r.width as f64;
+            let height = r.height as f64;
             [(x, y), (x + width, y), (x + width, y + height), (x, y + height)].map(|(x, y)| self.back(x, y))
         };
         cover(&self.closed, self.columns, MIN_SIDE, BARE, most).iter().map(corners).collect()

@@ -95,7 +95,8 @@ fn cells_of(
     side_m: f64,
 ) -> impl Iterator<Item = [i64; 3]> + use<> {
     let at = |v: &Vector3<f64>| [0, 1, 2].map(|k| (v[k] / side_m).floor() as i64);
-    let (lo, hi) = (at(lower), at(upper));
+    let lo = at(lower);
+    let hi = at(upper);
     (lo[0]..=hi[0])
         .flat_map(move |x| (lo[1]..=hi[1]).flat_map(move |y| (lo[2]..=hi[2]).map(move |z| [x, y, z])))
 }

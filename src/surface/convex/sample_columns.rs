@@ -35,7 +35,9 @@ struct Distances {
 impl SampleColumns {
     pub(super) fn of<'a>(samples: impl Iterator<Item = &'a Sample>) -> Self {
         let room = || Vec::with_capacity(samples.size_hint().0);
-        let (axes, areas_m2, faces) = (|| [room(), room(), room()], room(), Vec::new());
+        let axes = || [room(), room(), room()];
+        let areas_m2 = room();
+        let faces = Vec::new();
         let mut columns = Self { places: axes(), normals: axes(), areas_m2, faces };
         for sample in samples {
             for k in 0..3 {

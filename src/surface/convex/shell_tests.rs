@@ -142,7 +142,8 @@ fn a_tray_stays_open() {
 
 #[test]
 fn a_floor_goes_on_where_no_view_saw_it_and_ends_where_one_saw_a_hole() {
-    let (mesh, behind) = (tray_without_a_strip(), |p: &Point3<f64>| p.x < -0.11);
+    let mesh = tray_without_a_strip();
+    let behind = |p: &Point3<f64>| p.x < -0.11;
     let gap = [-0.15, 0.03, -0.055];
     assert!(!holds(&solids_of(&mesh), gap));
     let closed = solids_within(&mesh, Some(&behind), &ConvexConfig::default());
@@ -152,7 +153,8 @@ fn a_floor_goes_on_where_no_view_saw_it_and_ends_where_one_saw_a_hole() {
 
 #[test]
 fn the_faces_of_a_wall_that_no_view_saw_lie_in_the_gap_in_the_color_of_the_rest() {
-    let (mut mesh, behind) = (tray_without_a_strip(), |p: &Point3<f64>| p.x < -0.11);
+    let mut mesh = tray_without_a_strip();
+    let behind = |p: &Point3<f64>| p.x < -0.11;
     let color = |p: &Point3<f32>| if p.z < -0.04 { [90, 60, 30] } else { [200; 3] };
     mesh.colors = mesh.vertices.iter().map(color).collect();
     let faces = |hidden: Option<Hidden<'_>>| {
@@ -184,7 +186,8 @@ fn a_ring_keeps_its_hole_and_a_ball_is_covered() {
 #[test]
 fn a_motion_moves_the_solids_and_a_second_call_gives_the_same() {
     let motion = Pose::new(Vector3::new(0.3, -1.0, 2.0), Vector3::new(0.7, 0.4, -0.9));
-    let (here, there) = (solids_of(&door()), solids_of(&door().transformed(&motion)));
+    let here = solids_of(&door());
+    let there = solids_of(&door().transformed(&motion));
     assert_eq!(here, solids_of(&door()));
     let volume = |solids: &[ConvexSolid]| solids.iter().map(ConvexSolid::volume_m3).sum::<f64>();
     assert!((volume(&there) / volume(&here) - 1.0).abs() < 0.02);

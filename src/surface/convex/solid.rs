@@ -106,13 +106,15 @@ impl ConvexSolid {
             let mut kept = Vec::with_capacity(face.len() + 1);
             for (k, &a) in face.iter().enumerate() {
                 let b = face[(k + 1) % face.len()];
-                let (da, db) = (side[a as usize], side[b as usize]);
+                let da = side[a as usize];
+                let db = side[b as usize];
                 if da <= ON_PLANE_M {
                     kept.push(a);
                 }
                 if (da < -ON_PLANE_M && db > ON_PLANE_M) || (da > ON_PLANE_M && db < -ON_PLANE_M) {
                     kept.push(*cuts.entry((a.min(b), a.max(b))).or_insert_with(|| {
-                        let (p, q) = (vertices[a as usize], vertices[b as usize]);
+                        let p = vertices[a as usize];
+                        let q = vertices[b as usize];
                         vertices.push(p + (q - p) * (da / (da - db)));
                         vertices.len() as u32 - 1
                     }));
@@ -217,7 +219,8 @@ impl ConvexSolid {
     /// either. `None` where they are apart or touch.
     #[must_use]
     pub fn penetration_m(&self, other: &Self) -> Option<f64> {
-        let (mine, theirs) = (self.planes(), other.planes());
+        let mine = self.planes();
+        let theirs = other.planes();
         let depth = |planes: &[Plane], of: &Self| {
             let deepest =
                 |p: &Plane| of.vertices.iter().map(|v| -p.distance_m(v)).fold(f64::NEG_INFINITY, f64::max);

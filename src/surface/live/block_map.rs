@@ -49,7 +49,8 @@ impl Block {
     /// Takes a distance into the mean of a node; how much a surface there changed, meters; `None` where none
     /// is near.
     fn take(&mut self, node: usize, distance_m: f32, weight: f32, near_m: f32) -> Option<f32> {
-        let (old_m, old) = (self.distance_m[node], self.weight[node]);
+        let old_m = self.distance_m[node];
+        let old = self.weight[node];
         let new_m = old_m + (distance_m - old_m) * weight / (old + weight);
         self.distance_m[node] = new_m;
         self.weight[node] = old + weight;
@@ -135,9 +136,11 @@ impl BlockMap {
 
     /// Fuses a view into all blocks that it shows; those whose surface changed visibly, sorted.
     pub(super) fn integrate(&mut self, view: &ViewDepth, clearance: &Clearance) -> Vec<Key> {
-        let (spacing_m, truncation_m) = (self.spacing_m, self.truncation_m as f32);
+        let spacing_m = self.spacing_m;
+        let truncation_m = self.truncation_m as f32;
         let half_m = 0.5 * (SIDE - 1) as f64 * spacing_m;
-        let (radius_m, near_m) = ((3f64.sqrt() * half_m) as f32, 2.0 * spacing_m as f32);
+        let radius_m = (3f64.sqrt() * half_m) as f32;
+        let near_m = 2.0 * spacing_m as f32;
         let intrinsics = &view.frame.intrinsics;
         let mut changed = Vec::new();
         for (key, block) in &mut self.blocks {
@@ -147,7 +150,8 @@ impl BlockMap {
                 continue;
             }
             let camera = RowCamera::new(intrinsics, &view.camera_from_world, &first, spacing_m);
-            let (mut sum_m, mut count) = (0.0f32, 0);
+            let mut sum_m = 0.0f32;
+            let mut count = 0;
             for (y, z) in (0..SIDE).flat_map(|z| (0..SIDE).map(move |y| (y, z))) {
                 let row = camera.row(y, z, SIDE);
                 for x in row.range.clone() {

@@ -48,7 +48,8 @@ impl Clearance {
         let k = &view.frame.intrinsics;
         // Half a cell's diagonal.
         let half_m = 0.5 * 3f64.sqrt() * cell_m;
-        let (mut clear_m, mut reach_m) = (Vec::new(), Vec::new());
+        let mut clear_m = Vec::new();
+        let mut reach_m = Vec::new();
         clear_m.reserve_exact(view.readings.len());
         reach_m.reserve_exact(view.readings.len());
         let mut farthest_m = 0.0f32;
@@ -107,7 +108,8 @@ impl Clearance {
         for (axis, size) in self.tiles.size().into_iter().enumerate() {
             let middle = self.focal[axis] * p[axis] / p.z + self.center[axis];
             let half = self.focal[axis] * radius_m * (1.0 + (p[axis] / p.z).abs()) / (p.z - radius_m);
-            let (from, to) = (middle - half, middle + half);
+            let from = middle - half;
+            let to = middle + half;
             let last = size as f32 - 1.0;
             // Also where a value is not a number.
             if !(to >= 0.0 && from <= last) {

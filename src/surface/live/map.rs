@@ -102,7 +102,8 @@ impl LiveMap {
         let Some(view) = ViewDepth::new(frame, &self.settings.noise) else { return false };
         // Half for surfaces; an eighth each for space seen now and before; the rest for the mesh and what is
         // under way.
-        let (most_blocks, most_sight) = (self.share(2), self.share(8));
+        let most_blocks = self.share(2);
+        let most_sight = self.share(8);
         let map = self.now.get_or_insert_with(|| StateMap::new(&view));
         loop {
             let clearance = Clearance::new(&view, map.sight.cell_m());
@@ -166,7 +167,8 @@ impl LiveMap {
     /// What moved since the first state; `None` where there is none, or the present one has no view.
     #[must_use]
     pub fn moved(&self) -> Option<Moved> {
-        let (map, before) = (self.now.as_ref()?, self.before.as_ref()?);
+        let map = self.now.as_ref()?;
+        let before = self.before.as_ref()?;
         Some(Moved {
             appeared: changed(
                 map.mesh.chunks().map(AsRef::as_ref),

@@ -46,7 +46,8 @@ impl Region {
         let (focus, radius_m) = eyes.ball()?;
         let fine_m = sight.cell_m();
         let per = (2.0 * radius_m / fine_m / MOST_CELLS as f64).ceil().max(1.0);
-        let (cell_m, per) = (per * fine_m, per as i32);
+        let cell_m = per * fine_m;
+        let per = per as i32;
         let side = ((2.0 * radius_m / cell_m).ceil() as usize + 1).min(MOST_CELLS + 1);
         let low = (focus.point.coords.add_scalar(-radius_m) / fine_m).map(f64::floor);
         if !low.iter().all(|v| v.abs() < 1e6) {
@@ -55,7 +56,8 @@ impl Region {
         let low = [low.x as i32, low.y as i32, low.z as i32];
         let high = low.map(|l| l + side as i32 * per - 1);
         let count = side * side * side;
-        let (mut empty, mut filled) = (vec![0u16; count], vec![false; count]);
+        let mut empty = vec![0u16; count];
+        let mut filled = vec![false; count];
         sight.each([low, high], |cell, seen| {
             let at = [0, 1, 2].map(|k| (cell[k] - low[k]).div_euclid(per));
             if at.iter().all(|a| (0..side as i32).contains(a)) {
@@ -115,7 +117,8 @@ impl Region {
     /// meets nothing. Cells are walked one by one (Amanatides and Woo 1987).
     pub(super) fn first_met(&self, eye: &Point3<f64>, ray: &Vector3<f64>) -> Option<(Cell, f64)> {
         let size_m = self.side as f64 * self.cell_m;
-        let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
+        let mut enter = 0.0f64;
+        let mut leave = f64::INFINITY;
         for k in 0..3 {
             let from = (self.origin[k] - eye[k]) / ray[k];
             let to = (self.origin[k] + size_m - eye[k]) / ray[k];

@@ -199,7 +199,8 @@ fn noise_of_depth_and_poses_lights_nothing() {
 #[test]
 fn a_single_view_lights_nothing() {
     let none = PoseNoise { translation_m: 0.0, rotation_rad: 0.0 };
-    let (before, after) = (noisy_arc(&cabinet(0.01), 1, &none), noisy_arc(&cabinet(0.08), 2, &none));
+    let before = noisy_arc(&cabinet(0.01), 1, &none);
+    let after = noisy_arc(&cabinet(0.08), 2, &none);
     assert_eq!(moved(&before[..1], &after).appeared.area_m2(), 0.0);
     assert_eq!(moved(&before, &after[..1]).areas_m2(), [0.0; 2]);
 }
@@ -226,7 +227,8 @@ fn the_same_views_give_the_same_bytes() {
 
 #[test]
 fn a_surface_that_is_seen_through_goes() {
-    let (there, gone) = (cabinet(0.05), |p: &Point3<f64>| (p.z + 0.2).min(p.x + 0.6));
+    let there = cabinet(0.05);
+    let gone = |p: &Point3<f64>| (p.z + 0.2).min(p.x + 0.6);
     let none = PoseNoise { translation_m: 0.0, rotation_rad: 0.0 };
     let mut map = map_of(64);
     assert!(map.add(&noisy_arc(&there, 1, &none)[4]));

@@ -16,7 +16,8 @@ const STYLES: [HandleStyle; 3] = [HandleStyle::Bar, HandleStyle::Knob, HandleSty
 
 #[test]
 fn handles_are_closed_and_of_the_sizes_that_are_sold() {
-    let (mut count, mut whole) = (0, 0);
+    let mut count = 0;
+    let mut whole = 0;
     for (seed, style) in (0..10).flat_map(|seed| STYLES.map(|style| (seed, style))) {
         let object = made(seed, Some(style));
         for (k, part) in object.parts.iter().enumerate() {
@@ -57,7 +58,8 @@ fn handles_are_where_the_truth_says() {
             let frame = handle.part_from_handle;
             // From 5 cm before it down its z: at which z the ray of a place meets the part.
             let z = |x: f64, y: f64| {
-                let (from, ray) = (frame * Point3::new(x, y, 0.05), frame * -Vector3::z());
+                let from = frame * Point3::new(x, y, 0.05);
+                let ray = frame * -Vector3::z();
                 let hit = |s: &Solid| {
                     let to = s.part_from_solid.inverse();
                     s.shape.hit(&(to * from), &(to * ray), 0.0).map(|h| h.at)
@@ -90,7 +92,8 @@ fn handles_are_where_the_truth_says() {
 #[test]
 fn handles_stay_on_their_plates() {
     for (seed, style) in (0..10).flat_map(|seed| STYLES.map(|style| (seed, style))) {
-        let (object, plain) = (made(seed, Some(style)), made(seed, Some(HandleStyle::Bare)));
+        let object = made(seed, Some(style));
+        let plain = made(seed, Some(HandleStyle::Bare));
         assert!(plain.parts.iter().all(|p| p.handle.is_none()));
         for part in object.parts.iter().filter(|p| p.handle.is_some()) {
             let handle = part.handle.unwrap();
@@ -179,7 +182,8 @@ fn seeds_make_what_they_made_before() {
 #[test]
 fn without_the_option_nothing_changes_and_without_handles_nothing_stands_out() {
     for seed in 0..5 {
-        let (today, bare) = (made(seed, None), made(seed, Some(HandleStyle::Bare)));
+        let today = made(seed, None);
+        let bare = made(seed, Some(HandleStyle::Bare));
         assert!(today.parts.iter().all(|p| p.handle.is_none()));
         let fronts = |o: &Object| {
             let named = |p: &&Part| ["door_", "flap_", "drawer_"].iter().any(|n| p.name.starts_with(n));

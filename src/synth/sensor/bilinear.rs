@@ -5,10 +5,14 @@ use nalgebra::Vector3;
 /// The color of a row-major image at a place `[u, v]`; the border repeats.
 pub(super) fn bilinear(colors: &[Vector3<f64>], width: usize, [u, v]: [f64; 2]) -> Vector3<f64> {
     let height = colors.len() / width;
-    let (u, v) = (u.clamp(0.0, (width - 1) as f64), v.clamp(0.0, (height - 1) as f64));
-    let (x, y) = (u as usize, v as usize);
-    let (right, below) = ((x + 1).min(width - 1), (y + 1).min(height - 1));
-    let (s, t) = (u - x as f64, v - y as f64);
+    let u = u.clamp(0.0, (width - 1) as f64);
+    let v = v.clamp(0.0, (height - 1) as f64);
+    let x = u as usize;
+    let y = v as usize;
+    let right = (x + 1).min(width - 1);
+    let below = (y + 1).min(height - 1);
+    let s = u - x as f64;
+    let t = v - y as f64;
     let row = |y: usize| colors[y * width + x] * (1.0 - s) + colors[y * width + right] * s;
     row(y) * (1.0 - t) + row(below) * t
 }

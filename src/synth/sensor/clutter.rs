@@ -35,7 +35,8 @@ pub(super) fn things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut impl Rng
         let is_dark = random::chance(rng, DARK_SHARE);
         let tone = random::range(rng, 0.2, 0.7);
         let hue = Vector3::from_fn(|_, _| random::range(rng, 0.5, 1.0));
-        let (is_can, seed) = (random::chance(rng, 0.4), random::below(rng, 1 << 30) as u32);
+        let is_can = random::chance(rng, 0.4);
+        let seed = random::below(rng, 1 << 30) as u32;
         // From the box's border outward by the gap and the thing's own reach, whatever its yaw.
         let out = Vector3::new(azimuth.cos(), azimuth.sin(), 0.0);
         let border_m = (half_m.x / out.x.abs()).min(half_m.y / out.y.abs());

@@ -36,7 +36,8 @@ mod tests {
         assert!((du.hypot(dv) - 1.5).abs() < 1e-12);
         assert_eq!(draw(0.5, 640, &mut stage_rng(7, "shift", 0)), [0.5 * du, 0.5 * dv]);
         // On a ramp the shift can be read off.
-        let (w, h) = (20, 10);
+        let w = 20;
+        let h = 10;
         let ramp: Vec<_> = (0..w * h).map(|i| Vector3::new((i % w) as f64, (i / w) as f64, 0.0)).collect();
         let moved = shifted(&ramp, w, [du, dv]);
         let middle = 5 * w + 10;

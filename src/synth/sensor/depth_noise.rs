@@ -28,7 +28,8 @@ mod tests {
 
     #[test]
     fn noise_has_its_size_and_is_shared_by_neighbors() {
-        let (w, h) = (320, 240);
+        let w = 320;
+        let h = 240;
         let noise = field(1.0, w, h, &mut stage_rng(1, "noise", 0));
         let n = noise.len() as f64;
         let variance = noise.iter().map(|x| x * x).sum::<f64>() / n;

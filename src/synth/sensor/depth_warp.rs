@@ -36,8 +36,10 @@ mod tests {
 
     #[test]
     fn the_field_has_its_size_and_its_correlation() {
-        let (w, h) = (320, 240);
-        let (mut at_lag, mut squares) = (0.0, 0.0);
+        let w = 320;
+        let h = 240;
+        let mut at_lag = 0.0;
+        let mut squares = 0.0;
         for seed in 0..30 {
             let field = field(1.0, w, h, &mut stage_rng(seed, "warp", 0));
             let mean = field.iter().sum::<f64>() / field.len() as f64;

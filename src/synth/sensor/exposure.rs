@@ -27,7 +27,8 @@ mod tests {
     #[test]
     fn gains_vary_by_the_stated_deviations() {
         let rng = &mut stage_rng(1, "gain", 0);
-        let (mut green, mut red) = (0.0, 0.0);
+        let mut green = 0.0;
+        let mut red = 0.0;
         for _ in 0..4000 {
             let log = gain(0.5, rng).map(f64::ln);
             green += log.y.powi(2) / 4000.0;

@@ -40,7 +40,8 @@ mod tests {
         let w = k.width;
         (0..k.height * w).filter(|i| i % w < w / 2).for_each(|i| view.depth_m[i] = 1.0);
         for level in [0.0, 0.5, 1.0] {
-            let (mut flying, mut edges) = (0, 0);
+            let mut flying = 0;
+            let mut edges = 0;
             for seed in 0..20 {
                 let between = between_m(level, &view, &k, &mut stage_rng(seed, "fly", 0));
                 for (i, b) in between.iter().enumerate() {

@@ -58,7 +58,9 @@ mod tests {
     fn a_trace_is_the_finite_difference_of_the_projection() {
         let k = Intrinsics { width: 64, height: 48, fx: 57.0, fy: 57.0, cx: 31.0, cy: 24.5 };
         let velocity = [Vector3::new(0.3, -0.2, 0.4), Vector3::new(0.1, 0.5, -0.3)];
-        let (at, depth_m, step_s) = ([10.0, 40.0], 1.7, 1e-6);
+        let at = [10.0, 40.0];
+        let depth_m = 1.7;
+        let step_s = 1e-6;
         let point = k.unproject(at[0], at[1], depth_m);
         let moved = Pose::new(velocity[0] * step_s, velocity[1] * step_s).inverse() * point;
         let (u, v) = k.project(&moved).unwrap();

@@ -26,7 +26,8 @@ mod tests {
     #[test]
     fn poses_jitter_by_the_stated_deviations() {
         let rng = &mut stage_rng(1, "jitter", 0);
-        let (mut m2, mut rad2) = (0.0, 0.0);
+        let mut m2 = 0.0;
+        let mut rad2 = 0.0;
         for _ in 0..2000 {
             let error = draw(2.0, rng);
             m2 += error.translation.vector.norm_squared() / 3.0;

@@ -22,7 +22,8 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
     reported: |f| {
         let mut p = f.column("scale", "1", 0);
         // The encoder reports `scale` times the position.
-        let (low, high) = (1.0 / (1.0 + p.interval.1), 1.0 / (1.0 + p.interval.0));
+        let low = 1.0 / (1.0 + p.interval.1);
+        let high = 1.0 / (1.0 + p.interval.0);
         (p.value, p.interval) = (1.0 / (1.0 + p.value), (low, high));
         vec![p]
     },

@@ -75,7 +75,8 @@ mod tests {
         let scales = Scales { radius_m: 0.4, range_m: 1.2, reading_m: 0.004, accuracy_m: 0.0003 };
         let grid = VarianceComponents::grid(&scales);
         assert_eq!(grid.len(), 36);
-        let (first, last) = (grid[0], grid[35]);
+        let first = grid[0];
+        let last = grid[35];
         assert!((first.surface_m - 0.0003).abs() < 1e-12 && (first.rest_m - 0.0003).abs() < 1e-12);
         assert!((last.frame_m - largest_m(&scales)).abs() < 1e-12);
         // A twin that errs by more than all errors without names leaves one value.

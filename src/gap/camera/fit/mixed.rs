@@ -84,13 +84,15 @@ impl System {
     #[must_use]
     pub fn reduce(&self, components: &VarianceComponents) -> Option<Reduced> {
         let frames = self.starts.len() - 1;
-        let (x, fx) = (self.matrix.ncols(), 6 * frames);
+        let x = self.matrix.ncols();
+        let fx = 6 * frames;
         let mut gram = DMatrix::zeros(fx + x, fx + x);
         let mut by_patch = DMatrix::zeros(self.patches, fx + x);
         let mut weights = vec![0.0; self.patches];
         let mut log_det = 0.0;
         for f in 0..frames {
-            let (from, count) = (self.starts[f], self.starts[f + 1] - self.starts[f]);
+            let from = self.starts[f];
+            let count = self.starts[f + 1] - self.starts[f];
             let mut rows = DMatrix::zeros(count, 6 + x);
             rows.columns_mut(0, 6).copy_from(&self.frame_rows.rows(from, count));
             rows.columns_mut(6, x).copy_from(&self.matrix.rows(from, count));

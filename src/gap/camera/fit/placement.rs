@@ -74,9 +74,11 @@ impl CoarseRun {
             let frame = &self.run.frames[f];
             let camera = true_camera(&self.run, f, &hypothesis.camera);
             let image = predict(twin, &poses, &frame.intrinsics, &camera, false);
-            let (mut sum, mut count) = (0.0, 0);
+            let mut sum = 0.0;
+            let mut count = 0;
             for i in 0..image.depth_m.len() {
-                let (reading, predicted) = (f64::from(frame.depth_m[i]), f64::from(image.depth_m[i]));
+                let reading = f64::from(frame.depth_m[i]);
+                let predicted = f64::from(image.depth_m[i]);
                 let measured = (reading - hypothesis.camera.bias_m) / hypothesis.camera.scale;
                 let object = frame.is_object(i);
                 let cost = match (object && (frame.mask.is_some() || predicted > 0.0), predicted > 0.0) {

@@ -89,22 +89,27 @@ impl FrameView<'_> {
     /// Normal of the predicted surface in the camera, towards it; `None` at edges and bends.
     fn normal(&self, i: usize) -> Option<Vector3<f64>> {
         let k = &self.image.intrinsics;
-        let (x, y) = (i % k.width, i / k.width);
+        let x = i % k.width;
+        let y = i / k.width;
         if x == 0 || y == 0 || x + 1 >= k.width || y + 1 >= k.height {
             return None;
         }
         let item = self.image.item[i]?;
         let inverse =
             |n: usize| (self.image.item[n] == Some(item)).then(|| 1.0 / f64::from(self.image.depth_m[n]));
-        let (here, left, right) = (inverse(i)?, inverse(i - 1)?, inverse(i + 1)?);
-        let (up, down) = (inverse(i - k.width)?, inverse(i + k.width)?);
+        let here = inverse(i)?;
+        let left = inverse(i - 1)?;
+        let right = inverse(i + 1)?;
+        let up = inverse(i - k.width)?;
+        let down = inverse(i + k.width)?;
         // The inverse depth of a plane is linear in the image.
         let bend = (left + right - 2.0 * here).abs().max((up + down - 2.0 * here).abs()) / (here * here);
         if bend > BEND / (here * k.fx) {
             return None;
         }
         // On a plane n . ray = n . p / z: the slopes of 1/z give the normal.
-        let (gx, gy) = (0.5 * (right - left) * k.fx, 0.5 * (down - up) * k.fy);
+        let gx = 0.5 * (right - left) * k.fx;
+        let gy = 0.5 * (down - up) * k.fy;
         let ray = self.ray(i);
         let n = Vector3::new(gx, gy, here - gx * ray.x - gy * ray.y).normalize();
         Some(if n.dot(&ray) > 0.0 { -n } else { n })

@@ -38,7 +38,8 @@ pub(super) fn without_small(
 /// How much an effect of the set moves what it concerns across the surface: root mean square without the
 /// largest, meters.
 fn moved_m(problem: &FrameProblem, selected: &Selected, which: usize) -> f64 {
-    let (linear, set) = (&selected.linear, &selected.chosen.set);
+    let linear = &selected.linear;
+    let set = &selected.chosen.set;
     let own = &linear.of_trial[set[which]];
     let from = problem.nuisance.len() + set[..which].iter().map(|&t| linear.of_trial[t].len()).sum::<usize>();
     let values = selected.chosen.solution.values.rows(from, own.len());

@@ -58,7 +58,9 @@ pub(super) fn laws(twin: &SeenTwin, joint: usize) -> Vec<(SeenMotion, Unit<Vecto
             let of = mesh.vertices.iter().map(|p| p.cast::<f64>().coords.dot(e));
             of.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)))
         };
-        let (ru, rv, along) = (range(&u), range(&v), twin.parts[spec.child].center.coords.dot(&d));
+        let ru = range(&u);
+        let rv = range(&v);
+        let along = twin.parts[spec.child].center.coords.dot(&d);
         // Hinges mostly stand at an edge of their part; the middle is for a part that turns in place.
         for (a, b) in [(ru.0, rv.0), (ru.0, rv.1), (ru.1, rv.0), (ru.1, rv.1)] {
             all.push((SeenMotion::Revolute, d, Point3::from(u * a + v * b + d.into_inner() * along)));

@@ -22,7 +22,8 @@ pub(super) fn sides(
     if views.iter().all(Vec::is_empty) {
         return None;
     }
-    let (mut bounds, mut intervals) = ([[0.0; 3]; 2], [[(0.0, 0.0); 3]; 2]);
+    let mut bounds = [[0.0; 3]; 2];
+    let mut intervals = [[(0.0, 0.0); 3]; 2];
     for k in 0..3 {
         let along: Vec<Vec<f64>> = views.iter().map(|v| v.iter().map(|p| p[k]).collect()).collect();
         for (s, share) in [OUTER, 1.0 - OUTER].into_iter().enumerate() {

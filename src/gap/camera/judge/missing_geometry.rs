@@ -171,7 +171,8 @@ fn is_confirmed(problem: &FrameProblem, views: &BTreeSet<View>) -> bool {
 fn largest_group(mut open: BTreeSet<Voxel>) -> BTreeSet<Voxel> {
     let mut best: BTreeSet<Voxel> = BTreeSet::new();
     while let Some(first) = open.pop_first() {
-        let (mut group, mut next) = (BTreeSet::from([first]), vec![first]);
+        let mut group = BTreeSet::from([first]);
+        let mut next = vec![first];
         while let Some([x, y, z]) = next.pop() {
             for n in 0..27 {
                 let near = [x + n % 3 - 1, y + n / 3 % 3 - 1, z + n / 9 - 1];

@@ -90,7 +90,8 @@ pub fn frame_gap(
         all
     };
     let gate_m = problem.gate_m();
-    let (b, a) = (sums(before.0, before.1, &[]), sums(problem.twin, after, missing));
+    let b = sums(before.0, before.1, &[]);
+    let a = sums(problem.twin, after, missing);
     let total = |all: &[Sums]| {
         all.iter().fold(Sums::default(), |t, s| Sums {
             square: t.square + s.square,
@@ -99,7 +100,8 @@ pub fn frame_gap(
             conflict: t.conflict + s.conflict,
         })
     };
-    let (tb, ta) = (total(&b), total(&a));
+    let tb = total(&b);
+    let ta = total(&a);
     let share = |s: &Sums| s.conflict / (s.area + s.conflict).max(1e-12);
     FrameGap {
         before: tb.rms_m(gate_m),

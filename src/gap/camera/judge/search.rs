@@ -29,8 +29,9 @@ pub(super) fn search(
         all
     };
     let singles = ranked((0..problem.trials.len()).map(|t| vec![t]).collect());
-    let (mut set, mut evidence, mut rivals) =
-        (Vec::new(), problem.evidence(linear, reduced, &[]), singles.clone());
+    let mut set = Vec::new();
+    let mut evidence = problem.evidence(linear, reduced, &[]);
+    let mut rivals = singles.clone();
     let top: Vec<usize> = singles.iter().take(PAIRED).map(|s| s.0[0]).collect();
     let mut level = singles;
     for size in 1..=MOST {

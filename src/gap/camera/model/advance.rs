@@ -96,6 +96,7 @@ fn about(frame: &Pose, center: Point3<f64>, k: usize, x: f64) -> Pose {
     if !turns {
         return small_motion(&e, &Vector3::zeros());
     }
-    let (r, c) = (UnitQuaternion::from_scaled_axis(e), frame * center);
+    let r = UnitQuaternion::from_scaled_axis(e);
+    let c = frame * center;
     Pose::from_parts((c.coords - r * c.coords).into(), r)
 }

@@ -130,7 +130,8 @@ impl<'a> PosedTwin<'a> {
                 self.axis_velocity(joint, k, matches!(parameter, Parameter::AxisTurn(..)), seen)
             }
             Parameter::Frame(joint, k) if self.twin.carries(joint, seen.part) => {
-                let (law, frame) = (&self.hypothesis.laws[joint], &self.frames[seen.run][joint]);
+                let law = &self.hypothesis.laws[joint];
+                let frame = &self.frames[seen.run][joint];
                 let [u, v] = normals_of(&law.axis);
                 let e = frame.rotation * [u, v, law.axis.into_inner(), u, v][k];
                 if k < 3 { e } else { e.cross(&(seen.point - frame * law.point)) }
@@ -158,8 +159,8 @@ impl<'a> PosedTwin<'a> {
             if !self.twin.carries(j, seen.part) {
                 continue;
             }
-            let (law, frame) =
-                (&self.hypothesis.laws[j], self.frames[seen.run][j] * self.hypothesis.extra[seen.run][j]);
+            let law = &self.hypothesis.laws[j];
+            let frame = self.frames[seen.run][j] * self.hypothesis.extra[seen.run][j];
             let axis = frame.rotation * law.axis.into_inner();
             let around = axis.cross(&(seen.point - frame * law.point));
             sum += rate

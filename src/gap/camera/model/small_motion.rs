@@ -7,7 +7,8 @@ use geometry::Pose;
 /// A motion at a constant twist: velocities of the origin and of rotation in the moving frame, for a time.
 #[must_use]
 pub fn twist_motion([t, w]: &[Vector3<f64>; 2], seconds: f64) -> Pose {
-    let (rate, turn) = (w.norm(), w * seconds);
+    let rate = w.norm();
+    let turn = w * seconds;
     // The closed form divides by the rate.
     if rate * seconds.abs() < 1e-9 {
         return small_motion(&(t * seconds), &turn);

@@ -27,7 +27,8 @@ pub struct FrameRun {
 #[must_use]
 pub fn coarse(frame: &RgbdFrame, step: usize) -> RgbdFrame {
     let k = &frame.intrinsics;
-    let (width, height) = (k.width / step, k.height / step);
+    let width = k.width / step;
+    let height = k.height / step;
     // The middle of each block, so that coarse pixels look along the rays of fine ones.
     let off = (step - 1) / 2;
     let center = |c: f64| (c - off as f64) / step as f64;

@@ -27,7 +27,9 @@ impl Pixels {
         let mut pixels = Self { object: Vec::new(), empty: Vec::new(), stride: Vec::new() };
         for run in runs {
             let chosen: Vec<_> = run.frames.par_iter().map(|f| choose(f, run)).collect();
-            let (mut object, mut empty, mut stride) = (Vec::new(), Vec::new(), Vec::new());
+            let mut object = Vec::new();
+            let mut empty = Vec::new();
+            let mut stride = Vec::new();
             for (o, e, s) in chosen {
                 object.push(o);
                 empty.push(e);
@@ -48,7 +50,8 @@ impl Pixels {
 }
 
 fn choose(frame: &capture::RgbdFrame, run: &FrameRun) -> (Vec<usize>, Vec<usize>, usize) {
-    let (w, h) = (frame.intrinsics.width, frame.intrinsics.height);
+    let w = frame.intrinsics.width;
+    let h = frame.intrinsics.height;
     let weights = pixel_weights(frame, &run.noise);
     let usable = |i: usize| weights[i] > 0.0 && frame.is_object(i);
     let count = (0..w * h).filter(|&i| usable(i)).count();
@@ -63,7 +66,8 @@ fn choose(frame: &capture::RgbdFrame, run: &FrameRun) -> (Vec<usize>, Vec<usize>
 
 /// Pixels about a pixel that a border reaches.
 pub fn around(i: usize, w: usize, h: usize) -> impl Iterator<Item = usize> {
-    let (x, y) = (i % w, i / w);
+    let x = i % w;
+    let y = i / w;
     let columns = x.saturating_sub(BORDER)..=(x + BORDER).min(w - 1);
     let rows = y.saturating_sub(BORDER)..=(y + BORDER).min(h - 1);
     rows.flat_map(move |y| columns.clone().map(move |x| y * w + x))

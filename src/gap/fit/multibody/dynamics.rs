@@ -139,7 +139,8 @@ impl<'a> Dynamics<'a> {
     ) {
         let n = v.len();
         let mut matrix = mass.clone();
-        let (mut total, mut bound) = (DVector::zeros(n), DVector::zeros(n));
+        let mut total = DVector::zeros(n);
+        let mut bound = DVector::zeros(n);
         let mut acted = Vec::with_capacity(n);
         for (i, driven) in self.driven.iter().enumerate() {
             let joint = self.joints[i];

@@ -58,7 +58,8 @@ pub struct Step {
 #[must_use]
 pub fn step(blocks: &[Block], frozen: &[bool], damping: f64) -> Option<Step> {
     let n = frozen.len();
-    let (mut known, mut wanted) = (DMatrix::zeros(n, n), DVector::zeros(n));
+    let mut known = DMatrix::zeros(n, n);
+    let mut wanted = DVector::zeros(n);
     let mut inverses = Vec::with_capacity(blocks.len());
     for block in blocks {
         let (hessian, gradient, inverse) = block.reduced(damping);
@@ -100,9 +101,11 @@ pub fn covariance(blocks: &[Block], frozen: &[bool], share: f64) -> (DMatrix<f64
     let Some(inverse) = known.cholesky().map(|c| c.inverse()) else {
         return (DMatrix::from_element(n, n, f64::INFINITY), vec![1.0; n]);
     };
-    let (mut moved, mut shares) = (vec![0.0; n], vec![(0.0, 0.0); n]);
+    let mut moved = vec![0.0; n];
+    let mut shares = vec![(0.0, 0.0); n];
     for (hessian, gradient, _) in &reduced {
-        let (way, own) = (&inverse * gradient, &inverse * hessian * &inverse);
+        let way = &inverse * gradient;
+        let own = &inverse * hessian * &inverse;
         for i in 0..n {
             moved[i] += way[i] * way[i];
             shares[i] = (shares[i].0 + own[(i, i)], shares[i].1 + own[(i, i)].powi(2));

@@ -210,7 +210,8 @@ fn blocks(joints: &Joints, at: &At, size: &[f64], frozen: &[bool]) -> Vec<Block>
     let n = at.models.len();
     let free: usize = at.models.iter().map(JointModel::free).sum();
     // Models beside this one, each with one parameter moved, and what drives them.
-    let (mut beside, mut column) = (Vec::with_capacity(free), 0);
+    let mut beside = Vec::with_capacity(free);
+    let mut column = 0;
     for (i, model) in at.models.iter().enumerate() {
         let scales = scales(&joints.problems[i], model);
         let first = column;
@@ -267,8 +268,9 @@ const TYPICAL: f64 = 0.1;
 
 /// [`TYPICAL`] of what a number of a dimension is where it makes the motion alone.
 fn typical(dimension: Dimension, coverage: &Coverage) -> f64 {
-    let (effort, way, speed) =
-        (coverage.effort_rms.max(1e-9), coverage.travel.max(1e-9), coverage.speed.1.max(1e-9));
+    let effort = coverage.effort_rms.max(1e-9);
+    let way = coverage.travel.max(1e-9);
+    let speed = coverage.speed.1.max(1e-9);
     TYPICAL
         * match dimension {
             Dimension::Position => way,

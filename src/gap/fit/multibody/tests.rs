@@ -82,7 +82,8 @@ fn simulated(
         size * (0.4 * (2.9 * t + phase).sin() + 0.3 * (6.7 * t - phase).cos())
     };
     let dynamics = Dynamics::of(tree, joints, models, effects);
-    let (mut q, mut v) = (vec![0.0; joints.len()], vec![0.0; joints.len()]);
+    let mut q = vec![0.0; joints.len()];
+    let mut v = vec![0.0; joints.len()];
     let mut position = vec![Vec::new(); joints.len()];
     let others = vec![[0.0; 8]; joints.len()];
     for t in &time_s {
@@ -103,7 +104,8 @@ fn simulated(
 
 #[test]
 fn one_joint_moves_as_by_itself() {
-    let (tree, effects) = (arms(0.02), catalogue(0));
+    let tree = arms(0.02);
+    let effects = catalogue(0);
     let plant = Plant::of(&tree, 1).unwrap();
     let terms: [(&str, &[f64]); 4] = [
         ("asymmetric_friction", &[0.05, 0.08]),
@@ -133,7 +135,8 @@ fn one_joint_moves_as_by_itself() {
 
 #[test]
 fn without_friction_energy_stays() {
-    let (tree, effects) = (arms(0.0), catalogue(0));
+    let tree = arms(0.0);
+    let effects = catalogue(0);
     let models: Vec<JointModel> = (0..2).map(|j| JointModel::of(&Plant::of(&tree, j).unwrap())).collect();
     let energy = |q: &[f64], v: &[f64]| {
         let v = DVector::from_column_slice(v);
@@ -145,7 +148,8 @@ fn without_friction_energy_stays() {
     };
     let drift = |steps: usize| {
         let dynamics = Dynamics::of(&tree, &[0, 1], &models, &effects);
-        let (mut q, mut v) = (vec![0.9, -0.5], vec![0.0, 1.0]);
+        let mut q = vec![0.9, -0.5];
+        let mut v = vec![0.0, 1.0];
         let before = energy(&q, &v);
         let inputs = Inputs { signal: &[0.0, 0.0], time_s: 0.0, others: &[[0.0; 8]; 2] };
         (0..steps).for_each(|_| dynamics.step(&mut q, &mut v, 1.0 / steps as f64, &inputs));
@@ -158,11 +162,13 @@ fn without_friction_energy_stays() {
 
 #[test]
 fn joints_that_friction_holds_stand_still() {
-    let (tree, effects) = (arms(0.0), catalogue(0));
+    let tree = arms(0.0);
+    let effects = catalogue(0);
     let of = |j: usize| with(&effects, &Plant::of(&tree, j).unwrap(), &[("coulomb_friction", &[2.0])]);
     let models = [of(0), of(1)];
     let dynamics = Dynamics::of(&tree, &[0, 1], &models, &effects);
-    let (mut q, mut v) = (vec![0.6, -0.4], vec![0.0, 0.0]);
+    let mut q = vec![0.6, -0.4];
+    let mut v = vec![0.0, 0.0];
     let inputs = Inputs { signal: &[0.3, -0.2], time_s: 0.0, others: &[[0.0; 8]; 2] };
     (0..200).for_each(|_| dynamics.step(&mut q, &mut v, 5e-3, &inputs));
     assert!((q[0] - 0.6).abs() < 1e-9 && (q[1] + 0.4).abs() < 1e-9, "{q:?} {v:?}");
@@ -170,7 +176,8 @@ fn joints_that_friction_holds_stand_still() {
 
 #[test]
 fn a_friction_of_one_joint_is_not_found_at_the_other() {
-    let (tree, effects) = (arms(0.02), catalogue(0));
+    let tree = arms(0.02);
+    let effects = catalogue(0);
     let plants = [0, 1].map(|j| Plant::of(&tree, j).unwrap());
     let truth =
         [with(&effects, &plants[0], &[("coulomb_friction", &[0.12])]), with(&effects, &plants[1], &[])];

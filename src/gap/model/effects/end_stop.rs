@@ -113,8 +113,8 @@ impl Effect for EndStop {
             Format::Sdf => Expression::Approximated(vec![Nearest::own(vec![p[0], p[1], p[2], 0.0])]),
             // A limit, which is as stiff as the rollout resolves.
             Format::Usd => {
-                let (stiffness, damping) =
-                    (plant.inertia * STIFF_RATE * STIFF_RATE, plant.inertia * STIFF_RATE);
+                let stiffness = plant.inertia * STIFF_RATE * STIFF_RATE;
+                let damping = plant.inertia * STIFF_RATE;
                 Expression::Approximated(vec![Nearest::own(vec![stiffness, damping, p[2], 0.0])])
             }
             Format::Urdf => Expression::NotExpressible,

@@ -1,0 +1,183 @@
+//! How the code reads, counted: closures, tuple lets, names, relative pronouns.
+
+use std::collections::BTreeMap;
+
+use super::reader::{Kind, Source, kinds, sources};
+
+/// What is counted in one crate, outside tests.
+#[derive(Clone, Debug, Default)]
+pub struct Gauges {
+    /// Lines with code.
+    pub lines: usize,
+    pub named_closures: usize,
+    /// `let (a, b) = (x, y)`.
+    pub tuple_lets: usize,
+    pub functions: usize,
+    pub one_word_functions: usize,
+    pub tuple_parameters: usize,
+    /// Words of comments.
+    pub words: usize,
+    pub relative_pronouns: usize,
+}
+
+/// The gauges of every crate, by its name.
+pub fn gauges() -> BTreeMap<String, Gauges> {
+    let mut all: BTreeMap<String, Gauges> = BTreeMap::new();
+    for source in sources() {
+        let gauges = all.entry(source.layer().to_owned()).or_default();
+        gauges.lines += source.code.lines().filter(|line| !line.trim().is_empty()).count();
+        gauges.named_closures += named_closures(&source.code).len();
+        gauges.tuple_lets += tuple_lets(&source.code);
+        for function in signatures(&source.code) {
+            gauges.functions += 1;
+            gauges.one_word_functions += usize::from(!function.name.contains('_'));
+            gauges.tuple_parameters += usize::from(function.has_tuple_parameter);
+        }
+        let words = comment_words(&source.text);
+        gauges.words += words.len();
+        gauges.relative_pronouns += words.iter().filter(|word| is_relative_pronoun(word)).count();
+    }
+    all
+}
+
+/// Closures with a name that take more than one line, as `file:line: name`.
+pub fn long_closures() -> Vec<String> {
+    let mut found = Vec::new();
+    for source in sources() {
+        let Source { name, text, code } = &source;
+        for closure in named_closures(code).into_iter().filter(|closure| closure.lines > 1) {
+            // Code without tests has fewer lines than the file: the line is looked for in the text.
+            let starts = |line: &str| {
+                let rest = line.trim_start().trim_start_matches("let ").trim_start_matches("mut ");
+                rest.strip_prefix(&closure.name).is_some_and(|rest| rest.trim_start().starts_with(['=', ':']))
+            };
+            let line = text.lines().position(starts).map_or(0, |line| line + 1);
+            found.push(format!("src/{name}:{line}: {} has {} lines", closure.name, closure.lines));
+        }
+    }
+    found
+}
+
+/// Names of types that stand more than once in a crate, as `crate: name (count)`.
+pub fn repeated_types() -> Vec<String> {
+    let mut counts: BTreeMap<(String, String), usize> = BTreeMap::new();
+    for source in sources() {
+        for keyword in ["struct ", "enum "] {
+            for (at, _) in source.code.match_indices(keyword) {
+                let stands_alone = at == 0 || source.code[..at].ends_with([' ', '\n']);
+                let name = word_at(&source.code[at + keyword.len()..]);
+                if stands_alone && name.starts_with(char::is_uppercase) {
+                    *counts.entry((source.layer().to_owned(), name.to_owned())).or_default() += 1;
+                }
+            }
+        }
+    }
+    let repeated = counts.into_iter().filter(|(_, count)| *count > 1);
+    repeated.map(|((layer, name), count)| format!("{layer}: {name} ({count})")).collect()
+}
+
+struct NamedClosure {
+    name: String,
+    lines: usize,
+}
+
+/// `let name = |...| ...;` of code.
+fn named_closures(code: &str) -> Vec<NamedClosure> {
+    let mut found = Vec::new();
+    for (at, _) in code.match_indices("let ") {
+        let rest = code[at + 4..].trim_start_matches("mut ");
+        let name = word_at(rest);
+        let Some((pattern, value)) = rest.split_once('=') else { continue };
+        let has_type = pattern[name.len()..].trim_start().starts_with(':');
+        let value = value.trim_start().trim_start_matches("move ").trim_start();
+        if !name.is_empty() && (has_type || pattern.trim() == name) && value.starts_with('|') {
+            let end = statement_end(value);
+            found.push(NamedClosure { name: name.to_owned(), lines: value[..end].lines().count() });
+        }
+    }
+    found
+}
+
+/// Bytes up to the semicolon that ends a statement.
+fn statement_end(code: &str) -> usize {
+    let mut depth = 0;
+    let end = code.find(|c| {
+        depth += i32::from("([{".contains(c)) - i32::from(")]}".contains(c));
+        depth < 0 || depth == 0 && c == ';'
+    });
+    end.unwrap_or(code.len())
+}
+
+fn tuple_lets(code: &str) -> usize {
+    let is_tuple_let = |(at, _): &(usize, &str)| {
+        let statement = &code[*at + 4..];
+        let Some(rest) = statement.get(block_end(statement)..) else { return false };
+        let value = rest.trim_start().strip_prefix('=').map(str::trim_start);
+        let Some(value) = value.filter(|value| value.starts_with('(')) else { return false };
+        let tuple = &value[..block_end(value)];
+        value[tuple.len()..].trim_start().starts_with(';') && has_comma(tuple)
+    };
+    code.match_indices("let (").filter(is_tuple_let).count()
+}
+
+/// Bytes of the group in brackets that starts here, its brackets counted.
+fn block_end(code: &str) -> usize {
+    let mut depth = 0;
+    for (at, c) in code.char_indices() {
+        depth += i32::from("([{".contains(c)) - i32::from(")]}".contains(c));
+        if depth == 0 {
+            return at + c.len_utf8();
+        }
+    }
+    code.len()
+}
+
+/// Whether a group in brackets has a comma of its own.
+fn has_comma(group: &str) -> bool {
+    let mut depth = 0;
+    group.chars().any(|c| {
+        depth += i32::from("([{".contains(c)) - i32::from(")]}".contains(c));
+        depth == 1 && c == ','
+    })
+}
+
+struct Signature {
+    name: String,
+    has_tuple_parameter: bool,
+}
+
+fn signatures(code: &str) -> Vec<Signature> {
+    let mut found = Vec::new();
+    for (at, _) in code.match_indices("fn ") {
+        let after_word = code[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_');
+        let name = word_at(&code[at + 3..]);
+        let Some(open) = code[at..].find('(') else { continue };
+        if !after_word && !name.is_empty() {
+            let parameters = &code[at + open..][..block_end(&code[at + open..])];
+            let squeezed: String = parameters.chars().filter(|c| !c.is_whitespace()).collect();
+            let has_tuple_parameter =
+                [":(", ":&(", "(("].iter().any(|mark| squeezed.contains(mark) && !squeezed.contains(":()"));
+            found.push(Signature { name: name.to_owned(), has_tuple_parameter });
+        }
+    }
+    found
+}
+
+fn word_at(code: &str) -> &str {
+    let end = code.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(code.len());
+    &code[..end]
+}
+
+/// Words of all comments, in lower case, without code between back quotes.
+fn comment_words(text: &str) -> Vec<String> {
+    let comment: String =
+        kinds(text).into_iter().map(|(c, kind)| if kind == Kind::Comment { c } else { ' ' }).collect();
+    let prose: String = comment.split('`').step_by(2).collect::<Vec<_>>().join(" ");
+    let words = prose.split(|c: char| !c.is_alphabetic() && c != '\'').filter(|word| !word.is_empty());
+    words.map(str::to_lowercase).collect()
+}
+
+/// `that` counts always: a demonstrative is not told apart from a relative pronoun.
+fn is_relative_pronoun(word: &str) -> bool {
+    ["that", "which", "who", "whom", "whose", "what"].contains(&word)
+}
