@@ -18,10 +18,13 @@ const MIN_VOLUME_M3: f64 = 1e-8;
 /// Share of a moving part's extent that it may reach into a part that is not its parent without being stopped
 /// by it. chosen: solids are that inexact
 const GRAZE_SHARE: f64 = 0.05;
-/// Gap to what is about a part within a gap of its limits, where it may lie on its seat, as a share of that
-/// along the way.
+/// Gap ahead of a part and behind it, as a share of that on its sides.
 /// measured: over 2 mm MuJoCo and Bullet make no contact; a part that slides along that close jams in Bullet
 const SEAT_GAP: f64 = 2.0 / 3.0;
+/// A part comes straight onto a face, or leaves it so, where its velocity and the face's normal have at least
+/// this cosine.
+/// derived: 45 degrees, nearer to straight than to sliding
+const STRAIGHT: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// Blocks are one where together they are at most so many times as large as apart.
 /// chosen: a quarter of air is little
 const FUSED: f64 = 1.25;
@@ -33,18 +36,10 @@ pub(super) const MAX_TURN_RAD: f64 = std::f64::consts::PI;
 /// positions, where nothing can have been in the way, is cut out of the other links' solids. The gap is as
 /// wide as engines with margins need: solids that touch at rest are thrown apart by MuJoCo and Bullet.
 pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
-    // What lies on its seat has surfaces nearer to it than the gap.
-    let on_seat = ConvexConfig { gap_m: SEAT_GAP * config.gap_m, ..config.clone() };
     for j in 0..model.joints.len() {
         let joint = model.joints[j].clone();
         let [lower, upper] = model.observed_interval(j);
-        // At most a gap before the limit it comes near its seat.
-        let near = config.gap_m / lever_m(model, &joint).max(f64::MIN_POSITIVE);
-        let [first, last] = [lower.min(joint.limit.lower + near), upper.max(joint.limit.upper - near)];
-        let way = steps(model, &joint, first, last);
-        let ends = [[joint.limit.lower, first], [last, joint.limit.upper]].into_iter();
-        let ends: Vec<f64> =
-            ends.filter(|[a, b]| a < b).flat_map(|[a, b]| steps(model, &joint, a, b)).collect();
+        let positions = steps(model, &joint, lower.min(joint.limit.lower), upper.max(joint.limit.upper));
         for other in 0..model.links.len() {
             // What hangs on the child moves with it.
             if other == joint.child || model.is_below(other, joint.child) {
@@ -53,14 +48,14 @@ pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
             let moving = model.links[joint.child].collision.clone();
             // The parent is known to be clear; another part may truly stand in the way, unless it is only
             // grazed, but not where it was seen.
-            let grazed = if other == joint.parent { f64::INFINITY } else { GRAZE_SHARE * extent_m(&moving) };
+            let grazed_m =
+                if other == joint.parent { f64::INFINITY } else { GRAZE_SHARE * extent_m(&moving) };
             // The other joints as they were seen: nothing is known of other combinations.
             for state in model.states.clone() {
-                for (positions, config) in [(&way, config), (&ends, &on_seat)] {
-                    let poses = relative_poses(model, j, other, &state, positions);
-                    let seen = relative_poses(model, j, other, &state, &[state[j]]);
-                    carve(&mut model.links[other].collision, &moving, [&poses, &seen], grazed, config);
-                }
+                let path = relative_poses(model, j, other, &state, &positions);
+                let seen = relative_poses(model, j, other, &state, &[state[j]]);
+                let sweep = Sweep { joint: &joint, path: &path, seen: &seen, grazed_m };
+                carve(&mut model.links[other].collision, &moving, &sweep, config);
             }
         }
     }
@@ -187,23 +182,30 @@ fn boxes_meet(a: &(Point3<f64>, Point3<f64>), b: &(Point3<f64>, Point3<f64>), ga
     (0..3).all(|k| a.0[k] <= b.1[k] + gap_m && b.0[k] <= a.1[k] + gap_m)
 }
 
-/// Cuts moving solids out of the fixed ones: along the whole path where they do not reach deeper into one
-/// than `grazed_m`, otherwise at the poses at which they were seen. `fixed_from_moving` is the path, then
-/// these.
-fn carve(
-    fixed: &mut Vec<ConvexSolid>,
-    moving: &[ConvexSolid],
-    fixed_from_moving: [&[Pose]; 2],
+/// Poses `fixed_from_moving` of a joint's child, and how deep it may reach into a solid that it only grazes,
+/// meters.
+struct Sweep<'a> {
+    joint: &'a Joint,
+    /// Along the whole path.
+    path: &'a [Pose],
+    /// As it was seen.
+    seen: &'a [Pose],
     grazed_m: f64,
-    config: &ConvexConfig,
-) {
-    let paths: Vec<[Path; 2]> =
-        moving.par_iter().map(|solid| fixed_from_moving.map(|poses| Path::of(solid, poses))).collect();
+}
+
+/// Cuts moving solids out of the fixed ones: along the whole path where they only graze one, otherwise at the
+/// poses at which they were seen.
+fn carve(fixed: &mut Vec<ConvexSolid>, moving: &[ConvexSolid], sweep: &Sweep<'_>, config: &ConvexConfig) {
+    let paths: Vec<[Path; 2]> = moving
+        .par_iter()
+        .map(|solid| [sweep.path, sweep.seen].map(|poses| Path::new(sweep.joint, solid, poses)))
+        .collect();
     let parts = |piece: ConvexSolid| {
         // Along the solid's own axes, so that cuts run with its faces.
         let axes = piece.axes();
         let way = |[path, seen]: &[Path; 2]| {
-            let stands_in_the_way = grazed_m.is_finite() && path.deepest_m(&piece, config.gap_m) > grazed_m;
+            let stands_in_the_way =
+                sweep.grazed_m.is_finite() && path.deepest_m(&piece, config.gap_m) > sweep.grazed_m;
             (if stands_in_the_way { seen } else { path }).within(&piece, &axes, config.gap_m)
         };
         let cut = |pieces: Vec<ConvexSolid>, gap: &Block| {
@@ -216,28 +218,37 @@ fn carve(
     *fixed = cut.into_iter().flatten().collect();
 }
 
-/// A solid at the poses of its path, with its bounds.
-struct Path(Vec<(ConvexSolid, (Point3<f64>, Point3<f64>))>);
+/// A solid at the poses of its path.
+struct Path<'a> {
+    joint: &'a Joint,
+    steps: Vec<PathStep>,
+}
 
-impl Path {
-    fn of(solid: &ConvexSolid, poses: &[Pose]) -> Self {
-        let at = |pose: &Pose| {
+/// A solid at one pose.
+struct PathStep {
+    fixed_from_moving: Pose,
+    solid: ConvexSolid,
+    bounds: (Point3<f64>, Point3<f64>),
+}
+
+impl<'a> Path<'a> {
+    fn new(joint: &'a Joint, solid: &ConvexSolid, poses: &[Pose]) -> Self {
+        let step = |pose: &Pose| {
             let moved = solid.transformed(pose);
-            let bounds = moved.bounds();
-            (moved, bounds)
+            PathStep { fixed_from_moving: *pose, bounds: moved.bounds(), solid: moved }
         };
-        Self(poses.iter().map(at).collect())
+        Self { joint, steps: poses.iter().map(step).collect() }
     }
 
-    /// What of the path comes near a solid.
-    fn near(&self, piece: &ConvexSolid, gap_m: f64) -> impl Iterator<Item = &ConvexSolid> {
+    /// The steps that come near a solid.
+    fn near(&self, piece: &ConvexSolid, gap_m: f64) -> impl Iterator<Item = &PathStep> {
         let bounds = piece.bounds();
-        self.0.iter().filter(move |(_, b)| boxes_meet(b, &bounds, gap_m)).map(|(solid, _)| solid)
+        self.steps.iter().filter(move |step| boxes_meet(&step.bounds, &bounds, gap_m))
     }
 
     /// How deep the path leads into a solid, meters.
     fn deepest_m(&self, piece: &ConvexSolid, gap_m: f64) -> f64 {
-        self.near(piece, gap_m).filter_map(|p| p.penetration_m(piece)).fold(0.0, f64::max)
+        self.near(piece, gap_m).filter_map(|step| step.solid.penetration_m(piece)).fold(0.0, f64::max)
     }
 
     /// The block around all that comes into a solid, with a gap: the box around the whole part would cut far
@@ -245,15 +256,34 @@ impl Path {
     fn within(&self, piece: &ConvexSolid, axes: &Matrix3<f64>, gap_m: f64) -> Option<Block> {
         let grown: Vec<Plane> =
             piece.planes().into_iter().map(|p| Plane { offset_m: p.offset_m + gap_m, ..p }).collect();
-        let inside = self.near(piece, gap_m).filter_map(|p| p.clipped_by(&grown));
         let mut block: Option<Block> = None;
-        for p in inside.flat_map(|s| s.vertices) {
-            let p = axes.tr_mul(&p.coords);
-            let own = Block { lo: p.add_scalar(-gap_m), hi: p.add_scalar(gap_m) };
-            block = Some(block.map_or(own, |b| b.and(&own)));
+        for step in self.near(piece, gap_m) {
+            let Some(inside) = step.solid.clipped_by(&grown) else { continue };
+            for vertex in &inside.vertices {
+                let direction = axes.tr_mul(&direction_of(self.joint, &step.fixed_from_moving, vertex));
+                let gap = direction.map(|d| if d.abs() >= STRAIGHT { SEAT_GAP * gap_m } else { gap_m });
+                let vertex = axes.tr_mul(&vertex.coords);
+                let own = Block { lo: vertex - gap, hi: vertex + gap };
+                block = Some(block.map_or(own, |b| b.and(&own)));
+            }
         }
         block
     }
+}
+
+/// Direction in which a joint moves a point of its child, both in the coordinates of the fixed link; zero on
+/// the axis of a hinge.
+fn direction_of(joint: &Joint, fixed_from_moving: &Pose, point: &Point3<f64>) -> Vector3<f64> {
+    let axis = joint.axis.into_inner();
+    let around = axis.cross(&fixed_from_moving.inverse().transform_point(point).coords);
+    let velocity = match joint.kind {
+        JointKind::Prismatic => axis,
+        JointKind::Revolute => around,
+        JointKind::Screw { pitch_m_per_rad } | JointKind::Free { pitch_m_per_rad } => {
+            around + pitch_m_per_rad * axis
+        }
+    };
+    (fixed_from_moving.rotation * velocity).try_normalize(0.0).unwrap_or_default()
 }
 
 /// A box along some axes.
