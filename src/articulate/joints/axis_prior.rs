@@ -14,8 +14,9 @@ use crate::joints::{
 use geometry::Pose;
 use model::{AxisAlone, JointKind};
 
-/// Least share of the largest slope for a slope: of (direction 3, point 3) two have no effect, and finite
-/// differences ([`DIFFERENCE`]) leave 1e-10 to 1e-9 of them. Their inverse would blow any covariance up.
+/// Slopes below this share of the largest count as zero: of (direction 3, point 3) two have no effect, and
+/// finite differences ([`DIFFERENCE`]) leave 1e-10 to 1e-9 of them. Their inverse would blow any covariance
+/// up.
 ///
 /// chosen: between this noise and the slopes of a real joint (no smaller than its motion in radians)
 const FLAT: f64 = 1e-6;

@@ -1,4 +1,4 @@
-//! Cautions about a joint, and properties of it out of sight in its states, in words.
+//! Cautions about a joint, and its properties not observable in its states, in words.
 
 use crate::joints::{joint::JointEstimate, joint_type::DECISIVE};
 use common::note::{Note, NoteCode};

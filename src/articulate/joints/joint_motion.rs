@@ -129,7 +129,7 @@ impl PlacedJoint {
     /// The position nearest to a motion relative to the parent.
     pub fn nearest(&self, relative: &Pose, near: &Point3<f64>) -> f64 {
         match self.freedom {
-            // At the part's middle: a rotation, beyond a slide, moves it least.
+            // At the part's middle: a rotation in the motion moves this point least.
             Freedom::Slide => self.direction.dot(&(relative * near - near)),
             Freedom::Turn | Freedom::Helix => log_so3(&relative.rotation).dot(&self.direction),
         }

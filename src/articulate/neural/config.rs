@@ -103,7 +103,7 @@ pub struct ArticulationConfig {
     pub identity_steps: usize,
     /// Optimizer steps where motions start from a registration.
     pub refine_steps: usize,
-    /// First steps, of the fit of the segmentation to given labels.
+    /// Steps of the first fit of the segmentation to given labels.
     pub label_steps: usize,
     /// Rays a step and state.
     pub rays: usize,

@@ -56,9 +56,9 @@ pub(crate) struct Scales {
     pub color: f64,
 }
 
-/// Motions with kept reprojections.
+/// Number of motions with kept reprojections.
 const KEPT: usize = 48;
-/// Sets of motions with kept labels: a repeated question came among the last ten.
+/// Number of sets of motions with kept labels: repeated sets were among the last ten.
 ///
 /// measured: on laptop, fridge and calvin_table of shared/bags
 const LABELINGS: usize = 12;

@@ -23,7 +23,7 @@ const STILL: f64 = 1e-6;
 /// Finds the motions of `parts` parts, the static one included, and the part of every surface sample.
 ///
 /// # Errors
-/// [`RegisterError`]: a surface without points, or without a moved part.
+/// [`RegisterError`]: a surface without points, or no moved part.
 pub fn register_by_difference(
     surfaces: [&SurfaceSamples; 2],
     parts: usize,
