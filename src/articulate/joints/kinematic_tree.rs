@@ -3,8 +3,8 @@
 //!
 //! A part moves simply against its parent: it turns about one line or slides along one direction. Against any
 //! other part it makes the motions of all joints between them, simple only by chance (parallel axes, equal
-//! directions). A part touches its parent in all states, and turns about a line close to both. The static part
-//! is preferred where it qualifies: it gives the shortest chains.
+//! directions). A part touches its parent in all states, and turns about a line close to both. The static
+//! part is preferred where it qualifies: it gives the shortest chains.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
