@@ -6,7 +6,7 @@
 //! use geometry::Pose;
 //! use nalgebra::{Point3, Vector3};
 //!
-//! // What moved by 20 cm without turning hangs on a slide.
+//! // A part moved by 20 cm without turning: it hangs on a slide.
 //! let motion = Pose::new(Vector3::new(0.0, 0.2, 0.0), Vector3::zeros());
 //! let joint = published_joint(&motion, &Point3::origin()).joint;
 //! assert_eq!(joint.kind.name(), "prismatic");

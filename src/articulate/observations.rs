@@ -1,4 +1,4 @@
-//! What the search for parts and motions works on.
+//! Observations for the search for parts and motions: lifted matches and surface samples.
 
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};

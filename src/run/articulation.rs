@@ -109,13 +109,8 @@ pub(super) fn unite_states(
         let surface = &state.surface.samples;
         pairs.push(StatePair { matches, surface, free: Some(empty), found });
     }
-    unite(
-        (&states[0].surface.samples, Some(&empty[0])),
-        &pairs,
-        scene.config.run.parts,
-        &scene.config.register,
-    )
-    .map_err(|e| RunError::stage("register", e))
+    unite(&states[0].surface.samples, Some(&empty[0]), &pairs, scene.config.run.parts, &scene.config.register)
+        .map_err(|e| RunError::stage("register", e))
 }
 
 /// Parts and motions of the registration of two states, or what the consistency between their fields makes of

@@ -14,16 +14,15 @@ use crate::joints::{
 use geometry::Pose;
 use model::{AxisAlone, JointKind};
 
-/// Share of the largest slope below which a slope is none: of (direction 3, point 3) two have no effect, and
-/// finite differences ([`DIFFERENCE`]) leave 1e-10 to 1e-9 of them, whose inverse would blow any
-/// covariance up.
+/// Slopes below this share of the largest count as zero: of (direction 3, point 3) two have no effect, and
+/// finite differences ([`DIFFERENCE`]) leave 1e-10 to 1e-9 of them. Their inverse would blow any covariance
+/// up.
 ///
-/// chosen: between that noise and the slopes of a real joint, which are no smaller than its motion in
-/// radians
+/// chosen: between this noise and the slopes of a real joint (no smaller than its motion in radians)
 const FLAT: f64 = 1e-6;
 
 impl JointEstimate {
-    /// The direction of the axis by the motion alone; `None` where that does not determine it.
+    /// The direction of the axis by the motion alone; `None` where the motion does not determine it.
     #[must_use]
     pub fn seen_direction(&self) -> Option<SeenDirection> {
         let covariance: nalgebra::Matrix3<f64> = self.evidence.covariance.fixed_view::<3, 3>(0, 0).into();
@@ -31,19 +30,18 @@ impl JointEstimate {
         known.then_some(SeenDirection { direction: self.axis, covariance })
     }
 
-    /// The joint with a prior of its direction, the rest of it moved by what the covariance says goes with
-    /// that (linear update of a Gaussian). `parents` are the motions of the parent to the states behind state
-    /// 0.
+    /// The joint with a prior of its direction, the rest of it moved by its covariance with the direction
+    /// (linear update of a Gaussian). `parents` are the motions of the parent to the states behind state 0.
     #[must_use]
     pub fn towards(mut self, prior: &SeenDirection, parents: &[ParentMotion]) -> Self {
         let before = self.evidence.covariance;
         let (a, b) = frame_across(&prior.direction);
         let across = Matrix3x2::from_columns(&[a, b]);
-        // The prior speaks of the direction alone, by its two components across the prior's own.
+        // The prior is of the direction alone, by its two components across the prior's own.
         let mut observe = SMatrix::<f64, 2, 7>::zeros();
         observe.fixed_view_mut::<2, 3>(0, 0).copy_from(&across.transpose());
         let noise: Matrix2<f64> = across.transpose() * prior.covariance * across;
-        // Kalman's gain, and Joseph's form of the covariance, which stays positive.
+        // Kalman's gain, and Joseph's form of the covariance: it stays positive.
         let Some(inverse) = (observe * before * observe.transpose() + noise).try_inverse() else {
             return self;
         };
@@ -53,19 +51,19 @@ impl JointEstimate {
         let farthest = (0..self.positions.len()).find(|&k| self.positions[k] == self.motion());
         // A step past the start of the motion is no small one: the linear update does not hold.
         let Some(farthest) = farthest.filter(|_| self.motion() + step[6] > 0.0) else { return self };
-        // What the motion alone said goes to the report, before the prior changes it.
+        // The axis by the motion alone goes to the report, before the prior changes it.
         let std_rad = before.fixed_view::<3, 3>(0, 0).trace().sqrt();
         self.evidence.axis_alone = Some(AxisAlone { axis: self.axis, std_rad });
         let kept = SMatrix::<f64, 7, 7>::identity() - gain * observe;
         self.evidence.covariance = kept * before * kept.transpose() + gain * noise * gain.transpose();
         for k in 0..self.positions.len() {
             // Joseph's form once more, in the space of the motion: `back` reads the axis off it, `slopes`
-            // carries the change to it, and what the axis does not explain stays.
+            // carries the change to it, and the rest of the motion stays.
             let slopes = self.slopes(k, k == farthest, &parents[k].state1_from_state0);
             let Ok(back) = slopes.clone().pseudo_inverse(FLAT * slopes.norm()) else { continue };
             let kept = DMatrix::identity(6, 6) - &slopes * gain * observe * back;
             let added = &slopes * gain * noise * gain.transpose() * slopes.transpose();
-            // The prior does not lessen what the parent's motion adds.
+            // The prior does not lessen the covariance of the parent's motion.
             let parent = parents[k].covariance;
             let covariance = &kept * (self.covariances[k] - parent) * kept.transpose() + added;
             self.covariances[k] = parent + Matrix6::from_fn(|r, c| covariance[(r, c)]);
@@ -79,35 +77,36 @@ impl JointEstimate {
         self.moved(parents.iter().map(|p| p.state1_from_state0))
     }
 
-    /// The joint with the motions that it makes on parents that moved.
+    /// The joint with its motions on moved parents.
     fn moved(mut self, parents: impl Iterator<Item = Pose>) -> Self {
         let joint = self.placed();
         self.motions = parents.enumerate().map(|(k, parent)| joint.motion(k, &parent)).collect();
         self
     }
 
-    /// A turning joint whose axis keeps its direction, moved to where it suits that best; any other as it is.
-    /// A motion that the joint left out stays out.
+    /// A turning joint with the best place of its axis for a fixed direction; any other joint as it is. A
+    /// motion left out of the joint stays out.
     pub fn settled(mut self, motions: &[JointMotion], config: &RefineConfig) -> Self {
         if !matches!(self.kind, JointKind::Revolute | JointKind::Screw { .. }) {
             return self;
         }
-        let explained = |k: &usize| self.evidence.position_std.get(*k).is_some_and(|std| std.is_finite());
-        // An infinite deviation marks a motion that contradicts the others.
-        let kept: Vec<usize> = (0..motions.len()).filter(explained).collect();
+        // An infinite deviation marks a motion in contradiction to the others.
+        let kept: Vec<usize> = (0..motions.len())
+            .filter(|k| self.evidence.position_std.get(*k).is_some_and(|std| std.is_finite()))
+            .collect();
         if kept.is_empty() {
             return self;
         }
         let chosen: Vec<JointMotion> = kept.iter().map(|&k| motions[k]).collect();
         let sigma_m = kept.iter().map(|&k| surface_sigma_m(&motions[k].evidence, &self.motions[k])).collect();
-        // The first two parameters are the direction, which the prior has decided: they are held.
+        // The first two parameters are the direction: the prior has decided them, they are held.
         let mut start = self.placed();
         start.positions = kept.iter().map(|&k| self.positions[k]).collect();
         let joint = Residuals { motions: &chosen, sigma_m, config }.fit(start, 2).joint;
         for (k, m) in motions.iter().enumerate() {
             self.positions[k] = match kept.iter().position(|&own| own == k) {
                 Some(own) => joint.positions[own],
-                // What was left out has no say in the fit; it gets the position that comes nearest to it.
+                // A motion left out has no say in the fit; it gets the nearest position.
                 None => joint.nearest(&(m.parent.state1_from_state0.inverse() * m.start), &joint.point),
             };
         }
@@ -118,24 +117,24 @@ impl JointEstimate {
         self.moved(motions.iter().map(|m| m.parent.state1_from_state0))
     }
 
-    /// Left perturbation of motion `k` in the world per unit of (direction 3, point 3, motion 1), 6 x 7;
-    /// without the motion's where it is that of another state.
+    /// Left perturbation of motion `k` in the world per unit of (direction 3, point 3, motion 1), 6 x 7; the
+    /// last column is zero where `own` is false: the motion parameter is that of another state.
     fn slopes(&self, k: usize, own: bool, parent: &Pose) -> DMatrix<f64> {
-        let moved = |i: usize, by: f64| {
-            let mut joint = self.placed();
-            match i {
-                0..3 => joint.direction = Unit::new_normalize(self.axis.into_inner() + Vector3::ith(i, by)),
-                3..6 => joint.point += Vector3::ith(i - 3, by),
-                _ => joint.positions[k] += if own { by } else { 0.0 },
-            }
-            joint.motion(k, parent)
-        };
         let mut slopes = DMatrix::zeros(6, 7);
-        (0..7).for_each(|i| {
-            slopes.column_mut(i).copy_from(
-                &(left_difference(&moved(i, DIFFERENCE), &moved(i, -DIFFERENCE)) / (2.0 * DIFFERENCE)),
-            )
-        });
+        for i in 0..7 {
+            let [plus, minus] = [DIFFERENCE, -DIFFERENCE].map(|by| {
+                let mut joint = self.placed();
+                match i {
+                    0..3 => {
+                        joint.direction = Unit::new_normalize(self.axis.into_inner() + Vector3::ith(i, by))
+                    }
+                    3..6 => joint.point += Vector3::ith(i - 3, by),
+                    _ => joint.positions[k] += if own { by } else { 0.0 },
+                }
+                joint.motion(k, parent)
+            });
+            slopes.column_mut(i).copy_from(&(left_difference(&plus, &minus) / (2.0 * DIFFERENCE)));
+        }
         slopes
     }
 }

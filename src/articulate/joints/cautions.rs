@@ -1,4 +1,4 @@
-//! What speaks against trusting a joint, and what its states cannot show, in words.
+//! Cautions about a joint, and its properties not observable in its states, in words.
 
 use crate::joints::{joint::JointEstimate, joint_type::DECISIVE};
 use common::note::{Note, NoteCode};
@@ -9,23 +9,22 @@ use model::{Deviations, JointFamily, JointKind, TypeScores};
 /// tuned: shared/bags
 const COARSE_DIRECTION_RAD: f64 = 0.02;
 
-/// What a joint is judged by.
-pub(crate) struct Judged<'a> {
+/// The evidence for the judgment of a joint.
+pub(crate) struct JudgedJoint<'a> {
     pub kind: JointKind,
     /// Farthest from state 0, positive.
     pub motion: f64,
     pub scores: &'a TypeScores,
-    /// Observations that agree with the joint, of those tried.
+    /// Number of observations in agreement with the joint, and of those tried.
     pub agreement: [usize; 2],
 }
 
-/// What speaks against trusting a joint, in words; [`vagueness`] adds what its deviations say, once they are
-/// final.
-pub(crate) fn cautions(joint: &Judged<'_>) -> Vec<Note> {
-    let Judged { kind, motion, scores, agreement: [agree, tried] } = *joint;
+/// Reasons for doubt of a joint, in words; [`vagueness`] adds those of its deviations, once they are final.
+pub(crate) fn cautions(joint: &JudgedJoint<'_>) -> Vec<Note> {
+    let JudgedJoint { kind, motion, scores, agreement: [agree, tried] } = *joint;
     let mut cautions = Vec::new();
     let [p, r] = [JointFamily::Prismatic, JointFamily::Revolute].map(|t| scores.of(t));
-    // A slide is a turn about an axis far away, so that a small motion may not distinguish them.
+    // A slide is a turn about an axis far away: a small motion may not distinguish them.
     if (p - r).abs() < DECISIVE {
         cautions.push(Note::new(
             NoteCode::JointTypeUndecided,
@@ -52,7 +51,7 @@ pub(crate) fn cautions(joint: &Judged<'_>) -> Vec<Note> {
     cautions
 }
 
-/// What some states of a part cannot show.
+/// Properties of a joint not observable in the states of a part.
 pub(crate) fn not_observable(kind: JointKind, states: usize) -> Vec<Note> {
     let count = if states == 2 { "two".to_owned() } else { states.to_string() };
     let mut open = vec![Note::new(
@@ -75,41 +74,43 @@ pub(crate) fn not_observable(kind: JointKind, states: usize) -> Vec<Note> {
     open
 }
 
-/// What the deviations say of a joint of an object whose longest side is `extent_m`; none where all
-/// are small.
+/// Cautions by the deviations of a joint, of an object with a longest side of `extent_m`; none where all are
+/// small.
 pub(crate) fn vagueness(joint: &JointEstimate, extent_m: f64) -> Vec<Note> {
     let turns = joint.kind.turns();
     let motion = joint.motion().abs();
     let amount =
         if turns { format!("{:.1} deg", motion.to_degrees()) } else { format!("{:.1} mm", 1e3 * motion) };
     let deviations = Deviations::of(&joint.evidence.covariance, &joint.axis, turns, extent_m);
-    let undetermined = |what: &str| {
-        let text = format!("a motion of {amount} leaves the {what} not determined");
-        Some(Note::new(NoteCode::AxisNotDetermined, text))
-    };
-    let coarse = |what: &str, std: String| {
-        let text = format!("a motion of {amount} determines the {what} to +-{std} only");
-        Some(Note::new(NoteCode::AxisCoarse, text))
-    };
-    let direction = match deviations.axis_rad {
-        None => undetermined("axis direction"),
+    let mut notes = Vec::new();
+    match deviations.axis_rad {
+        None => notes.push(undetermined(&amount, "axis direction")),
         Some(std) if std > COARSE_DIRECTION_RAD => {
-            coarse("axis direction", format!("{:.1} deg", std.to_degrees()))
+            notes.push(coarse(&amount, "axis direction", &format!("{:.1} deg", std.to_degrees())));
         }
-        Some(_) => None,
-    };
-    let position = match deviations.origin_m {
+        Some(_) => {}
+    }
+    match deviations.origin_m {
         // A slide has a direction and no line.
-        _ if !turns => None,
-        None => undetermined("axis position"),
+        _ if !turns => {}
+        None => notes.push(undetermined(&amount, "axis position")),
         Some(std) if std > COARSE_DIRECTION_RAD * extent_m => {
-            coarse("axis position", format!("{:.0} mm", 1e3 * std))
+            notes.push(coarse(&amount, "axis position", &format!("{:.0} mm", 1e3 * std)));
         }
-        Some(_) => None,
-    };
-    let size = deviations
-        .motion
-        .is_none()
-        .then(|| Note::new(NoteCode::MotionNotDetermined, "how far the joint moved is not determined"));
-    [direction, position, size].into_iter().flatten().collect()
+        Some(_) => {}
+    }
+    if deviations.motion.is_none() {
+        notes.push(Note::new(NoteCode::MotionNotDetermined, "how far the joint moved is not determined"));
+    }
+    notes
+}
+
+fn undetermined(amount: &str, what: &str) -> Note {
+    let text = format!("a motion of {amount} leaves the {what} not determined");
+    Note::new(NoteCode::AxisNotDetermined, text)
+}
+
+fn coarse(amount: &str, what: &str, std: &str) -> Note {
+    let text = format!("a motion of {amount} determines the {what} to +-{std} only");
+    Note::new(NoteCode::AxisCoarse, text)
 }

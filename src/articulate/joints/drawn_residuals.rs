@@ -1,4 +1,4 @@
-//! What errors of poses and depth make of the residuals of a motion: one change by draw.
+//! Changes of the residuals of a motion by errors of poses and depth: one change by draw.
 //! See docs/method.md 8.11.
 
 use nalgebra::{Point3, Vector3};
@@ -38,28 +38,30 @@ impl DrawnResiduals {
         let indices = surfaces.map(|s| SampleIndex::new(s, radius_m));
         let surfaces_m = [0, 1].map(|s| {
             let warp = if s == 0 { *motion } else { motion.inverse() };
-            let along = |s: usize, i: usize, draw: usize| {
-                surfaces[s].normals[i].dot(&draws[s].of(i)[draw].cast::<f64>())
-            };
-            let of_point = |i: usize| -> Vec<f32> {
-                let point = warp * surfaces[s].points[i];
-                let normal = warp * surfaces[s].normals[i];
-                let partner = indices[1 - s].nearest(&point, &normal);
-                // A point that lies too high is too far away; a surface that lies too high is too near.
-                let change = |d: usize| partner.map_or(0.0, |j| along(s, i, d) - along(1 - s, j, d)) as f32;
-                (0..count).map(change).collect()
-            };
-            let all: Vec<Vec<f32>> = (0..surfaces[s].points.len()).into_par_iter().map(of_point).collect();
+            let all: Vec<Vec<f32>> = (0..surfaces[s].points.len())
+                .into_par_iter()
+                .map(|i| {
+                    let point = warp * surfaces[s].points[i];
+                    let normal = warp * surfaces[s].normals[i];
+                    let Some(j) = indices[1 - s].nearest(&point, &normal) else { return vec![0.0; count] };
+                    // A point too high is too far away; a surface too high is too near.
+                    let own_m = heights_m(&draws[s], i, &surfaces[s].normals[i]);
+                    let partner_m = heights_m(&draws[1 - s], j, &surfaces[1 - s].normals[j]);
+                    own_m.zip(partner_m).take(count).map(|(own, partner)| (own - partner) as f32).collect()
+                })
+                .collect();
             all.concat()
         });
         let nearest = surfaces.map(|s| NearestPoints::new(&s.points));
-        let of_match = |ends: &[Point3<f64>; 2]| -> Vec<Vector3<f32>> {
-            let [i, j] = [0, 1].map(|s| nearest[s].nearest(&ends[s]));
-            let (Some((i, _)), Some((j, _))) = (i, j) else { return vec![Vector3::zeros(); count] };
-            let turned = motion.rotation.cast::<f32>();
-            (0..count).map(|d| draws[1].of(j)[d] - turned * draws[0].of(i)[d]).collect()
-        };
-        let all: Vec<Vec<Vector3<f32>>> = matches.par_iter().map(of_match).collect();
+        let turned = motion.rotation.cast::<f32>();
+        let all: Vec<Vec<Vector3<f32>>> = matches
+            .par_iter()
+            .map(|ends| {
+                let [i, j] = [0, 1].map(|s| nearest[s].nearest(&ends[s]));
+                let (Some((i, _)), Some((j, _))) = (i, j) else { return vec![Vector3::zeros(); count] };
+                (0..count).map(|d| draws[1].of(j)[d] - turned * draws[0].of(i)[d]).collect()
+            })
+            .collect();
         Self { count, surfaces_m, matches_m: all.concat() }
     }
 
@@ -78,4 +80,9 @@ impl DrawnResiduals {
     pub fn of_match(&self, number: usize) -> &[Vector3<f32>] {
         self.matches_m.get(number * self.count..(number + 1) * self.count).unwrap_or_default()
     }
+}
+
+/// Displacements of a sample along its normal, by draw, meters.
+fn heights_m(draws: &SurfaceDraws, sample: usize, normal: &Vector3<f64>) -> impl Iterator<Item = f64> {
+    draws.of(sample).iter().map(|displacement| normal.dot(&displacement.cast::<f64>()))
 }

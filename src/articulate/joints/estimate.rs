@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use crate::joints::{
-    cautions::{Judged, cautions, not_observable},
+    cautions::{JudgedJoint, cautions, not_observable},
     joint::JointEstimate,
     joint_covariance::JointCovariance,
     joint_fit::{FreeFits, JointFit, JointMotion, PartPlace},
@@ -15,10 +15,9 @@ use crate::joints::{
     motion_evidence::RefineConfig,
 };
 use common::note::{Note, NoteCode};
-use geometry::Pose;
 use model::{JointEvidence, JointKind, TypeScores};
 
-/// A motion is left out where that leaves less than this share of what no joint explains.
+/// A motion is left out where the others have less than this share of the excess of all.
 ///
 /// tuned: tests/states.rs
 const OUTLIER_SHARE: f64 = 0.2;
@@ -26,9 +25,9 @@ const OUTLIER_SHARE: f64 = 0.2;
 /// How a joint is estimated.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct JointChoice {
-    /// Whether a motion that contradicts the others may be left out of the axis.
+    /// Whether a motion in contradiction to the others may be left out of the axis.
     pub doubt: bool,
-    /// Its kind, where that is known.
+    /// Its kind, where known.
     pub kind: Option<JointKind>,
 }
 
@@ -70,17 +69,20 @@ fn outlier(motions: &[JointMotion], place: PartPlace, all: f64, config: &RefineC
     if all <= DECISIVE {
         return None;
     }
-    // All others agree best without the motion that is wrong.
-    let left = |k: usize| {
+    // All others agree best without the wrong motion.
+    let mut best: Option<(f64, usize)> = None;
+    for k in 0..motions.len() {
         let others = without(motions, k);
-        (excess(&TypeFits::new(&FreeFits::new(&others, place, config)).scores, true), k)
-    };
-    let best = (0..motions.len()).map(left).reduce(|a, b| if b.0 < a.0 { b } else { a })?;
-    (best.0 < DECISIVE.max(OUTLIER_SHARE * all)).then_some(best.1)
+        let left = excess(&TypeFits::new(&FreeFits::new(&others, place, config)).scores, true);
+        if best.is_none_or(|b| left < b.0) {
+            best = Some((left, k));
+        }
+    }
+    let (left, k) = best?;
+    (left < DECISIVE.max(OUTLIER_SHARE * all)).then_some(k)
 }
 
-/// The estimate with a position for the motion that it leaves out, and what that motion needs beyond the
-/// joint.
+/// The estimate with a position for the motion left out of it, and a caution about this motion.
 fn with_contradiction(mut estimate: JointEstimate, found: &FreeFits, left_out: usize) -> JointEstimate {
     let joint = estimate.placed();
     let middle = &found.place.middle;
@@ -104,31 +106,31 @@ fn with_contradiction(mut estimate: JointEstimate, found: &FreeFits, left_out: u
     estimate.motions.insert(left_out, pose);
     estimate.covariances.insert(left_out, parent.covariance);
     estimate.drawn.insert(left_out, parent.drawn.clone());
-    // Infinite marks a motion that contradicts the others: `settled` leaves it out, too.
+    // Infinite marks a motion in contradiction to the others: `settled` leaves it out, too.
     estimate.evidence.position_std.insert(left_out, f64::INFINITY);
     estimate
 }
 
-/// What a fitted joint is called.
+/// The kind of a fitted joint.
 fn kind_of(joint: &PlacedJoint, place: &PartPlace) -> JointKind {
     let pitch_m_per_rad = joint.pitch_m_per_rad;
     let off_m = (foot(&joint.point, &joint.direction, &place.middle) - place.middle).norm();
     match joint.freedom {
         Freedom::Slide => JointKind::Prismatic,
         Freedom::Turn => JointKind::Revolute,
-        // The thread is on the part: a screw line beside it is that of a free motion.
+        // The thread is on the part: a screw line beside the part is of a free motion.
         Freedom::Helix if off_m < place.radius_m => JointKind::Screw { pitch_m_per_rad },
         Freedom::Helix => JointKind::Free { pitch_m_per_rad },
     }
 }
 
-/// The joint that was fitted, with what it rests on.
+/// The fitted joint with its evidence.
 fn estimate(found: &FreeFits, fit: &JointFit, scores: TypeScores) -> JointEstimate {
     let joint = &fit.joint;
     let motions = 0..joint.positions.len();
     let kind = kind_of(joint, &found.place);
-    let size = |k: usize| joint.positions[k].abs();
-    let farthest = motions.clone().reduce(|a, b| if size(b) > size(a) { b } else { a }).unwrap_or(0);
+    let sizes: Vec<f64> = joint.positions.iter().map(|q| q.abs()).collect();
+    let farthest = motions.clone().reduce(|a, b| if sizes[b] > sizes[a] { b } else { a }).unwrap_or(0);
     // The axis points to where the farthest motion is positive.
     let sign = if joint.positions[farthest] >= 0.0 { 1.0 } else { -1.0 };
     let axis = if sign > 0.0 { joint.direction } else { -joint.direction };
@@ -136,7 +138,7 @@ fn estimate(found: &FreeFits, fit: &JointFit, scores: TypeScores) -> JointEstima
     let full = covariance.axis(farthest);
     let pitch_std_m_per_rad = kind.pitch_m_per_rad().map(|_| full[(7, 7)].max(0.0).sqrt());
     let agreement = fit.quadratics.iter().fold([0, 0], |[a, b], q| [a + q.inliers, b + q.tried]);
-    let judged = Judged { kind, motion: size(farthest), scores: &scores, agreement };
+    let judged = JudgedJoint { kind, motion: sizes[farthest], scores: &scores, agreement };
     let evidence = JointEvidence {
         covariance: full.fixed_view::<7, 7>(0, 0).into(),
         position_std: motions.clone().map(|k| covariance.position_std(k)).collect(),
@@ -152,13 +154,12 @@ fn estimate(found: &FreeFits, fit: &JointFit, scores: TypeScores) -> JointEstima
         parents: BTreeMap::new(),
         not_observable: not_observable(kind, joint.positions.len() + 1),
     };
-    let motion = |k: usize| -> Pose { joint.motion(k, &found.parent(k).state1_from_state0) };
     JointEstimate {
         kind,
         axis,
         point: foot(&joint.point, &axis, &found.place.middle),
         positions: joint.positions.iter().map(|q| sign * q).collect(),
-        motions: motions.clone().map(motion).collect(),
+        motions: motions.clone().map(|k| joint.motion(k, &found.parent(k).state1_from_state0)).collect(),
         covariances: motions.clone().map(|k| covariance.motion(k)).collect(),
         drawn: motions.map(|k| covariance.drawn_motion(k)).collect(),
         evidence,

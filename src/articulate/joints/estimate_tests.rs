@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Point3, Unit, Vector3};
 
 use super::*;
 use crate::{MatchEvidence, MotionEvidence, ParentMotion, SeenDirection, SurfaceSamples};
-use geometry::{Grid3, SceneBox, Screw, line_distance_m};
+use geometry::{Grid3, Pose, SceneBox, Screw, line_distance_m};
 
 const HALF: Vector3<f64> = Vector3::new(0.2, 0.03, 0.15);
 

@@ -18,7 +18,7 @@ const LEAST_SHARE: f64 = 0.1;
 ///
 /// tuned: random objects (eval/random_objects.md)
 const CONTRAST: f64 = 3.0;
-/// Normals that are tried.
+/// Tried normals.
 const TRIED: usize = 300;
 /// Standard deviation of a face's direction: errors of a fused surface run together over a face.
 ///
@@ -29,28 +29,31 @@ const STD_DEG: f64 = 0.15;
 pub(crate) fn flat_faces(surface: &SurfaceSamples) -> Vec<SeenDirection> {
     let [near, ring] = [NEAR_DEG, 2.0 * NEAR_DEG].map(|d| d.to_radians().cos());
     let normals = &surface.normals;
-    // Without a sign: opposite faces of a body show one direction.
-    let within =
-        |d: &Vector3<f64>, cosine: f64| normals.iter().filter(|n| n.dot(d).abs() > cosine).count() as f64;
     let mut open: Vec<&Vector3<f64>> = normals.iter().step_by(normals.len().div_ceil(TRIED).max(1)).collect();
     let mut faces = Vec::new();
     while let Some((count, start)) =
-        open.iter().map(|d| (within(d, near), **d)).reduce(|a, b| if b.0 > a.0 { b } else { a })
+        open.iter().map(|d| (count_near(normals, d, near), **d)).reduce(|a, b| if b.0 > a.0 { b } else { a })
     {
         if count < LEAST_SHARE * normals.len() as f64 {
             break;
         }
         let face = mean(normals, start, near);
-        let count = within(&face, near);
+        let count = count_near(normals, &face, near);
         // A bent side has as many normals in the ring as in the middle; a face falls off sharply.
-        if count > CONTRAST * (within(&face, ring) - count) {
+        if count > CONTRAST * (count_near(normals, &face, ring) - count) {
             let across = Matrix3::identity() - face.into_inner() * face.transpose();
             faces.push(SeenDirection { direction: face, covariance: across * STD_DEG.to_radians().powi(2) });
         }
-        // Nothing near by starts another face, whether this one was kept or not, so that the search ends.
+        // Nothing near by starts another face, whether this one was kept or not: the search ends.
         open.retain(|n| n.dot(&face).abs() < ring && n.dot(&start).abs() < ring);
     }
     faces
+}
+
+/// Number of normals within an angle of a direction or its opposite, by the cosine of the angle: opposite
+/// faces of a body show one direction.
+fn count_near(normals: &[Vector3<f64>], direction: &Vector3<f64>, cosine: f64) -> f64 {
+    normals.iter().filter(|n| n.dot(direction).abs() > cosine).count() as f64
 }
 
 /// Mean of the normals, or their opposites, near a direction.

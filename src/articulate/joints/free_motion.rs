@@ -9,8 +9,8 @@ use crate::joints::{
 };
 use geometry::{Pose, exp_so3};
 
-/// Smallest standard deviation of a surface residual as a share of the reach: below it lies systematic error
-/// of poses and surfaces that more points do not average out.
+/// Smallest standard deviation of a surface residual as a share of the reach: below lies systematic error of
+/// poses and surfaces, whatever the number of points.
 ///
 /// tuned: shared/bags
 const SIGMA_FLOOR: f64 = 0.02;
@@ -19,21 +19,21 @@ const SIGMA_FLOOR: f64 = 0.02;
 /// derived: three of translation, three of rotation
 pub(crate) const FREEDOMS: f64 = 6.0;
 
-/// What a joint's parent did between the states.
+/// The motion of a joint's parent between the states.
 #[derive(Clone, Debug)]
 pub struct ParentMotion {
     /// Its `state1_from_state0` in the world; the identity for the static part.
     pub state1_from_state0: Pose,
-    /// Covariance of a left perturbation (translation 3, rotation 3) of that motion, square meters and
+    /// Covariance of a left perturbation (translation 3, rotation 3) of the motion, square meters and
     /// radians; zero for the static part.
     pub covariance: Matrix6<f64>,
-    /// What errors of poses and depth, which all parts share, make of it: a left perturbation by draw, on top
-    /// of the covariance; none where they are not known, or nothing.
+    /// Effect of the errors of poses and depth common to all parts: a left perturbation by draw, on top of
+    /// the covariance; none where they are unknown or zero.
     pub drawn: Vec<Vector6<f64>>,
 }
 
 impl ParentMotion {
-    /// What a draw makes of the motion.
+    /// Left perturbation of the motion by a draw.
     #[must_use]
     pub fn drawn(&self, draw: usize) -> Vector6<f64> {
         self.drawn.get(draw).copied().unwrap_or_default()
@@ -54,15 +54,15 @@ pub(crate) struct FreeFit {
     pub quadratic: Quadratic,
     /// Standard deviation of a surface residual, meters.
     pub sigma_m: f64,
-    /// Squared error of the motion against what independent residuals give.
+    /// Squared error of the motion against that of independent residuals.
     pub dispersion: f64,
 }
 
 impl FreeFit {
     /// Fits a rigid motion to evidence: once with the surface residuals' deviation at the start, once with
-    /// that at the motion found.
+    /// their deviation at the motion found.
     pub(crate) fn new(start: &Pose, evidence: &MotionEvidence, config: &RefineConfig) -> Self {
-        // Away from the true motion residuals are large; their scale is that of the errors only near it.
+        // Away from the true motion residuals are large; only near it they have the scale of the errors.
         let (near, _) = fit(start, evidence, surface_sigma_m(evidence, start), config);
         let sigma_m = surface_sigma_m(evidence, &near);
         let (motion, quadratic) = fit(&near, evidence, sigma_m, config);
@@ -106,9 +106,9 @@ pub(crate) fn free_motion(start: &Pose, evidence: &MotionEvidence, config: &Refi
     let free = FreeFit::new(start, evidence, config);
     let displacements = free.quadratic.displacements();
     let inverse = free.quadratic.information.cholesky().map(|c| c.inverse());
-    // Zeros say that some direction is not observed; `static_motion` reads them so.
+    // Zeros mean an unobserved direction; `static_motion` reads them so.
     let covariance = inverse.map_or_else(Matrix6::zeros, |c| c * free.dispersion + c * displacements * c);
-    // The motion makes up for what a draw adds to the gradient.
+    // The motion makes up for the change of the gradient by a draw.
     let drawn = match inverse {
         Some(c) => evidence.drawn(&free.motion, free.sigma_m, config).iter().map(|g| -(c * g)).collect(),
         None => Vec::new(),

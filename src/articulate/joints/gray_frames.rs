@@ -3,14 +3,14 @@
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::joints::patch_alignment::Patch;
+use crate::joints::patch_alignment::GrayPatch;
 use capture::{NoiseConfig, RgbdFrame, luma};
 
 /// A reading this share of its depth before or behind a point, beside four standard deviations, is of
 /// another surface.
 /// chosen: errors of poses
 const DEPTH_SHARE: f64 = 0.002;
-/// Least cosine between the ray and the normal of a point whose texture is read.
+/// Least cosine between the ray and the normal of a point with usable texture.
 /// chosen: 70 degrees; texture is three times as long there
 const LEAST_COSINE: f64 = 0.35;
 
@@ -48,8 +48,7 @@ impl<'a> GrayFrames<'a> {
         let h = f.intrinsics.height;
         let pixel = f.intrinsics.pixel_at((u, v))?;
         let depth = f64::from(f.depth_m[pixel]);
-        // A reading at another depth is of a surface before or behind the point, whose texture is not its
-        // own.
+        // A reading at another depth is of a surface before or behind the point, with another texture.
         if depth <= 0.0
             || !f.is_object(pixel)
             || (depth - in_camera.z).abs() > 4.0 * self.noise.sigma_m(depth) + DEPTH_SHARE * depth
@@ -63,12 +62,13 @@ impl<'a> GrayFrames<'a> {
         }
         let a = (u - x as f64) as f32;
         let b = (v - y as f64) as f32;
-        let g = |i: usize, j: usize| self.gray[frame][(y + j) * w + x + i];
-        Some((g(0, 0) * (1.0 - a) + g(1, 0) * a) * (1.0 - b) + (g(0, 1) * (1.0 - a) + g(1, 1) * a) * b)
+        let [g00, g10, g01, g11] =
+            [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| self.gray[frame][(y + j) * w + x + i]);
+        Some((g00 * (1.0 - a) + g10 * a) * (1.0 - b) + (g01 * (1.0 - a) + g11 * a) * b)
     }
 
-    /// Frames that see a point best: most pixels per area, at most `count`, in a fixed order; with the meters
-    /// per pixel of the best one.
+    /// Frames with the best view of a point: most pixels per area, at most `count`, in a fixed order; with
+    /// the meters per pixel of the best one.
     pub(crate) fn best(&self, point: &Point3<f64>, normal: &Vector3<f64>, count: usize) -> (Vec<usize>, f64) {
         let mut scored: Vec<(f64, usize, f64)> = (0..self.frames.len())
             .filter_map(|i| {
@@ -91,7 +91,7 @@ impl<'a> GrayFrames<'a> {
     }
 
     /// The mean patch of the given frames on a tangent square.
-    pub(crate) fn patch(&self, tangent: &Tangent, frames: &[usize], radius: i32) -> Patch {
+    pub(crate) fn patch(&self, tangent: &Tangent, frames: &[usize], radius: i32) -> GrayPatch {
         let mut values = Vec::with_capacity(((2 * radius + 1) * (2 * radius + 1)) as usize);
         for v in -radius..=radius {
             for u in -radius..=radius {
@@ -105,10 +105,10 @@ impl<'a> GrayFrames<'a> {
                         seen += 1;
                     }
                 }
-                // What most of the frames do not see lies behind something in them, or off the mask.
+                // A point unseen in most of the frames lies behind something in them, or off the mask.
                 values.push(if 2 * seen >= frames.len().max(1) { sum / seen as f32 } else { f32::NAN });
             }
         }
-        Patch { radius, values }
+        GrayPatch { radius, values }
     }
 }

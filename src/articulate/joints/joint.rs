@@ -18,19 +18,19 @@ pub struct JointEstimate {
     pub point: Point3<f64>,
     /// Position in every state behind state 0, where it is 0, radians or meters.
     pub positions: Vec<f64>,
-    /// Rigid motions of the part in the world from state 0 to these: that of the parent and of the joint.
+    /// Rigid motions of the part in the world from state 0 to these: the parent's and the joint's.
     pub motions: Vec<Pose>,
     /// Covariance of a left perturbation (translation 3, rotation 3) of each motion.
     pub covariances: Vec<Matrix6<f64>>,
-    /// What errors of poses and depth, which all parts share, make of each motion: a left perturbation by
+    /// Effect of the errors of poses and depth common to all parts on each motion: a left perturbation by
     /// draw, on top of its covariance.
     pub drawn: Vec<Vec<Vector6<f64>>>,
-    /// What it rests on.
+    /// Its evidence.
     pub evidence: JointEvidence,
 }
 
 impl JointEstimate {
-    /// Position farthest from that of state 0, radians or meters, positive.
+    /// Position farthest from state 0, radians or meters, positive.
     #[must_use]
     pub fn motion(&self) -> f64 {
         self.positions.iter().copied().fold(0.0, |a, b| if b.abs() > f64::abs(a) { b } else { a })

@@ -8,7 +8,7 @@ use crate::joints::{motion_evidence::RefineConfig, square_axes::SquareConfig, te
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct JointConfig {
-    /// What a joint is inferred from.
+    /// Source of a joint.
     pub inference: JointInference,
     /// Robust refinement of motions.
     pub refine: RefineConfig,
@@ -18,11 +18,11 @@ pub struct JointConfig {
     pub square: SquareConfig,
 }
 
-/// What a joint is inferred from.
+/// Source of a joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum JointInference {
-    /// Everything that the states show of the part and what could carry it.
+    /// All evidence of the states on the part and its possible parents.
     #[default]
     Evidence,
     /// The motion alone, on the static part, between two states (the published method's supplement, A.4).

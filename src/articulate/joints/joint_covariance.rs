@@ -14,14 +14,13 @@ use crate::joints::{
 pub(crate) struct JointCovariance<'a> {
     fit: &'a JointFit,
     found: &'a FreeFits<'a>,
-    /// Squared error of the axis against what independent residuals give.
+    /// Squared error of the axis against that of independent residuals.
     pub dispersion: f64,
-    /// By what the fit rests on: residuals, and displacements of the surfaces; `None` where some direction is
-    /// not observed.
+    /// By the residuals and displacements of the surfaces; `None` where some direction is not observed.
     own: Option<DMatrix<f64>>,
-    /// That, and what the motions of the parents add.
+    /// By these and the motions of the parents.
     total: Option<DMatrix<f64>>,
-    /// What errors of poses and depth make of the parameters, by draw.
+    /// Changes of the parameters by errors of poses and depth, by draw.
     drawn: Vec<DVector<f64>>,
 }
 
@@ -29,8 +28,7 @@ impl<'a> JointCovariance<'a> {
     pub(crate) fn new(fit: &'a JointFit, found: &'a FreeFits<'a>) -> Self {
         let dispersion = found.dispersion * shared_error(fit);
         let own = fit.inverse.as_ref().map(|c| own(c, fit, dispersion));
-        // Errors of the parents are not of this part: its motions have them once, its axis as the fit bears
-        // them.
+        // Errors of the parents are not of this part: its motions have them once, its axis through the fit.
         let drawn = fit.inverse.as_ref().map_or_else(Vec::new, |c| drawn(c, fit, found));
         let total = own.as_ref().zip(fit.inverse.as_ref()).map(|(own, c)| {
             let squares = drawn.iter().map(|d| d * d.transpose());
@@ -54,19 +52,15 @@ impl<'a> JointCovariance<'a> {
         own + self.found.parent(k).covariance
     }
 
-    /// What every draw makes of motion `k` in the world, on top of that.
+    /// Left perturbation of motion `k` in the world by every draw, on top of its covariance.
     pub(crate) fn drawn_motion(&self, k: usize) -> Vec<Vector6<f64>> {
-        let t = &self.fit.tangents[k];
         let parent = self.found.parent(k);
-        let motion = |(draw, by): (usize, &DVector<f64>)| {
-            let own = t * by;
-            parent.drawn(draw) + Vector6::from_fn(|r, _| own[r])
-        };
-        self.drawn.iter().enumerate().map(motion).collect()
+        let own = self.drawn.iter().map(|by| &self.fit.tangents[k] * by);
+        own.enumerate().map(|(draw, own)| parent.drawn(draw) + Vector6::from_fn(|r, _| own[r])).collect()
     }
 
-    /// Covariance of (direction 3, point 3, motion 1, pitch 1); the motion is number `farthest`. Where that
-    /// is not positive the axis is turned round. Infinite where some direction is not observed.
+    /// Covariance of (direction 3, point 3, motion 1, pitch 1); the motion is number `farthest`. The axis is
+    /// turned round where this motion is negative. Infinite where some direction is not observed.
     pub(crate) fn axis(&self, farthest: usize) -> SMatrix<f64, 8, 8> {
         let Some(total) = &self.total else { return SMatrix::from_element(f64::INFINITY) };
         let joint = &self.fit.joint;
@@ -100,27 +94,27 @@ fn directed(covariance: &DMatrix<f64>, forward: bool) -> SMatrix<f64, 8, 8> {
 fn own(inverse: &DMatrix<f64>, fit: &JointFit, dispersion: f64) -> DMatrix<f64> {
     let mut covariance = inverse * dispersion;
     for (q, t) in fit.quadratics.iter().zip(&fit.tangents) {
-        // Displacements leave no residual, so that the dispersion does not hold them: docs/method.md (8.12).
+        // Displacements leave no residual: the dispersion does not hold them, docs/method.md (8.12).
         let response = inverse * t.transpose();
         covariance += &response * q.displacements() * response.transpose();
     }
     covariance
 }
 
-/// That, and the covariances of the parents' motions, which shift the joint by what the fit makes of them.
+/// The own covariance with the covariances of the parents' motions: these shift the joint through the fit.
 /// See docs/method.md (8.12).
 fn total(own: &DMatrix<f64>, inverse: &DMatrix<f64>, fit: &JointFit, found: &FreeFits) -> DMatrix<f64> {
     let mut covariance = own.clone();
     for (k, (q, t)) in fit.quadratics.iter().zip(&fit.tangents).enumerate() {
-        // A parent that moved by a little moves what the fit sees by as much.
+        // A small motion of a parent moves the fitted surface by as much.
         let carried = inverse * t.transpose() * q.information;
         covariance += &carried * found.parent(k).covariance * carried.transpose();
     }
     covariance
 }
 
-/// What errors of poses and depth make of the parameters, by draw: of the part's own residuals, and of the
-/// parents' motions. See docs/method.md (8.13).
+/// Changes of the parameters by errors of poses and depth, by draw: through the part's own residuals, and
+/// through the parents' motions. See docs/method.md (8.13).
 fn drawn(inverse: &DMatrix<f64>, fit: &JointFit, found: &FreeFits) -> Vec<DVector<f64>> {
     let mut drawn: Vec<DVector<f64>> = Vec::new();
     for (k, (q, t)) in fit.quadratics.iter().zip(&fit.tangents).enumerate() {
@@ -133,18 +127,16 @@ fn drawn(inverse: &DMatrix<f64>, fit: &JointFit, found: &FreeFits) -> Vec<DVecto
     drawn
 }
 
-/// Factor by which errors of state 0, which run through all motions, add to the squared error of the axis:
-/// its cluster-robust variance with the blocks of state 0 joined across motions, against that with those of
-/// every motion apart. At least 1, and 1 for a single motion. See docs/method.md (8.11).
+/// Factor of the squared error of the axis by errors of state 0, common to all motions: its cluster-robust
+/// variance with the blocks of state 0 joined across motions, against its variance with the blocks of every
+/// motion apart. At least 1, and 1 for a single motion. See docs/method.md (8.11).
 fn shared_error(fit: &JointFit) -> f64 {
     let Some(inverse) = &fit.inverse else { return 1.0 };
-    let variance = |joined: bool| -> f64 {
-        // Shares of the variance, so that radians and meters add up.
+    let [joined, apart] = [true, false].map(|joined| -> f64 {
         let robust = inverse * blocks(fit, joined) * inverse;
-        let of = |i: usize| robust[(i, i)] / inverse[(i, i)];
-        (0..fit.joint.axis_dimension()).map(of).sum()
-    };
-    let [joined, apart] = [true, false].map(variance);
+        // Shares of the variance: radians and meters add up.
+        (0..fit.joint.axis_dimension()).map(|i| robust[(i, i)] / inverse[(i, i)]).sum()
+    });
     if apart > 0.0 { (joined / apart).max(1.0) } else { 1.0 }
 }
 

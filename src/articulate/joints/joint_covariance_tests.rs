@@ -10,7 +10,7 @@ use crate::{
         joint_fit::{JointMotion, PartPlace, Residuals},
         joint_motion::PlacedJoint,
         motion_evidence::RefineConfig,
-        quadratic::{Block, Patch, Quadratic},
+        quadratic::{Block, DisplacedPatch, Quadratic},
         surface_draws::SurfaceDraws,
     },
 };
@@ -52,7 +52,10 @@ fn quadratic(k: usize) -> Quadratic {
         displaced: (0..3)
             .map(|i| {
                 let at = Point3::new(0.3 * f64::from(i), 0.0, 0.0);
-                (Patch::of(&at, &Vector3::z(), 0.1, Source::Surface0), six(50 + 5 * k + i as usize) * 3.0)
+                (
+                    DisplacedPatch::of(&at, &Vector3::z(), 0.1, Source::Surface0),
+                    six(50 + 5 * k + i as usize) * 3.0,
+                )
             })
             .collect(),
         ..Quadratic::default()

@@ -13,14 +13,14 @@ use crate::joints::{
 };
 use geometry::Pose;
 
-/// What is known of one motion of a part, from state 0 to another state.
+/// The evidence for one motion of a part, from state 0 to another state.
 #[derive(Clone, Copy)]
 pub struct JointMotion<'a> {
-    /// Motion of the part that the fit starts from, in the world.
+    /// Motion of the part at the start of the fit, in the world.
     pub start: Pose,
     /// Motion of the parent.
     pub parent: &'a ParentMotion,
-    /// What both states show.
+    /// Evidence of both states.
     pub evidence: MotionEvidence<'a>,
 }
 
@@ -59,11 +59,10 @@ pub(crate) struct Residuals<'a> {
 }
 
 impl Residuals<'_> {
-    /// Quadratic models of the costs of all motions at what `motion` makes each of them.
+    /// Quadratic models of the costs of all motions, each at the pose `motion(k)`.
     pub(crate) fn at(&self, motion: impl Fn(usize) -> Pose) -> Vec<Quadratic> {
-        let linearise =
-            |k: usize| self.motions[k].evidence.linearise(&motion(k), self.sigma_m[k], self.config);
-        (0..self.motions.len()).map(linearise).collect()
+        let numbered = self.motions.iter().enumerate();
+        numbered.map(|(k, m)| m.evidence.linearise(&motion(k), self.sigma_m[k], self.config)).collect()
     }
 
     fn at_joint(&self, joint: &PlacedJoint) -> Vec<Quadratic> {
@@ -72,28 +71,27 @@ impl Residuals<'_> {
 
     /// The joint of the lowest cost near a start; the first `held` of its parameters stay.
     pub(crate) fn fit(&self, start: PlacedJoint, held: usize) -> JointFit {
-        // What is held has no column: the others move to where they suit it best.
-        let equations = |joint: &PlacedJoint, all: &Vec<Quadratic>| {
-            let (h, g) = normal_equations(&self.tangents(joint), all);
-            (h.remove_rows(0, held).remove_columns(0, held), g.remove_rows(0, held))
-        };
         let (joint, quadratics) = minimise(
             start,
             self.config.iterations,
             |joint| self.at_joint(joint),
             |all| all.iter().map(|q| q.cost).sum(),
-            equations,
+            |joint, all| {
+                let (h, g) = normal_equations(&self.tangents(joint), all);
+                // A held parameter has no column: the others are fitted to it.
+                (h.remove_rows(0, held).remove_columns(0, held), g.remove_rows(0, held))
+            },
             |joint, step| joint.stepped(&step.clone().insert_rows(0, held, 0.0)),
         );
-        // The covariance is that of all parameters, also of those that were held.
+        // The covariance is of all parameters, also of the held ones.
         let tangents = self.tangents(&joint);
         let (h, _) = normal_equations(&tangents, &quadratics);
         JointFit { joint, quadratics, tangents, inverse: h.cholesky().map(|c| c.inverse()) }
     }
 
     fn tangents(&self, joint: &PlacedJoint) -> Vec<DMatrix<f64>> {
-        let of = |(k, m): (usize, &JointMotion)| joint.tangent(k, &m.parent.state1_from_state0);
-        self.motions.iter().enumerate().map(of).collect()
+        let numbered = self.motions.iter().enumerate();
+        numbered.map(|(k, m)| joint.tangent(k, &m.parent.state1_from_state0)).collect()
     }
 }
 
@@ -109,13 +107,13 @@ fn normal_equations(tangents: &[DMatrix<f64>], quadratics: &[Quadratic]) -> (DMa
     (h, g)
 }
 
-/// All motions of a part with what a free fit makes of each.
+/// All motions of a part with a free fit of each.
 pub(crate) struct FreeFits<'a> {
     pub residuals: Residuals<'a>,
     pub free: Vec<FreeFit>,
-    /// Squared error of the motions against what independent residuals give, a mean by their number.
+    /// Squared error of the motions against that of independent residuals, a mean by their number.
     pub dispersion: f64,
-    /// Independent residuals after that.
+    /// Independent residuals, divided by the dispersion.
     pub count: f64,
     pub place: PartPlace,
 }
@@ -124,14 +122,14 @@ impl<'a> FreeFits<'a> {
     pub(crate) fn new(motions: &'a [JointMotion<'a>], place: PartPlace, config: &'a RefineConfig) -> Self {
         let free: Vec<FreeFit> =
             motions.iter().map(|m| FreeFit::new(&m.start, &m.evidence, config)).collect();
-        // A motion that more residuals bear out says more about their errors.
+        // A motion with more residuals is more evidence on their errors.
         let independent: f64 = free.iter().map(FreeFit::independent).sum();
         let weighed: f64 = free.iter().map(|f| f.independent() * f.dispersion).sum();
         let dispersion = weighed / independent;
-        // All types are judged by one scale, that of the free motion, or the worst fit would forgive itself.
+        // All types are judged by one scale, the free motion's, or the worst fit would forgive itself.
         let sigma_m = free.iter().map(|f| f.sigma_m).collect();
         let residuals = Residuals { motions, sigma_m, config };
-        // At least two readings: with one, whose logarithm is 0, parameters would cost nothing.
+        // At least two readings: the logarithm of one is 0, and parameters would cost nothing.
         Self { residuals, free, dispersion, count: (independent / dispersion).max(2.0), place }
     }
 
@@ -145,43 +143,46 @@ impl<'a> FreeFits<'a> {
         self.parent(k).state1_from_state0.inverse() * self.free[k].motion
     }
 
-    /// What errors of poses and depth add to half the gradient of motion `k`, by draw: by the part's own
-    /// residuals, and by the motion of its parent, which the `information` makes a gradient.
+    /// Change of half the gradient of motion `k` by errors of poses and depth, by draw: by the part's own
+    /// residuals, and by the motion of its parent, made a gradient by the `information`.
     pub(crate) fn drawn(&self, k: usize, motion: &Pose, information: &Matrix6<f64>) -> Vec<Vector6<f64>> {
         let Residuals { motions, sigma_m, config } = &self.residuals;
-        let own = motions[k].evidence.drawn(motion, sigma_m[k], config);
-        let of_parent = |draw| information * self.parent(k).drawn(draw);
-        own.into_iter().enumerate().map(|(draw, g)| g + of_parent(draw)).collect()
+        let own = motions[k].evidence.drawn(motion, sigma_m[k], config).into_iter().enumerate();
+        own.map(|(draw, g)| g + information * self.parent(k).drawn(draw)).collect()
     }
 
-    /// The slide that explains all motions best.
+    /// All motions relative to the parent, without a joint.
+    fn all_relative(&self) -> impl Iterator<Item = Pose> {
+        (0..self.free.len()).map(|k| self.relative(k))
+    }
+
+    /// The best slide for all motions.
     pub(crate) fn slide(&self) -> JointFit {
-        let slide = |k| PlacedJoint::slide(&self.relative(k), &self.place.middle);
-        self.fit((0..self.free.len()).map(slide).collect())
+        self.fit(self.all_relative().map(|m| PlacedJoint::slide(&m, &self.place.middle)).collect())
     }
 
-    /// The turn about one axis that explains all motions best; `None` where none of them turns.
+    /// The best turn about one axis for all motions; `None` where none of them turns.
     pub(crate) fn turn(&self) -> Option<JointFit> {
-        let turn = |k| PlacedJoint::turn(&self.relative(k), &self.place.middle);
-        let starts: Vec<PlacedJoint> = (0..self.free.len()).filter_map(turn).collect();
+        let starts: Vec<PlacedJoint> =
+            self.all_relative().filter_map(|m| PlacedJoint::turn(&m, &self.place.middle)).collect();
         (!starts.is_empty()).then(|| self.fit(starts))
     }
 
-    /// The screw that explains all motions best; `None` where none of them turns.
+    /// The best screw for all motions; `None` where none of them turns.
     pub(crate) fn helix(&self) -> Option<JointFit> {
-        let helix = |k| PlacedJoint::helix(&self.relative(k), &self.place.middle);
-        let starts: Vec<PlacedJoint> = (0..self.free.len()).filter_map(helix).collect();
+        let starts: Vec<PlacedJoint> =
+            self.all_relative().filter_map(|m| PlacedJoint::helix(&m, &self.place.middle)).collect();
         (!starts.is_empty()).then(|| self.fit(starts))
     }
 
-    /// The joint that starts at the best of some, with the positions that come nearest to the motions: the
-    /// largest motion shows the axis most sharply, but one that is wrong may be the largest.
+    /// The joint fitted from the best of some starts, each with the positions nearest to the motions: the
+    /// largest motion shows the axis most sharply, but a wrong one may be the largest.
     fn fit(&self, starts: Vec<PlacedJoint>) -> JointFit {
-        let position = |joint: &PlacedJoint, k: usize| joint.nearest(&self.relative(k), &self.place.middle);
         let mut starts: Vec<(f64, PlacedJoint)> = starts
             .into_iter()
             .map(|mut joint| {
-                joint.positions = (0..self.free.len()).map(|k| position(&joint, k)).collect();
+                joint.positions =
+                    self.all_relative().map(|m| joint.nearest(&m, &self.place.middle)).collect();
                 (self.residuals.at_joint(&joint).iter().map(|q| q.cost).sum::<f64>(), joint)
             })
             .collect();

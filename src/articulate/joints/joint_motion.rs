@@ -1,7 +1,7 @@
-//! Motions that one joint makes: an axis of some freedom, and a position in every state behind state 0.
+//! Motions of one joint: an axis of some freedom, and a position in every state behind state 0.
 //!
-//! The parameters are those of the axis (direction 2; point 2 where it turns; pitch 1 of a screw) and one
-//! position a state.
+//! The parameters are the axis (direction 2; point 2 where it turns; pitch 1 of a screw) and one position a
+//! state.
 
 use nalgebra::{DMatrix, DVector, Point3, Unit, Vector3};
 
@@ -10,7 +10,7 @@ use geometry::{Pose, Screw, log_so3};
 use model::JointFamily;
 
 /// Cosine from which on an axis is too near a direction to help to span the plane across it.
-/// chosen: the other one is then at least 36 degrees off, so that the product keeps its digits
+/// chosen: the other one is then at least 36 degrees off: the product keeps its digits
 const HELPER_COSINE: f64 = 0.6;
 
 /// How a joint moves its part.
@@ -22,7 +22,7 @@ pub enum Freedom {
 }
 
 impl Freedom {
-    /// The type of joint that has it.
+    /// Its type of joint.
     pub fn family(self) -> JointFamily {
         match self {
             Self::Slide => JointFamily::Prismatic,
@@ -34,8 +34,8 @@ impl Freedom {
 
 /// A smaller rotation, radians, has no axis to start a fit from.
 ///
-/// chosen: a motion by a tenth of the part's radius puts the axis of such a turn a hundred radii away, where
-/// no hinge is (`far` in joint_type.rs)
+/// chosen: a motion by a tenth of the part's radius puts the axis of such a turn a hundred radii away,
+/// farther than any hinge (`far` in joint_type.rs)
 const LEAST_ANGLE_RAD: f64 = 1e-3;
 /// A shorter slide, meters, has no direction.
 ///
@@ -53,7 +53,7 @@ pub struct PlacedJoint {
 }
 
 impl PlacedJoint {
-    /// The slide that takes a point where a motion relative to the parent takes it; without positions.
+    /// The slide with the same displacement of a point as a motion relative to the parent; without positions.
     pub fn slide(motion: &Pose, near: &Point3<f64>) -> Self {
         let direction = Unit::try_new(motion * near - near, LEAST_SLIDE_M).unwrap_or_else(Vector3::x_axis);
         let point = *near;
@@ -97,7 +97,7 @@ impl PlacedJoint {
 
     /// The joint moved by a step of its parameters.
     pub fn stepped(&self, s: &DVector<f64>) -> Self {
-        // Across the axis alone: a point that is shifted along its line gives the same joint.
+        // Across the axis alone: a point shifted along its line gives the same joint.
         let (a, b) = frame_across(&self.direction);
         let mut next = self.clone();
         next.direction = Unit::new_normalize(self.direction.into_inner() + a * s[0] + b * s[1]);
@@ -121,15 +121,15 @@ impl PlacedJoint {
         Screw { direction: self.direction, point: self.point, angle_rad, advance_m }.motion()
     }
 
-    /// Motion number `k` in the world, on a parent that moved.
+    /// Motion number `k` in the world, on a moved parent.
     pub fn motion(&self, k: usize, parent: &Pose) -> Pose {
         parent * self.at(self.positions[k])
     }
 
-    /// The position that comes nearest to a motion relative to the parent.
+    /// The position nearest to a motion relative to the parent.
     pub fn nearest(&self, relative: &Pose, near: &Point3<f64>) -> f64 {
         match self.freedom {
-            // At the part's middle, where a rotation that a slide cannot make moves least.
+            // At the part's middle: a rotation in the motion moves this point least.
             Freedom::Slide => self.direction.dot(&(relative * near - near)),
             Freedom::Turn | Freedom::Helix => log_so3(&relative.rotation).dot(&self.direction),
         }
@@ -151,7 +151,7 @@ impl PlacedJoint {
     }
 }
 
-/// Two unit vectors that span the plane across a direction, a fixed choice for each direction.
+/// Two unit vectors in the plane across a direction, a fixed choice for each direction.
 pub(crate) fn frame_across(direction: &Unit<Vector3<f64>>) -> (Vector3<f64>, Vector3<f64>) {
     let d = direction.into_inner();
     let helper = if d.x.abs() < HELPER_COSINE { Vector3::x() } else { Vector3::y() };

@@ -1,9 +1,9 @@
-//! Which type of joint explains the motions of a part: by the Bayesian information criterion.
+//! The type of the joint behind the motions of a part, by the Bayesian information criterion.
 //! See docs/method.md 8.6.
 //!
 //! Every type is a family of motions relative to the parent, fitted to the same evidence. Its score is
-//! `cost + parameters * ln(independent residuals)`, the cost without what errors that leave no residual
-//! explain of it; the type with the lowest score wins, a screw only decisively.
+//! `cost + parameters * ln(independent residuals)`, the cost without its share by errors without a residual;
+//! the type with the lowest score wins, a screw only decisively.
 
 use crate::joints::{
     free_motion::FREEDOMS,
@@ -13,8 +13,8 @@ use crate::joints::{
 };
 use model::{JointFamily, JointKind, TypeScores};
 
-/// Difference of two scores from which one is decisively better: very strong evidence on the scale of twice
-/// the log likelihood.
+/// Least difference of two scores for a decision: very strong evidence on the scale of twice the log
+/// likelihood.
 ///
 /// chosen: the limit of very strong evidence of Kass and Raftery (1995), section 3.2
 pub(crate) const DECISIVE: f64 = 10.0;
@@ -32,27 +32,24 @@ impl TypeFits {
         let slide = found.slide();
         let turn = found.turn();
         let helix = found.helix();
-        let score = |cost: f64, parameters: f64| cost / found.dispersion + parameters * found.count.ln();
         // A part at rest is scored for the report alone: no choice rests on it.
         let still = found.residuals.at(|k| found.parent(k).state1_from_state0);
         let free: f64 = found.free.iter().map(|f| f.quadratic.cost).sum();
         let misfit = Misfit::new(found);
-        let of_joint = |fit: &JointFit| {
-            // What errors that leave no residual explain of the misfit speaks against no joint.
+        // The free motion has six parameters in every state, a joint one.
+        let mut scores = vec![
+            (JointFamily::Fixed, score(found, still.iter().map(|q| q.cost).sum(), 0.0)),
+            (JointFamily::Free, score(found, free, FREEDOMS * found.free.len() as f64)),
+        ];
+        for fit in [Some(&slide), turn.as_ref(), helix.as_ref()].into_iter().flatten() {
+            // Misfit by errors without a residual counts against no joint.
             let excess = (fit.cost() - free).max(0.0);
             let left = misfit.as_ref().map_or(excess, |m| m.left(excess, fit, found));
             let cost = fit.cost() - excess + left;
-            let score = score(cost, fit.joint.dimension() as f64);
-            (fit.joint.freedom.family(), score + far(&fit.joint, &found.place))
-        };
-        // The free motion has six parameters in every state, a joint one.
-        let without_axis = [
-            (JointFamily::Fixed, score(still.iter().map(|q| q.cost).sum(), 0.0)),
-            (JointFamily::Free, score(free, FREEDOMS * found.free.len() as f64)),
-        ];
-        let joints = [Some(&slide), turn.as_ref(), helix.as_ref()].into_iter().flatten().map(of_joint);
-        let scores = without_axis.into_iter().chain(joints).collect();
-        Self { slide, turn, helix, scores }
+            let score = score(found, cost, fit.joint.dimension() as f64);
+            scores.push((fit.joint.freedom.family(), score + far(&fit.joint, &found.place)));
+        }
+        Self { slide, turn, helix, scores: scores.into_iter().collect() }
     }
 
     /// The joint of the best type, or of a known kind.
@@ -65,6 +62,10 @@ impl TypeFits {
         // A turn may not be there, even if it is asked for: none of the motions turns.
         (best.unwrap_or(self.slide), self.scores)
     }
+}
+
+fn score(found: &FreeFits, cost: f64, parameters: f64) -> f64 {
+    cost / found.dispersion + parameters * found.count.ln()
 }
 
 /// The type of the lowest score, a screw only decisively.
@@ -80,19 +81,18 @@ fn best_type(scores: &TypeScores) -> JointFamily {
     }
 }
 
-/// Score of the best joint with one freedom against that of the free motion; a screw, which is one of any
-/// motion, pays as in the choice of the type, and counts only where it is `threaded`.
-/// See docs/method.md (8.15).
+/// Score of the best joint with one freedom, less the free motion's. Any motion has a screw: it pays as in
+/// the choice of the type, and counts only where it is `threaded`. See docs/method.md (8.15).
 pub(crate) fn excess(scores: &TypeScores, threaded: bool) -> f64 {
     let screw = if threaded { scores.of(JointFamily::Screw) + DECISIVE } else { f64::INFINITY };
     let simple = scores.of(JointFamily::Prismatic).min(scores.of(JointFamily::Revolute));
     simple.min(screw) - scores.of(JointFamily::Free)
 }
 
-/// What speaks against an axis far from its part, on the scale of the scores: a hinge is on the part or
-/// beside it, so that the axis lies about the part's middle as a Student distribution in the plane across it
-/// with two degrees of freedom and a scale of sqrt 2 radii. A slide is a turn about an axis far away.
-/// See docs/method.md (8.9).
+/// Evidence against an axis far from its part, on the scale of the scores: a hinge is on the part or beside
+/// it. The axis lies about the part's middle as a Student distribution in the plane across it with two
+/// degrees of freedom and a scale of sqrt 2 radii. A slide is a turn about an axis far away. See
+/// docs/method.md (8.9).
 fn far(joint: &PlacedJoint, place: &PartPlace) -> f64 {
     // A slide has no place.
     if joint.freedom == Freedom::Slide {

@@ -1,13 +1,11 @@
-//! Which part carries which: parents by the simplicity of the relative motion and by contact.
+//! The tree of parts: parents by the simplicity of the relative motion and by contact.
 //! See docs/method.md 8.10.
 //!
 //! A part moves simply against its parent: it turns about one line or slides along one direction. Against any
-//! other part it makes the motions of all joints between them, which are simple only by chance (parallel
-//! axes, equal directions). A part touches its parent in all states, and turns about a line that runs by
-//! both. The static part is preferred where it qualifies: of the explanations it is the one with the shortest
-//! chains.
+//! other part it makes the motions of all joints between them, simple only by chance (parallel axes, equal
+//! directions). A part touches its parent in all states, and turns about a line close to both. The static
+//! part is preferred where it qualifies: it gives the shortest chains.
 
-use nalgebra::Matrix6;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -21,7 +19,7 @@ use crate::{
         joint_config::JointConfig,
         joint_type::DECISIVE,
         pair_evidence::ObservedState,
-        parent_candidates::{Candidate, Candidates, candidates},
+        parent_candidates::{Candidates, ParentCandidate, candidates},
         part_evidence::PartEvidence,
         square_axes::{SeenDirection, square_priors},
     },
@@ -29,13 +27,12 @@ use crate::{
     samples::hinge::HINGE,
 };
 use common::note::{Note, NoteCode};
-use geometry::Pose;
 use model::JointKind;
 
-/// A joint and what it hangs on.
+/// A joint and its parent.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct TreeJointEstimate {
-    /// Part that carries it: 0 is the static one, k the k-th moving part.
+    /// Its parent: 0 is the static part, k the k-th moving part.
     pub parent: usize,
     /// The joint, the parent's motion taken out.
     pub joint: JointEstimate,
@@ -51,24 +48,23 @@ pub fn kinematic_tree(
     extent_m: f64,
     config: &JointConfig,
 ) -> Vec<TreeJointEstimate> {
-    // A joint hides what lies between the surfaces that it joins.
+    // A joint hides the space between its two surfaces.
     let contact_m = (HINGE * extent_m).max(2.0 * states[0].sdf.spacing_m);
     let still: Vec<SurfaceSamples> = states.iter().map(|s| s.part(0)).collect();
     // Contact and simplicity make the tree before any axis is drawn to another.
     let candidates = candidates(root, parts, &still, contact_m, config);
     let parents = attach(&candidates, contact_m);
     let doubtful = JointChoice { doubt: true, kind: None };
-    // Axes by their motions alone are what the prior of each other axis rests on.
-    let alone = grown(&parents, |k, carried| parts[k].joint(carried, doubtful, config), root);
+    // The prior of each axis rests on the other axes, each by its motions alone.
+    let alone = grown(&parents, root, |k, carried| parts[k].joint(carried, doubtful, config));
     let axes: Vec<_> = alone.iter().map(JointEstimate::seen_direction).collect();
     let priors = square_priors(&axes, &flat_faces(&still[0]), &config.square);
-    let square = |k: usize, carried: &[ParentMotion]| {
+    let mut joints = grown(&parents, root, |k, carried| {
         // Where the parent's joint changes, so does the motion against it, not its kind.
         let known = JointChoice { kind: Some(alone[k].kind), ..doubtful };
         let joint = if parents[k] == 0 { alone[k].clone() } else { parts[k].joint(carried, known, config) };
         with_prior(joint, priors[k].as_ref(), &parts[k], carried, config)
-    };
-    let mut joints = grown(&parents, square, root);
+    });
     for (k, joint) in joints.iter_mut().enumerate() {
         explain(joint, &parts[k], extent_m, config);
         candidates[k].explain(joint, k, parents[k]);
@@ -76,9 +72,9 @@ pub fn kinematic_tree(
     joints.into_iter().zip(parents).map(|(joint, parent)| TreeJointEstimate { parent, joint }).collect()
 }
 
-/// Writes down what the motions of a part leave open of its joint.
+/// Adds notes on properties of a joint not determined by the motions of its part.
 fn explain(joint: &mut JointEstimate, part: &PartEvidence, extent_m: f64, config: &JointConfig) {
-    // A turning part has shown its turn; a sliding one that is round may have turned as it slid.
+    // A turning part has shown its turn; a round one may have turned as it slid.
     if joint.kind == JointKind::Prismatic && part.looks_alike_round(joint, config) {
         let open = "a turn about its axis: the part looks alike all round, so that a screw would do as well";
         joint.evidence.not_observable.push(Note::new(NoteCode::SpinNotObserved, open));
@@ -87,7 +83,7 @@ fn explain(joint: &mut JointEstimate, part: &PartEvidence, extent_m: f64, config
     joint.evidence.cautions.splice(0..0, vague);
 }
 
-/// A joint with what the other axes and the faces say of its direction.
+/// A joint with a prior of its direction by the other axes and the faces.
 fn with_prior(
     joint: JointEstimate,
     prior: Option<&SeenDirection>,
@@ -104,53 +100,59 @@ fn with_prior(
 /// The joints of a tree, parents first: each is estimated with its parent's motions as the tree makes them.
 fn grown(
     parents: &[usize],
-    estimate: impl Fn(usize, &[ParentMotion]) -> JointEstimate + Sync,
     root: &[ParentMotion],
+    estimate: impl Fn(usize, &[ParentMotion]) -> JointEstimate + Sync,
 ) -> Vec<JointEstimate> {
     let mut found: Vec<Option<JointEstimate>> = vec![None; parents.len()];
     loop {
-        let is_next = |&k: &usize| found[k].is_none() && (parents[k] == 0 || found[parents[k] - 1].is_some());
-        let next: Vec<usize> = (0..parents.len()).filter(is_next).collect();
+        let next: Vec<usize> = (0..parents.len())
+            .filter(|&k| found[k].is_none() && (parents[k] == 0 || found[parents[k] - 1].is_some()))
+            .collect();
         if next.is_empty() {
             return found.into_iter().flatten().collect();
         }
-        let of_part = |&k: &usize| {
-            let parent = parents[k].checked_sub(1).and_then(|p| found[p].as_ref());
-            estimate(k, &parent.map_or_else(|| root.to_vec(), carried))
-        };
-        let estimates: Vec<JointEstimate> = next.par_iter().map(of_part).collect();
+        let estimates: Vec<JointEstimate> = next
+            .par_iter()
+            .map(|&k| {
+                let parent = parents[k].checked_sub(1).and_then(|p| found[p].as_ref());
+                estimate(k, &parent.map_or_else(|| root.to_vec(), carried))
+            })
+            .collect();
         next.into_iter().zip(estimates).for_each(|(k, estimate)| found[k] = Some(estimate));
     }
 }
 
-/// What the joint's part does in every state behind state 0.
+/// The motion of the joint's part to every state behind state 0.
 fn carried(joint: &JointEstimate) -> Vec<ParentMotion> {
-    let motion = |(k, (m, c)): (usize, (&Pose, &Matrix6<f64>))| ParentMotion {
-        state1_from_state0: *m,
-        covariance: *c,
-        drawn: joint.drawn.get(k).cloned().unwrap_or_default(),
-    };
-    joint.motions.iter().zip(&joint.covariances).enumerate().map(motion).collect()
+    let mut motions = Vec::with_capacity(joint.motions.len());
+    for (k, (motion, covariance)) in joint.motions.iter().zip(&joint.covariances).enumerate() {
+        let drawn = joint.drawn.get(k).cloned().unwrap_or_default();
+        motions.push(ParentMotion { state1_from_state0: *motion, covariance: *covariance, drawn });
+    }
+    motions
 }
 
-/// Parent of every part: the static part where it qualifies, else the candidate that does and is in the tree
-/// already, simplest and nearest first; the static part where none does.
+/// Parent of every part: the static part where it qualifies, else a qualified candidate in the tree already,
+/// simplest and nearest first; the static part where there is none.
 fn attach(candidates: &[Candidates], contact_m: f64) -> Vec<usize> {
-    let qualified: Vec<Vec<&Candidate>> = candidates.iter().map(Candidates::qualified).collect();
-    let on_base = |of: &Vec<&Candidate>| of.iter().any(|c| c.parent == 0).then_some(0);
-    let mut parents: Vec<Option<usize>> = qualified.iter().map(on_base).collect();
-    // The cost of docs/method.md (8.16): a decisive excess is worth the gap at which parts touch no more.
-    let cost_m = |c: &Candidate| c.gap_m + contact_m * c.excess / DECISIVE;
+    let qualified: Vec<Vec<&ParentCandidate>> = candidates.iter().map(Candidates::qualified).collect();
+    let mut parents: Vec<Option<usize>> =
+        qualified.iter().map(|all| all.iter().any(|c| c.parent == 0).then_some(0)).collect();
     loop {
-        let reached = |c: &&&Candidate| c.parent > 0 && parents[c.parent - 1].is_some();
-        let open = (0..parents.len()).filter(|&k| parents[k].is_none());
-        let best = open
-            .flat_map(|k| qualified[k].iter().filter(reached).map(move |c| (k, c)))
-            .min_by(|(_, a), (_, b)| cost_m(a).total_cmp(&cost_m(b)));
-        let Some((k, c)) = best else { break };
-        parents[k] = Some(c.parent);
+        let mut best: Option<(f64, usize, usize)> = None;
+        for k in (0..parents.len()).filter(|&k| parents[k].is_none()) {
+            for c in qualified[k].iter().filter(|c| c.parent > 0 && parents[c.parent - 1].is_some()) {
+                // The cost of docs/method.md (8.16): a decisive excess is worth the largest gap of contact.
+                let cost_m = c.gap_m + contact_m * c.excess / DECISIVE;
+                if best.is_none_or(|b| cost_m.total_cmp(&b.0).is_lt()) {
+                    best = Some((cost_m, k, c.parent));
+                }
+            }
+        }
+        let Some((_, k, parent)) = best else { break };
+        parents[k] = Some(parent);
     }
-    // What touches nothing, or hangs on itself through others, hangs on the static part.
+    // A part without contact, or with itself among its parents' parents, hangs on the static part.
     parents.into_iter().map(Option::unwrap_or_default).collect()
 }
 

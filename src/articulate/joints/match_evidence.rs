@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Matrix3, Point3};
 
-use crate::{joints::motion_evidence::MatchEvidence, observations::LiftedMatch};
+use crate::{joints::motion_evidence::MatchEvidence, observations::LiftedMatch, samples::spacing::cell_of};
 use capture::{NoiseConfig, RgbdFrame};
 
 /// Covariance of a point lifted from a pixel, square meters, world axes: `sigma_pixel * depth / f` across the
@@ -25,10 +25,9 @@ fn lifted_covariance(
 
 /// Evidence of the matches for a motion. See docs/method.md (8.3).
 ///
-/// Matches whose state-0 ends lie in one cell of side `cell_m` see one feature. Seen in `n0` frames of state
+/// Matches with their state-0 ends in one cell of side `cell_m` see one feature. Seen in `n0` frames of state
 /// 0 and `n1` of state 1, its displacement is known to `sigma^2 (1/n0 + 1/n1)`, however many of the pairs
-/// were matched; each of the `m` pairs (variance `2 sigma^2`) gets the share of an observation that adds up
-/// to that.
+/// were matched; the shares of the `m` pairs (variance `2 sigma^2`) add up to this variance.
 #[must_use]
 pub(crate) fn match_evidence(
     matches: &[LiftedMatch],
@@ -37,10 +36,9 @@ pub(crate) fn match_evidence(
     pixel_sigma: f64,
     cell_m: f64,
 ) -> Vec<MatchEvidence> {
-    let cell = |p: &Point3<f64>| [p.x, p.y, p.z].map(|x| (x / cell_m).floor() as i64);
     let mut features: BTreeMap<_, (usize, [BTreeSet<usize>; 2])> = BTreeMap::new();
     for m in matches {
-        let (pairs, seen) = features.entry(cell(&m.point0)).or_default();
+        let (pairs, seen) = features.entry(cell_of(&m.point0, cell_m)).or_default();
         *pairs += 1;
         seen[0].insert(m.frames[0]);
         seen[1].insert(m.frames[1]);
@@ -48,7 +46,7 @@ pub(crate) fn match_evidence(
     matches
         .iter()
         .map(|m| {
-            let (pairs, seen) = &features[&cell(&m.point0)];
+            let (pairs, seen) = &features[&cell_of(&m.point0, cell_m)];
             let [n0, n1] = [0, 1].map(|s| seen[s].len() as f64);
             MatchEvidence {
                 point0: m.point0,

@@ -4,30 +4,30 @@ use nalgebra::{DMatrix, DVector, Vector6};
 
 use geometry::{Pose, shift_and_turn};
 
-/// Factor of the damping after a step that lowers the cost.
+/// Factor of the damping after a step to a lower cost.
 ///
 /// chosen: about half a decade
 const DAMPING_FALL: f64 = 0.3;
-/// Factor of the damping after a step that does not.
+/// Factor of the damping after any other step.
 ///
-/// chosen: about a decade, so that few trials are lost
+/// chosen: about a decade: few trials are lost
 const DAMPING_RISE: f64 = 8.0;
 /// Damping at the start, as a share of the diagonal.
 ///
 /// chosen: small, as every fit starts near its minimum
 const FIRST_DAMPING: f64 = 1e-4;
-/// Damping beyond which no step can lower the cost.
+/// Largest damping: beyond, no step can lower the cost.
 ///
 /// chosen: steps are then below the rounding of parameters
 const MOST_DAMPING: f64 = 1e8;
-/// Share of the cost by which a step must lower it for another to follow.
+/// Least fall of the cost in a step for another to follow, as a share of the cost.
 ///
 /// chosen: of costs of thousands of residuals it leaves parameters a thousandth of their standard
 /// deviation from the minimum
 const LEAST_GAIN: f64 = 1e-9;
 
-/// The model of a lower cost that steps lead to, with its linearization. `equations` gives information and
-/// half the gradient in the model's parameters.
+/// The model after all steps, with its linearization. `equations` gives information and half the gradient in
+/// the model's parameters.
 pub(crate) fn minimise<M, Q>(
     mut model: M,
     iterations: usize,
@@ -41,7 +41,7 @@ pub(crate) fn minimise<M, Q>(
     for _ in 0..iterations {
         let (h, g) = equations(&model, &q);
         let mut damped = h.clone();
-        // The 1e-12 holds a parameter that no residual observes at all, so that a factor exists.
+        // The 1e-12 holds an unobserved parameter: a factor exists.
         (0..h.nrows()).for_each(|k| damped[(k, k)] += damping * h[(k, k)] + 1e-12);
         let Some(step) = damped.cholesky().map(|c| -c.solve(&g)) else { break };
         let next = stepped(&model, &step);
@@ -65,10 +65,10 @@ pub(crate) fn minimise<M, Q>(
 
 /// Step of central differences of motions by parameters of about one: radians, meters.
 ///
-/// chosen: near the cube root of the rounding of a double, which balances rounding and curvature
+/// chosen: near the cube root of the rounding of a double: it balances rounding and curvature
 pub(crate) const DIFFERENCE: f64 = 1e-6;
 
-/// Left perturbation (translation 3, rotation 3) that leads from a motion to one near it.
+/// Left perturbation (translation 3, rotation 3) from a motion to one near it.
 pub(crate) fn left_difference(to: &Pose, from: &Pose) -> Vector6<f64> {
     shift_and_turn(&(to * from.inverse()))
 }

@@ -1,5 +1,5 @@
-//! What of a joint's misfit against the free motions is more than errors that leave no residual make: those
-//! of poses and depth, of displaced surfaces, of the parents' motions. See docs/method.md 8.6.
+//! The misfit of a joint against the free motions beyond errors without a residual: errors of poses and
+//! depth, of displaced surfaces, of the parents' motions. See docs/method.md 8.6.
 
 use nalgebra::{DMatrix, DVector, DVectorView, Matrix6, Vector6};
 
@@ -43,8 +43,7 @@ impl Misfit {
         Some(Self { by_residuals, by_all })
     }
 
-    /// What is left of a joint's misfit, by which its cost exceeds that of the free motions, when those
-    /// errors explain what they can.
+    /// The rest of a joint's misfit (its cost less the free motions') beyond errors without a residual.
     pub(crate) fn left(&self, misfit: f64, fit: &JointFit, found: &FreeFits) -> f64 {
         let differences = found.free.iter().enumerate().map(|(k, free)| -> Vector6<f64> {
             left_difference(&fit.joint.motion(k, &found.parent(k).state1_from_state0), &free.motion)
@@ -54,9 +53,10 @@ impl Misfit {
         for (k, t) in fit.tangents.iter().enumerate() {
             tangents.rows_mut(6 * k, 6).copy_from(t);
         }
-        let by = |metric| least(metric, off.column(0), &tangents);
-        match (by(&self.by_all), by(&self.by_residuals)) {
-            // The cost, which is robust, is less than the square far from the motions.
+        let [left, all] =
+            [&self.by_all, &self.by_residuals].map(|metric| least(metric, off.column(0), &tangents));
+        match (left, all) {
+            // The cost is robust: far from the motions it is less than the square.
             (Some(left), Some(all)) if all > 0.0 => misfit.min(left / all * misfit.max(all)),
             _ => misfit,
         }

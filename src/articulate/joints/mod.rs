@@ -1,4 +1,4 @@
-//! The joint that made the motions of a part, and the tree of joints.
+//! The joint behind the motions of a part, and the tree of joints.
 
 pub(crate) mod axis_prior;
 pub(crate) mod cautions;

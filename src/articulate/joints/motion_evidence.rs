@@ -1,4 +1,4 @@
-//! What two states show of the motion of one part: distances of surfaces and lifted matches, as robust
+//! Evidence of two states for the motion of one part: distances of surfaces and lifted matches, as robust
 //! residuals of a motion. See docs/method.md (8.1).
 //!
 //! Residuals of a motion `T = state1_from_state0`, each divided by its standard deviation:
@@ -8,7 +8,7 @@
 //! - a lifted match: `point1 - T point0`, whitened by the covariances of both ends.
 //!
 //! Rows are derivatives by a left perturbation `T <- exp(v, w) T`, i.e. `d(T x) = v + w x (T x)`. Residuals
-//! are thinned to the number of independent ones, so that the information matrix can be read as an inverse
+//! are thinned to the number of independent ones: the information matrix can be read as an inverse
 //! covariance.
 
 use std::ops::{Range, RangeInclusive};
@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     joints::{
         drawn_residuals::DrawnResiduals,
-        quadratic::{Block, Patch, Quadratic, Source},
+        quadratic::{Block, DisplacedPatch, Quadratic, Source},
     },
     observations::SurfaceSamples,
 };
@@ -35,7 +35,7 @@ pub struct RefineConfig {
     pub iterations: usize,
     /// Robust scale (Geman-McClure), in standard deviations.
     pub robust_sigmas: f64,
-    /// Distances beyond this share of the object's extent say nothing about a correspondence.
+    /// Largest distance of a correspondence, as a share of the object's extent.
     pub reach: f64,
     /// Smallest cosine between a warped normal and the other surface's normal.
     pub normal_cosine: f64,
@@ -73,46 +73,45 @@ pub struct MatchEvidence {
     pub share: f64,
 }
 
-/// All that is known about the motion of one part.
+/// All evidence for the motion of one part.
 #[derive(Clone, Copy)]
 pub struct MotionEvidence<'a> {
     /// Surface points of the part in each state.
     pub surfaces: [&'a SurfaceSamples; 2],
     /// Signed distance of each state's whole surface, meters.
     pub sdf: [&'a Grid3<f32>; 2],
-    /// What is added to the distance of every surface point, meters, where fused surfaces lie off their
-    /// readings; none where empty.
+    /// Offset of the distance of every surface point, meters, where fused surfaces lie off their readings;
+    /// none where empty.
     pub offsets_m: [&'a [f64]; 2],
     /// Where each state was seen.
     pub visible: [&'a Grid3<bool>; 2],
     /// Matches on the part.
     pub matches: &'a [MatchEvidence],
-    /// Area that one independent surface residual covers, square meters, and the area of each surface.
+    /// Area of one independent surface residual, square meters.
     pub independent_area_m2: f64,
     /// Area of the part's surface in each state, square meters.
     pub areas_m2: [f64; 2],
     /// Largest distance that counts, meters.
     pub reach_m: f64,
-    /// Side of the blocks of the surface over which errors may run together, meters.
+    /// Side of the blocks of the surface with errors in common, meters.
     pub block_m: f64,
-    /// Displacement of fused surfaces that runs together over a side of the part and leaves no residual,
-    /// meters, and the size of the patches that share it, meters.
+    /// Displacement of fused surfaces common to a side of the part and without a residual, meters.
     pub displacement_m: f64,
-    /// See [`Self::displacement_m`].
+    /// Size of the patches of one displacement, meters.
     pub patch_m: f64,
-    /// What errors of poses and depth make of the residuals.
+    /// Changes of the residuals by errors of poses and depth.
     pub drawn: &'a DrawnResiduals,
 }
 
 /// Slopes of a signed distance beside a surface. In the middle between two surfaces it is far below one.
-/// Where a state saw empty space, but not the surface behind it, the field jumps from inside to outside,
-/// which looks like a surface some millimeters in front of the true one.
+/// Where a state saw empty space, but not the surface behind it, the field jumps from inside to outside: the
+/// jump looks like a surface some millimeters in front of the true one.
 ///
 /// chosen: between nodes a distance changes by at most its length along each axis, root 3 in all; 0.3 is
 /// below one by more than noise
 const SLOPES: RangeInclusive<f64> = 0.3..=1.733;
 
-/// Points per parallel task; fixed, so that sums do not depend on the number of threads.
+/// Points per parallel task; fixed: sums do not depend on the number of threads.
 const CHUNK: usize = 1024;
 
 impl MotionEvidence<'_> {
@@ -123,7 +122,7 @@ impl MotionEvidence<'_> {
         self.linearise_drawn(motion, sigma_m, config, 0)
     }
 
-    /// What errors of poses and depth add to half the gradient of [`Self::linearise`], by draw.
+    /// Changes of half the gradient of [`Self::linearise`] by errors of poses and depth, by draw.
     #[must_use]
     pub fn drawn(&self, motion: &Pose, sigma_m: f64, config: &RefineConfig) -> Vec<Vector6<f64>> {
         match self.drawn.count() {
@@ -199,8 +198,8 @@ impl MotionEvidence<'_> {
                 q.squared_m2 += d * d;
             }
             let weight = q.add(r, &row, share, config.robust_sigmas, Block::of(x, self.block_m, source));
-            // What a displacement of the patch adds to the gradient, e_c of docs/method.md (8.12).
-            *q.displaced.entry(Patch::of(x, n, self.patch_m, source)).or_default() +=
+            // The change of the gradient by a displacement of the patch, e_c of docs/method.md (8.12).
+            *q.displaced.entry(DisplacedPatch::of(x, n, self.patch_m, source)).or_default() +=
                 row * (weight * self.displacement_m / sigma_m);
             for (sum, change_m) in q.drawn.iter_mut().zip(self.drawn.of_point(state, i)) {
                 *sum += row * (weight * f64::from(*change_m) / sigma_m);
@@ -209,8 +208,8 @@ impl MotionEvidence<'_> {
         q
     }
 
-    /// Signed distance of a point from the surface of a state, meters, and its gradient; `None` where the
-    /// state does not tell it.
+    /// Signed distance of a point from the surface of a state, meters, and its gradient; `None` where it is
+    /// not known.
     fn distance(&self, state: usize, y: &Point3<f64>) -> Option<(f64, Vector3<f64>)> {
         let visible = self.visible[state];
         // First, as it costs least.
@@ -223,8 +222,8 @@ impl MotionEvidence<'_> {
         (SLOPES.contains(&g.norm()) && d.abs() <= self.reach_m).then_some((d, g))
     }
 
-    /// What a sample of a state is of an independent observation: samples closer than errors run together are
-    /// no further ones.
+    /// Share of a sample of a state in an independent observation: samples closer than the correlation length
+    /// of errors are not independent.
     fn share(&self, state: usize) -> f64 {
         let independent = self.areas_m2[state] / self.independent_area_m2;
         (independent / self.surfaces[state].points.len().max(1) as f64).min(1.0)
@@ -261,7 +260,7 @@ impl MotionEvidence<'_> {
             for i in 0..3 {
                 let a = move_by.row(i);
                 let b = turn_by.row(i);
-                // The residual is what was measured less what was moved, so that its slope is negative.
+                // The residual is the measured less the moved point: its slope is negative.
                 let row = -Vector6::new(a[0], a[1], a[2], b[0], b[1], b[2]);
                 q.information += row * row.transpose() * weight;
                 q.gradient += row * (residual[i] * weight);
@@ -288,7 +287,7 @@ impl MotionEvidence<'_> {
                 Some((d + self.offset_m(state, i)).abs())
             }));
         }
-        // Without a partner nothing is known of the scale but that three of it fit into the reach.
+        // Without a partner the scale is a third of the reach.
         median(all).map_or(self.reach_m / 3.0, |m| m * SIGMAS_PER_MAD).max(floor_m)
     }
 }

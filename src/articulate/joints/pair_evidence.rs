@@ -1,4 +1,4 @@
-//! What state 0 and another state show of one part: surfaces, matches, texture, and the motion by these.
+//! Evidence of state 0 and another state on one part: surfaces, matches, texture, and the motion by these.
 
 use nalgebra::{Point3, Vector3};
 
@@ -20,7 +20,7 @@ use crate::{
 use capture::{NoiseConfig, RgbdFrame, smoothing_m};
 use geometry::{Grid3, Pose};
 
-/// What is known of one state once its surface is there.
+/// Observations of one state, with its surface.
 #[derive(Clone, Copy)]
 pub struct ObservedState<'a> {
     /// Frames of the state.
@@ -53,14 +53,14 @@ impl ObservedState<'_> {
 
 /// Rounds of texture matching and motion refinement: each starts from a better motion.
 const ROUNDS: usize = 2;
-/// Blocks along the side of a square with the area of a part, over which surface errors may run together:
-/// enough of them to measure a spread, few enough for a block to be wider than what fusion smooths.
+/// Blocks of surface errors in common along the side of a square with the area of a part: enough of them to
+/// measure a spread, few enough for a block to be wider than the smoothing of fusion.
 ///
 /// tuned: shared/bags
 const BLOCKS_ALONG: f64 = 6.0;
-/// Patches along that side which a displacement of the fused surface shares: a side of a part may also tilt.
+/// Patches of one displacement of the fused surface along the same side: a side of a part may also tilt.
 ///
-/// derived: two, the fewest that can tilt
+/// derived: two, the fewest for a tilt
 const PATCHES_ALONG: f64 = 2.0;
 /// A displacement of a fused surface by less than this share of its grid's spacing is not known:
 /// interpolation moves it so far.
@@ -68,7 +68,7 @@ const PATCHES_ALONG: f64 = 2.0;
 /// tuned: shared/bags
 const UNCLEAR_SPACINGS: f64 = 0.25;
 
-/// All that state 0 and another state show of one part.
+/// All evidence of state 0 and another state on one part.
 pub struct PairEvidence<'a> {
     states: [ObservedState<'a>; 2],
     /// Surface points in each state.
@@ -87,9 +87,9 @@ pub struct PairEvidence<'a> {
     reach_m: f64,
     /// Displacement of the fused surfaces, meters.
     displacement_m: f64,
-    /// What it makes distances too small by at every sample of each state, meters.
+    /// By how much it makes distances too small at every sample of each state, meters.
     offsets_m: [Vec<f64>; 2],
-    /// What errors of poses and depth make of the residuals.
+    /// Changes of the residuals by errors of poses and depth.
     drawn: DrawnResiduals,
 }
 
@@ -107,9 +107,11 @@ impl<'a> PairEvidence<'a> {
         config: &JointConfig,
     ) -> Self {
         let surfaces = states.each_ref().map(|s| s.part(part));
-        let share = |s: usize| surfaces[s].points.len() as f64 / states[s].samples.points.len().max(1) as f64;
-        // Samples are even over the area, so that their share is the area's.
-        let areas_m2 = [0, 1].map(|s| states[s].area_m2 * share(s));
+        let areas_m2 = [0, 1].map(|s| {
+            // Samples are even over the area: their share is the area's.
+            let share = surfaces[s].points.len() as f64 / states[s].samples.points.len().max(1) as f64;
+            states[s].area_m2 * share
+        });
         let frames = states.map(|s| s.frames);
         let spacing_m = states[0].sdf.spacing_m;
         let smoothing_m = states.iter().map(|s| smoothing_m(s.frames)).fold(0.0, f64::max);
@@ -142,13 +144,12 @@ impl<'a> PairEvidence<'a> {
         let spacing_m = sdf[0].spacing_m;
         let correlation_m = self.correlation_m;
         let heights = ReadingHeights::new(self.surfaces.each_ref(), frames, noise, correlation_m, spacing_m);
-        let offsets_m =
-            |pair: &Self| heights.offsets_m(pair.surfaces.each_ref(), &pair.motion, correlation_m);
-        let known = |offsets_m: [Vec<f64>; 2]| offsets_m.map(|o| clear(o, UNCLEAR_SPACINGS * spacing_m));
-        // Dense matches of a round give way to those of the next, which start from a better motion.
+        let unclear_m = UNCLEAR_SPACINGS * spacing_m;
+        // Dense matches of a round give way to those of the next with its better motion.
         let sparse = self.matches.len();
         for _ in 0..ROUNDS {
-            self.offsets_m = known(offsets_m(self));
+            let offsets_m = heights.offsets_m(self.surfaces.each_ref(), &self.motion, correlation_m);
+            self.offsets_m = offsets_m.map(|o| clear(o, unclear_m));
             let still = ParentMotion::still();
             let found = estimate_joint(
                 &[self.joint_motion(&still)],
@@ -161,17 +162,17 @@ impl<'a> PairEvidence<'a> {
             let dense = texture_matches(surfaces, frames, sdf, motion, noise, &config.texture);
             self.matches.truncate(sparse);
             self.matches.extend(dense);
-            // Texture was looked for under the joint's motion, which noise moves less; fits start from the
-            // free one, which no wrong joint bends.
+            // Texture was looked for under the joint's motion (noise moves it less); fits start from the free
+            // one (no wrong joint bends it).
             self.motion = found.evidence.state1_from_state0;
         }
-        // What offsets do not explain any more is the error that remains.
-        let all = offsets_m(self);
-        self.displacement_m = surface_error_m(&all[0]);
-        self.offsets_m = known(all);
+        // Offsets under the last motion are the remaining error.
+        let offsets_m = heights.offsets_m(self.surfaces.each_ref(), &self.motion, correlation_m);
+        self.displacement_m = surface_error_m(&offsets_m[0]);
+        self.offsets_m = offsets_m.map(|o| clear(o, unclear_m));
     }
 
-    /// What is known of the part's motion, on a parent that moved.
+    /// The evidence for the part's motion, on a moved parent.
     #[must_use]
     pub fn joint_motion<'m>(&'m self, parent: &'m ParentMotion) -> JointMotion<'m> {
         JointMotion { start: self.motion, parent, evidence: self.evidence() }

@@ -1,4 +1,4 @@
-//! The parts that could carry a part: how simply it moves against each, and whether it touches it.
+//! Possible parents of a part: how simply it moves against each, and whether it touches it.
 
 use rayon::prelude::*;
 
@@ -18,46 +18,46 @@ use common::note::{Note, NoteCode};
 use geometry::Pose;
 use model::{JointKind, ParentScore, link_name};
 
-/// How well a part would hang on another.
+/// Evidence for a part as the parent of another.
 #[derive(Clone, Debug)]
-pub(crate) struct Candidate {
+pub(crate) struct ParentCandidate {
     /// 0 is the static part, k the k-th moving part.
     pub parent: usize,
     joint: JointEstimate,
-    /// Lowest score of a joint with one freedom, against that of the free motion.
+    /// Lowest score of a joint with one freedom, less the free motion's.
     pub excess: f64,
     /// Distance of both parts, the largest of all states, meters.
     pub gap_m: f64,
-    /// Distance of the axis of a turn from both parts in state 0, summed, meters; 0 for a slide, which has
-    /// none.
+    /// Distance of the axis of a turn from both parts in state 0, summed, meters; 0 for a slide.
     off_m: f64,
 }
 
-/// All parents that a part could have.
+/// All possible parents of a part.
 pub(crate) struct Candidates {
-    all: Vec<Candidate>,
-    /// Parts that are closer touch, meters.
+    all: Vec<ParentCandidate>,
+    /// Closer parts touch, meters.
     contact_m: f64,
 }
 
 impl Candidates {
-    /// Whether a part moves against a candidate no less simply, decisively, than against any other that it
-    /// touches.
-    fn as_simple(&self, candidate: &Candidate) -> bool {
+    /// Whether a part moves against a candidate no less simply, decisively, than against any other in
+    /// contact.
+    fn as_simple(&self, candidate: &ParentCandidate) -> bool {
         let touching = self.all.iter().filter(|c| c.gap_m < self.contact_m);
         candidate.excess < touching.map(|c| c.excess).fold(f64::INFINITY, f64::min) + DECISIVE
     }
 
-    /// The candidates that touch a part and against which it moves no less simply, decisively, than against
-    /// any other of them; where some of these turns run by both parts, as hinges do, only those.
-    pub(crate) fn qualified(&self) -> Vec<&Candidate> {
-        let simple: Vec<&Candidate> =
+    /// The candidates in contact with a simple motion of the part, no less simple, decisively, than any other
+    /// of them; where some of the turns run by both parts, as hinges do, only those.
+    pub(crate) fn qualified(&self) -> Vec<&ParentCandidate> {
+        let simple: Vec<&ParentCandidate> =
             self.all.iter().filter(|c| c.gap_m < self.contact_m && self.as_simple(c)).collect();
-        let hinged: Vec<&Candidate> = simple.iter().copied().filter(|c| c.off_m < self.contact_m).collect();
+        let hinged: Vec<&ParentCandidate> =
+            simple.iter().copied().filter(|c| c.off_m < self.contact_m).collect();
         if hinged.is_empty() { simple } else { hinged }
     }
 
-    /// Writes down what speaks against the parent of part number `part` and which others would do.
+    /// Adds notes on doubts of the parent of part number `part` and on other possible ones.
     pub(crate) fn explain(&self, joint: &mut JointEstimate, part: usize, parent: usize) {
         let all = if joint.positions.len() == 1 { "both" } else { "all" };
         let scores =
@@ -88,8 +88,8 @@ impl Candidates {
         }
     }
 
-    /// Why a part whose motion against the static part is as simple does not hang on it.
-    fn against_base(&self, base: &Candidate, joint: &JointEstimate) -> Note {
+    /// Why a part with an equally simple motion against the static part does not hang on it.
+    fn against_base(&self, base: &ParentCandidate, joint: &JointEstimate) -> Note {
         let name = link_name(base.parent);
         let why = if base.gap_m < self.contact_m {
             "its axis would not run by both".to_owned()
@@ -106,7 +106,7 @@ impl Candidates {
 }
 
 /// A part as another one's parent.
-struct Body<'a> {
+struct PossibleParent<'a> {
     /// Its surface in every state.
     surfaces: Vec<&'a SurfaceSamples>,
     indices: Vec<SampleIndex<'a>>,
@@ -114,27 +114,30 @@ struct Body<'a> {
     motions: Vec<ParentMotion>,
 }
 
-impl<'a> Body<'a> {
+impl<'a> PossibleParent<'a> {
     fn new(surfaces: Vec<&'a SurfaceSamples>, motions: impl Iterator<Item = Pose>, reach_m: f64) -> Self {
-        // All candidates are judged by motions without a joint, whose errors are much alike.
-        let certain = |state1_from_state0| ParentMotion { state1_from_state0, ..ParentMotion::still() };
         Self {
             indices: surfaces.iter().map(|s| SampleIndex::new(s, reach_m)).collect(),
             surfaces,
-            motions: motions.map(certain).collect(),
+            // All candidates are judged by motions without a joint: their errors are much alike.
+            motions: motions
+                .map(|state1_from_state0| ParentMotion { state1_from_state0, ..ParentMotion::still() })
+                .collect(),
         }
     }
 
     /// Distance from another part, the largest of all states, meters; at most the reach of the index.
-    fn gap_m(&self, part: &Body) -> f64 {
-        let in_state = |(part, own): (&&SurfaceSamples, &SampleIndex<'_>)| {
-            part.points.iter().map(|p| own.distance_m(p)).fold(f64::INFINITY, f64::min)
-        };
-        part.surfaces.iter().zip(&self.indices).map(in_state).fold(0.0, f64::max)
+    fn gap_m(&self, part: &PossibleParent) -> f64 {
+        let mut largest_m = 0.0;
+        for (part, own) in part.surfaces.iter().zip(&self.indices) {
+            let gap_m = part.points.iter().map(|p| own.distance_m(p)).fold(f64::INFINITY, f64::min);
+            largest_m = f64::max(largest_m, gap_m);
+        }
+        largest_m
     }
 }
 
-/// The parents that every part could have. `root` are the motions of the static part, `still` its surface in
+/// The possible parents of every part. `root` are the motions of the static part, `still` its surface in
 /// every state; parts closer than `contact_m` touch.
 pub(crate) fn candidates(
     root: &[ParentMotion],
@@ -145,28 +148,39 @@ pub(crate) fn candidates(
 ) -> Vec<Candidates> {
     // Gaps need not be known beyond the contact; twice it leaves room for the report.
     let reach_m = 2.0 * contact_m;
-    let base = Body::new(still.iter().collect(), root.iter().map(|m| m.state1_from_state0), reach_m);
-    let moving =
-        parts.iter().map(|p| Body::new(p.surfaces().collect(), p.pairs().map(|p| p.motion), reach_m));
-    let bodies: Vec<Body> = std::iter::once(base).chain(moving).collect();
-    let of_part = |k: usize| {
-        let others = (0..bodies.len()).into_par_iter().filter(|&parent| parent != k + 1);
-        let all = others.map(|parent| candidate(&parts[k], &bodies[k + 1], parent, &bodies[parent], config));
-        Candidates { all: all.collect(), contact_m }
-    };
-    (0..parts.len()).into_par_iter().map(of_part).collect()
+    let mut bodies =
+        vec![PossibleParent::new(still.iter().collect(), root.iter().map(|m| m.state1_from_state0), reach_m)];
+    for part in parts {
+        let motions = part.pairs().map(|p| p.motion);
+        bodies.push(PossibleParent::new(part.surfaces().collect(), motions, reach_m));
+    }
+    (0..parts.len())
+        .into_par_iter()
+        .map(|k| {
+            let others = (0..bodies.len()).into_par_iter().filter(|&parent| parent != k + 1);
+            let all =
+                others.map(|parent| candidate(&parts[k], &bodies[k + 1], parent, &bodies[parent], config));
+            Candidates { all: all.collect(), contact_m }
+        })
+        .collect()
 }
 
-/// How well a part would hang on body number `parent`.
-fn candidate(part: &PartEvidence, own: &Body, parent: usize, body: &Body, config: &JointConfig) -> Candidate {
+/// The evidence for body number `parent` as the parent of a part.
+fn candidate(
+    part: &PartEvidence,
+    own: &PossibleParent,
+    parent: usize,
+    body: &PossibleParent,
+    config: &JointConfig,
+) -> ParentCandidate {
     let joint = part.joint(&body.motions, JointChoice::default(), config);
-    // A screw line beside the part is that of any motion: it makes no parent simple.
+    // Any motion has a screw line: beside the part it makes no parent simple.
     let threaded = matches!(joint.kind, JointKind::Screw { .. });
     let excess = excess(&joint.evidence.type_scores, threaded);
     let off_m = if joint.kind == JointKind::Revolute {
-        axis_off_m((&joint.point, &joint.axis), &own.surfaces[0].points, &body.surfaces[0].points)
+        axis_off_m(&joint.point, &joint.axis, &own.surfaces[0].points, &body.surfaces[0].points)
     } else {
         0.0
     };
-    Candidate { parent, excess, gap_m: body.gap_m(own), off_m, joint }
+    ParentCandidate { parent, excess, gap_m: body.gap_m(own), off_m, joint }
 }

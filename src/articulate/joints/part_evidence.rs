@@ -1,4 +1,4 @@
-//! All that the states show of one part, and the joint that it makes.
+//! All evidence of the states on one part, and its joint.
 
 use crate::{
     joints::{
@@ -13,7 +13,7 @@ use crate::{
     observations::SurfaceSamples,
 };
 
-/// All that the states show of one part: the evidence of state 0 with every other state, in their order.
+/// All evidence on one part: of state 0 with every other state, in their order.
 pub struct PartEvidence<'a> {
     first: PairEvidence<'a>,
     others: Vec<PairEvidence<'a>>,
@@ -54,7 +54,7 @@ impl<'a> PartEvidence<'a> {
         estimate_joint(&self.motions(parents), self.place(), choice, &config.refine)
     }
 
-    /// A turning joint, its axis moved to where it suits its direction best.
+    /// A turning joint with the best place of its axis for a fixed direction.
     #[must_use]
     pub fn settled(
         &self,
@@ -68,13 +68,13 @@ impl<'a> PartEvidence<'a> {
     /// Whether the part would fit all states as well if it had turned about the axis of a joint.
     #[must_use]
     pub fn looks_alike_round(&self, joint: &JointEstimate, config: &JointConfig) -> bool {
-        let alike = |(pair, motion)| {
-            looks_alike_round(&PairEvidence::evidence(pair), motion, &joint.axis, &config.refine)
-        };
-        self.pairs().zip(&joint.motions).all(alike)
+        self.pairs()
+            .zip(&joint.motions)
+            .all(|(pair, motion)| looks_alike_round(&pair.evidence(), motion, &joint.axis, &config.refine))
     }
 
-    /// What is known of all motions, with blocks of one size, as those of state 0 are counted across motions.
+    /// The evidence for all motions, with blocks of one size: the blocks of state 0 are counted across
+    /// motions.
     fn motions<'m>(&'m self, parents: &'m [ParentMotion]) -> Vec<JointMotion<'m>> {
         let mut motions: Vec<JointMotion> =
             self.pairs().zip(parents).map(|(pair, parent)| pair.joint_motion(parent)).collect();

@@ -2,13 +2,13 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-/// Share of the least contrast below which a patch is too plain for any alignment.
+/// Least share of the least contrast for any alignment.
 ///
-/// chosen: the rest is rounding, which is left to the alignment
+/// chosen: the rest is rounding, left to the alignment
 const SURELY_PLAIN: f64 = 0.99;
 /// A shorter step ends the search, patch samples.
 ///
-/// chosen: below what noise of gray values moves a patch
+/// chosen: below the shift of a patch by noise of gray values
 const FOUND_SAMPLES: f64 = 0.02;
 /// Steps to and fro by less than this found the place well enough, patch samples.
 ///
@@ -16,22 +16,22 @@ const FOUND_SAMPLES: f64 = 0.02;
 const TO_AND_FRO_SAMPLES: f64 = 0.1;
 /// Samples on each side of a patch's center.
 pub(crate) const RADIUS: i32 = 4;
-/// Largest shift that is looked for, in patch samples.
+/// Largest shift, in patch samples.
 pub(crate) const REACH: i32 = 4;
 /// Lucas-Kanade iterations.
 const ITERATIONS: usize = 12;
-/// Share of a patch that must be seen.
+/// Least seen share of a patch.
 ///
 /// tuned: shared/bags
 const MIN_SEEN: f64 = 0.9;
 
 /// Gray values on a square of `2 radius + 1` samples a side; NaN where no frame saw the surface.
-pub(crate) struct Patch {
+pub(crate) struct GrayPatch {
     pub radius: i32,
     pub values: Vec<f32>,
 }
 
-impl Patch {
+impl GrayPatch {
     fn at(&self, u: i32, v: i32) -> f32 {
         let side = 2 * self.radius + 1;
         self.values[((v + self.radius) * side + u + self.radius) as usize]
@@ -46,20 +46,19 @@ impl Patch {
         }
         let a = u - f64::from(x);
         let b = v - f64::from(y);
-        let f = |i: i32, j: i32| f64::from(self.at(x + i, y + j));
-        (f(0, 0) * (1.0 - a) + f(1, 0) * a) * (1.0 - b) + (f(0, 1) * (1.0 - a) + f(1, 1) * a) * b
+        let [f00, f10, f01, f11] =
+            [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| f64::from(self.at(x + i, y + j)));
+        (f00 * (1.0 - a) + f10 * a) * (1.0 - b) + (f01 * (1.0 - a) + f11 * a) * b
     }
-}
 
-impl Patch {
-    /// Whether too little of a reference is seen, or it is too plain, for [`align`] to find it anywhere. That
-    /// compares [`MIN_SEEN`] of it or more, whose squared deviations sum to no more than those of all.
+    /// Whether too little of a reference is seen, or it is too plain, for [`align`] to find it anywhere. The
+    /// alignment compares [`MIN_SEEN`] of it or more, with a sum of squared deviations up to that of all.
     pub(crate) fn is_lost(&self, min_contrast: f64) -> bool {
-        let seen = || self.values.iter().filter(|v| v.is_finite()).map(|v| f64::from(*v));
-        let count = seen().count() as f64;
+        let seen = self.values.iter().filter(|v| v.is_finite()).map(|v| f64::from(*v));
+        let count = seen.clone().count() as f64;
         let least = MIN_SEEN * self.values.len() as f64;
-        let mean = seen().sum::<f64>() / count;
-        let squares: f64 = seen().map(|v| (v - mean).powi(2)).sum();
+        let mean = seen.clone().sum::<f64>() / count;
+        let squares: f64 = seen.map(|v| (v - mean).powi(2)).sum();
         count < least || squares < SURELY_PLAIN * least * min_contrast * min_contrast
     }
 }
@@ -73,12 +72,12 @@ pub(crate) struct Shift {
     pub correlation: f64,
 }
 
-/// One sample of a patch, that of the other one, and the gradient there.
+/// One sample of a patch, the sample of the other one, and the gradient there.
 type Row = (f64, f64, Vector2<f64>);
 
 /// Looks for a patch in a larger one (Lucas and Kanade 1981). `None` without contrast, outside the reach, or
 /// if the search does not converge. See docs/method.md (8.6).
-pub(crate) fn align(reference: &Patch, target: &Patch, min_contrast: f64) -> Option<Shift> {
+pub(crate) fn align(reference: &GrayPatch, target: &GrayPatch, min_contrast: f64) -> Option<Shift> {
     let mut shift = Vector2::zeros();
     let mut last: Option<Shift> = None;
     for _ in 0..ITERATIONS {
@@ -97,8 +96,8 @@ pub(crate) fn align(reference: &Patch, target: &Patch, min_contrast: f64) -> Opt
     last.filter(|last| (last.shift - shift).norm() < TO_AND_FRO_SAMPLES)
 }
 
-/// The samples of a patch that are seen in both.
-fn rows(reference: &Patch, target: &Patch, shift: &Vector2<f64>) -> Vec<Row> {
+/// The samples of a patch seen in both.
+fn rows(reference: &GrayPatch, target: &GrayPatch, shift: &Vector2<f64>) -> Vec<Row> {
     let mut rows = Vec::new();
     for v in -RADIUS..=RADIUS {
         for u in -RADIUS..=RADIUS {
@@ -157,12 +156,12 @@ mod tests {
         (0.5 + 0.2 * (0.55 * u + 0.2 * v).sin() + 0.2 * (0.5 * v - 0.3 * u + 1.0).cos()) as f32
     }
 
-    fn patch(radius: i32, f: impl Fn(f64, f64) -> f32) -> Patch {
+    fn patch(radius: i32, f: impl Fn(f64, f64) -> f32) -> GrayPatch {
         let values = (-radius..=radius)
             .flat_map(|v| (-radius..=radius).map(move |u| (u, v)))
             .map(|(u, v)| f(f64::from(u), f64::from(v)))
             .collect();
-        Patch { radius, values }
+        GrayPatch { radius, values }
     }
 
     #[test]

@@ -1,6 +1,6 @@
-//! The joint that the published method reads off a motion (Weng et al. 2024, supplement A.4): the type by the
-//! angle, axis and pivot in closed form. No surface is asked and nothing is refitted, so that what a joint is
-//! worth shows the motion's worth alone.
+//! The joint of a motion by the published method (Weng et al. 2024, supplement A.4): the type by the angle,
+//! axis and pivot in closed form. No surface is asked and nothing is refitted: errors of the joint are errors
+//! of the motion alone.
 
 use std::collections::BTreeMap;
 
@@ -11,13 +11,13 @@ use common::note::{Note, NoteCode};
 use geometry::{Pose, Screw};
 use model::{JointEvidence, JointKind, TypeScores};
 
-/// A motion that turns by less is a slide, radians.
+/// A motion with a smaller turn is a slide, radians.
 ///
 /// derived: the published 10 degrees
 const LEAST_TURN_RAD: f64 = std::f64::consts::PI / 18.0;
-/// Variance of what nothing says, radians squared or square meters.
+/// Variance of an unknown value, radians squared or square meters.
 ///
-/// chosen: far beyond what a guess is worth (docs/method.md 8.7), and finite, so that JSON holds it
+/// chosen: far beyond the variance of a guess (docs/method.md 8.7), and finite: JSON holds it
 const UNKNOWN: f64 = 1e12;
 
 /// The joint on the static part behind a motion `state1_from_state0` in the world of a part about `middle`,

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 
-/// What a residual was seen on. Errors run together within one kind, not across kinds.
+/// The observation behind a residual. Errors run together within one kind, not across kinds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Source {
     /// The surface of state 0.
@@ -15,32 +15,32 @@ pub enum Source {
     Matches,
 }
 
-/// A cube of space whose residuals of one source may share an error.
+/// A cube of space: its residuals of one source may have an error in common.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Block {
     cell: [i64; 3],
-    /// What its residuals were seen on.
+    /// The observation behind its residuals.
     pub source: Source,
 }
 
 impl Block {
-    /// The block of side `side_m` that holds a point.
+    /// The block of side `side_m` with a point in it.
     #[must_use]
     pub fn of(x: &Point3<f64>, side_m: f64, source: Source) -> Self {
         Self { cell: cell(x, side_m), source }
     }
 }
 
-/// A patch on one side of a surface that a displacement moves as a whole: place, side, source.
+/// A patch on one side of a surface, displaced as a whole: place, side, source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Patch {
+pub struct DisplacedPatch {
     cell: [i64; 3],
     side: usize,
     source: Source,
 }
 
-impl Patch {
-    /// The patch of size `size_m` that holds a point with a normal.
+impl DisplacedPatch {
+    /// The patch of size `size_m` with a point of a normal in it.
     #[must_use]
     pub fn of(x: &Point3<f64>, normal: &Vector3<f64>, size_m: f64, source: Source) -> Self {
         let axis = normal.iamax();
@@ -62,11 +62,11 @@ pub struct Quadratic {
     pub gradient: Vector6<f64>,
     /// Robust cost in independent residuals.
     pub cost: f64,
-    /// Surface points and matches that agree with the motion (within the robust scale).
+    /// Number of surface points and matches in agreement with the motion (within the robust scale).
     pub inliers: usize,
-    /// Surface points and matches that were compared.
+    /// Number of compared surface points and matches.
     pub tried: usize,
-    /// Sum of squared inlier surface distances, square meters, and their number.
+    /// Sum of squared inlier surface distances, square meters.
     pub squared_m2: f64,
     /// Number of inlier surface points.
     pub surface_inliers: usize,
@@ -75,9 +75,9 @@ pub struct Quadratic {
     /// Sums of the rows times residuals over blocks of the surface, by block; matches are blocks of their
     /// own.
     pub block_gradients: BTreeMap<Block, Vector6<f64>>,
-    /// What a displacement of one patch of a surface adds to the gradient.
-    pub displaced: BTreeMap<Patch, Vector6<f64>>,
-    /// What errors of poses and depth add to the gradient, by draw, where they are wanted.
+    /// Changes of the gradient by the displacement of each patch of a surface.
+    pub displaced: BTreeMap<DisplacedPatch, Vector6<f64>>,
+    /// Changes of the gradient by errors of poses and depth, by draw, where wanted.
     pub drawn: Vec<Vector6<f64>>,
 }
 
@@ -145,10 +145,10 @@ impl Quadratic {
         self.displaced.values().map(|g| g * g.transpose()).sum()
     }
 
-    /// Factor by which the squared errors of a free motion exceed what independent residuals would give: the
-    /// cluster-robust covariance (Liang and Zeger 1986) over blocks of the surface against the inverse
-    /// information, averaged over the six parameters; at least 1. Errors of a reconstructed surface that run
-    /// together over a block do not average out within it. See docs/method.md (8.10).
+    /// Factor of the squared errors of a free motion over those of independent residuals: the cluster-robust
+    /// covariance (Liang and Zeger 1986) over blocks of the surface against the inverse information, averaged
+    /// over the six parameters; at least 1. Errors of a reconstructed surface common to a block do not
+    /// average out within it. See docs/method.md (8.10).
     #[must_use]
     pub fn dispersion(&self) -> f64 {
         let parameters = 6;

@@ -1,11 +1,11 @@
-//! Directions that the axes of one object share: most mechanisms are built square. See docs/method.md (8.14).
+//! Common directions of the axes of one object: most mechanisms are built square. See docs/method.md (8.14).
 //!
 //! Hinges and slides mostly run along or across each other and the flat faces of the body. A frame of three
 //! square directions is fitted to all axes, each with its covariance, and to the faces, by the likelihood of
 //! a mixture: a share of the directions lies along one of the frame's, but for a tolerance of building; some
-//! of these are tilted by degrees, the rest runs anywhere. What the others say about the frame is a prior of
-//! each axis, where it is likelier with it than without. The prior hardly moves an axis that is known better
-//! than things are built; it moves one that a small motion of a narrow part leaves open.
+//! of these are tilted by degrees, the rest runs anywhere. The frame by the others is a prior of each axis,
+//! where the axis is likelier with it than without. The prior hardly moves an axis known better than the
+//! tolerance of building; it moves an axis left open by a small motion of a narrow part.
 
 use std::f64::consts::TAU;
 
@@ -18,8 +18,7 @@ use crate::joints::joint_motion::frame_across;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SquareConfig {
-    /// Share of the axes that run along or across the others; 0 leaves every axis as its motion alone
-    /// determines it.
+    /// Share of the axes along or across the others; 0 leaves every axis as determined by its motion alone.
     pub share: f64,
     /// Standard deviation of such an axis from square, degrees.
     pub tolerance_deg: f64,
@@ -40,7 +39,7 @@ pub struct SeenDirection {
     pub covariance: Matrix3<f64>,
 }
 
-/// Share of the axes meant to be square that are tilted: they are not drawn to square.
+/// Tilted share of the axes meant to be square: they are not drawn to square.
 ///
 /// tuned: random objects (artitwin synth --skew)
 const TILTED: f64 = 0.2;
@@ -54,7 +53,7 @@ const ITERATIONS: usize = 20;
 /// derived: 45 degrees, half way between two directions of the frame
 const LEAST_COSINE: f64 = 0.7;
 
-/// A direction as the frame sees it.
+/// A direction relative to the frame.
 struct View {
     /// The frame's direction nearest to it, and two vectors across.
     along: Vector3<f64>,
@@ -68,30 +67,26 @@ struct View {
 
 impl View {
     fn new(frame: &Matrix3<f64>, seen: &SeenDirection, config: &SquareConfig) -> Option<Self> {
-        let views = (0..3).filter_map(|k| {
-            let column = frame.column(k).into_owned();
-            // An axis has no sign.
-            let along = if column.dot(&seen.direction) < 0.0 { -column } else { column };
-            if along.dot(&seen.direction) < LEAST_COSINE {
-                return None;
-            }
-            let (a, b) = frame_across(&Unit::new_unchecked(along));
-            let across = Matrix3x2::from_columns(&[a, b]);
-            let offset = across.transpose() * seen.direction.into_inner();
-            let own = across.transpose() * seen.covariance * across;
-            let precision = (own + square_deg(config.tolerance_deg)).try_inverse()?;
-            let likelihood = Likelihood::new(&offset, &own, config)?;
-            Some(Self {
-                along,
-                across,
-                offset,
-                slope: -across.transpose() * along.cross_matrix(),
-                precision,
-                likelihood,
-            })
-        });
+        let views = (0..3).filter_map(|k| Self::relative_to(frame.column(k).into_owned(), seen, config));
         // The likeliest, not the nearest: a direction may be known well to one side and badly to the other.
         views.reduce(|a, b| if b.likelihood.square > a.likelihood.square { b } else { a })
+    }
+
+    /// The direction relative to one of the frame's; `None` where they are too far from each other.
+    fn relative_to(column: Vector3<f64>, seen: &SeenDirection, config: &SquareConfig) -> Option<Self> {
+        // An axis has no sign.
+        let along = if column.dot(&seen.direction) < 0.0 { -column } else { column };
+        if along.dot(&seen.direction) < LEAST_COSINE {
+            return None;
+        }
+        let (a, b) = frame_across(&Unit::new_unchecked(along));
+        let across = Matrix3x2::from_columns(&[a, b]);
+        let offset = across.transpose() * seen.direction.into_inner();
+        let own = across.transpose() * seen.covariance * across;
+        let precision = (own + square_deg(config.tolerance_deg)).try_inverse()?;
+        let likelihood = Likelihood::new(&offset, &own, config)?;
+        let slope = -across.transpose() * along.cross_matrix();
+        Some(Self { along, across, offset, slope, precision, likelihood })
     }
 
     /// Information and gradient on the frame's rotation.
@@ -102,8 +97,7 @@ impl View {
         (weighed * self.slope, weighed * self.offset)
     }
 
-    /// What the information of other directions says about this one; `None` where it is likelier to run
-    /// anywhere.
+    /// The prior of this direction by the information of others; `None` where it is likelier to run anywhere.
     fn prior(
         &self,
         others: impl Iterator<Item = (Matrix3<f64>, Vector3<f64>)>,
@@ -131,23 +125,31 @@ struct Likelihood {
 }
 
 impl Likelihood {
-    /// Of a direction that is off one of the frame's, with a covariance without the tolerance.
+    /// Of a direction off one of the frame's by `offset`, with a covariance without the tolerance.
     fn new(offset: &Vector2<f64>, covariance: &Matrix2<f64>, config: &SquareConfig) -> Option<Self> {
-        let of = |share: f64, std_deg: f64| {
-            // A component of docs/method.md (8.14); each of the frame's three directions has a third of its
-            // share.
-            let information = (covariance + square_deg(std_deg)).try_inverse()?;
-            Some(
-                (share / 3.0).ln() - 0.5 * offset.dot(&(information * offset))
-                    + 0.5 * information.determinant().ln()
-                    - TAU.ln(),
-            )
-        };
-        // Tilted axes count with those that run anywhere: they must not be drawn to square.
-        let tilted = of(config.share * TILTED, TILT_DEG.max(config.tolerance_deg))?;
-        let square = of(config.share * (1.0 - TILTED), config.tolerance_deg)?;
-        Some(Self { square, other: log_sum(tilted, any_log_density(config)) })
+        let [tilted, square] = [
+            (config.share * TILTED, TILT_DEG.max(config.tolerance_deg)),
+            (config.share * (1.0 - TILTED), config.tolerance_deg),
+        ]
+        .map(|(share, std_deg)| component_log_density(offset, covariance, share, std_deg));
+        // Tilted axes count with those in any direction: they must not be drawn to square.
+        Some(Self { square: square?, other: log_sum(tilted?, any_log_density(config)) })
     }
+}
+
+/// Logarithm of a component of docs/method.md (8.14) for one of the frame's three directions, each with a
+/// third of its share.
+fn component_log_density(
+    offset: &Vector2<f64>,
+    covariance: &Matrix2<f64>,
+    share: f64,
+    std_deg: f64,
+) -> Option<f64> {
+    let information = (covariance + square_deg(std_deg)).try_inverse()?;
+    let density = (share / 3.0).ln() - 0.5 * offset.dot(&(information * offset))
+        + 0.5 * information.determinant().ln()
+        - TAU.ln();
+    Some(density)
 }
 
 /// The variance of a standard deviation in degrees, square radians, in both directions.
@@ -155,7 +157,7 @@ fn square_deg(std_deg: f64) -> Matrix2<f64> {
     Matrix2::identity() * std_deg.to_radians().powi(2)
 }
 
-/// Logarithm of the density of a direction, without its sign, that may be any.
+/// Logarithm of the density of any direction, without its sign.
 fn any_log_density(config: &SquareConfig) -> f64 {
     (1.0 - config.share).ln() - TAU.ln()
 }
@@ -164,8 +166,8 @@ fn log_sum(a: f64, b: f64) -> f64 {
     a.max(b) + (-(a - b).abs()).exp().ln_1p()
 }
 
-/// What the other axes and the faces say about each axis; `None` where it is likelier to run anywhere, or is
-/// not known at all.
+/// The prior of each axis by the other axes and the faces; `None` where the axis is likelier to run anywhere,
+/// or is not known at all.
 #[must_use]
 pub(crate) fn square_priors(
     axes: &[Option<SeenDirection>],
@@ -178,13 +180,19 @@ pub(crate) fn square_priors(
     };
     let views: Vec<Option<View>> = known.iter().map(|seen| View::new(&frame, seen, config)).collect();
     let information: Vec<_> = views.iter().map(|v| v.as_ref().map(View::information)).collect();
-    let prior = |own: usize| {
+    let mut priors = Vec::with_capacity(axes.len());
+    // Only known axes have a view; the faces' views come behind theirs.
+    let mut own = 0;
+    for axis in axes {
+        let Some(seen) = axis else {
+            priors.push(None);
+            continue;
+        };
         let others = information.iter().enumerate().filter(|(k, _)| *k != own).filter_map(|(_, t)| *t);
-        views[own].as_ref()?.prior(others, &known[own], config)
-    };
-    // Only axes that are known have a view; the faces' views come behind theirs.
-    let mut next = 0..;
-    axes.iter().map(|axis| axis.and_then(|_| next.next()).and_then(prior)).collect()
+        priors.push(views[own].as_ref().and_then(|view| view.prior(others, seen, config)));
+        own += 1;
+    }
+    priors
 }
 
 /// Information and gradient on the frame's rotation of all directions. Without any, the rotation to the
@@ -195,19 +203,25 @@ fn summed(all: impl Iterator<Item = (Matrix3<f64>, Vector3<f64>)>) -> (Matrix3<f
 
 /// The likeliest frame; its columns are the directions.
 fn fit(known: &[SeenDirection], config: &SquareConfig) -> Option<Matrix3<f64>> {
-    // The likelihood has a peak for each way to lay the frame along the directions, so that every pair of
-    // them starts one fit.
+    // The likelihood has a peak for each way to lay the frame along the directions: every pair of them starts
+    // one fit.
     let starts = known.iter().flat_map(|a| known.iter().filter_map(|b| start(&a.direction, &b.direction)));
-    let any = any_log_density(config);
-    let likelihood = |v: View| log_sum(v.likelihood.square, v.likelihood.other);
-    let value = |frame: &Matrix3<f64>| -> f64 {
-        known.iter().map(|seen| View::new(frame, seen, config).map_or(any, likelihood)).sum()
-    };
-    let fits = starts.map(|start| polish(start, known, config)).map(|frame| (value(&frame), frame));
-    fits.reduce(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, frame)| frame)
+    let fits = starts.map(|start| polish(start, known, config));
+    let valued = fits.map(|frame| (log_likelihood(&frame, known, config), frame));
+    valued.reduce(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, frame)| frame)
 }
 
-/// A frame along a direction and, as far as it is square to it, another, which may be the same.
+/// Logarithm of the likelihood of a frame by all directions.
+fn log_likelihood(frame: &Matrix3<f64>, known: &[SeenDirection], config: &SquareConfig) -> f64 {
+    let views = known.iter().map(|seen| View::new(frame, seen, config));
+    views
+        .map(|view| {
+            view.map_or(any_log_density(config), |v| log_sum(v.likelihood.square, v.likelihood.other))
+        })
+        .sum()
+}
+
+/// A frame along a direction and, as far as it is square to it, another (or the same).
 fn start(first: &Unit<Vector3<f64>>, second: &Unit<Vector3<f64>>) -> Option<Matrix3<f64>> {
     let a = first.into_inner();
     let b = if first == second { frame_across(first).0 } else { second.into_inner() };

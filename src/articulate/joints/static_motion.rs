@@ -1,4 +1,4 @@
-//! What the static part did between two states: by itself, and by all that stands still.
+//! The static part's motion between two states: by itself, and by all static surroundings.
 //! See docs/method.md (5.3).
 
 use nalgebra::Matrix6;
@@ -8,9 +8,9 @@ use geometry::{Pose, shift_and_turn};
 use numeric::statistics::CHI_SQUARE_999;
 
 /// The static part's motion where states were brought into one world frame: `own` is its motion by its
-/// surfaces and matches, and that it stands still is known to the covariance `still` (a left perturbation,
-/// translation 3 and rotation 3, square meters and radians), by all that does. Of two that contradict each
-/// other, its own: the object was moved against its surroundings.
+/// surfaces and matches, `still` the covariance of its rest by the surroundings (a left perturbation,
+/// translation 3 and rotation 3, square meters and radians). Where both contradict each other, its own: the
+/// object was moved against its surroundings.
 #[must_use]
 pub fn static_motion(own: &ParentMotion, still: &Matrix6<f64>) -> ParentMotion {
     // The part's own surfaces left some direction open (see `free_motion`).

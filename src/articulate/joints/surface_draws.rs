@@ -1,6 +1,6 @@
-//! By how much errors of poses and depth displace a surface: one displacement by draw.
+//! Displacements of a surface by errors of poses and depth: one displacement by draw.
 //!
-//! A fused surface is the mean of what its views saw, so that it goes with the errors of these.
+//! A fused surface is the mean of its views and goes with their errors.
 //! See docs/method.md 8.11.
 
 use nalgebra::{Matrix3x6, Matrix6, Point3, Vector3, Vector6};
@@ -31,44 +31,19 @@ impl SurfaceDraws {
         noise: &NoiseConfig,
         reach_m: f64,
     ) -> Self {
-        let of_sample = |i: usize| {
-            let point = samples.points[i];
-            let normal = samples.normals[i];
-            let mut sums = vec![Vector3::zeros(); draws.len()];
-            let mut weights = 0.0;
-            for (f, frame) in frames.iter().enumerate() {
-                let at = frame.in_camera(&point);
-                let Some(pixel) = frame.intrinsics.pixel(&at) else { continue };
-                let sigma_m = frame.sigma_m(pixel, noise);
-                let read_m = f64::from(frame.depth_m[pixel]);
-                let sight = (frame.world_from_camera.translation.vector - point.coords).normalize();
-                let cosine = sight.dot(&normal);
-                if read_m <= 0.0 || cosine < GRAZING_COSINE || (read_m - at.z).abs() > reach_m + 3.0 * sigma_m
-                {
-                    continue;
-                }
-                // The weight that fusion gives a view: docs/method.md (3.2).
-                let weight = cosine / (sigma_m * sigma_m);
-                let width = frame.intrinsics.width;
-                let pixel = [(pixel % width) as f64, (pixel / width) as f64];
-                weights += weight;
-                for (sum, draw) in sums.iter_mut().zip(draws) {
-                    let pose = &frame.world_from_camera;
-                    *sum += weight * draw.displacement_m([state, f], pose, &at.coords, pixel);
-                }
-            }
-            let share = if weights > 0.0 { 1.0 / weights } else { 0.0 };
-            sums.into_iter().map(move |sum| (share * sum).cast::<f32>())
-        };
         if draws.is_empty() || !draws.iter().all(|d| d.covers(state, frames.len())) {
             return Self::default();
         }
-        let all: Vec<Vec<Vector3<f32>>> =
-            (0..samples.points.len()).into_par_iter().map(|i| of_sample(i).collect()).collect();
+        let all: Vec<Vec<Vector3<f32>>> = samples
+            .points
+            .par_iter()
+            .zip(&samples.normals)
+            .map(|(point, normal)| displacements_m(draws, state, point, normal, frames, noise, reach_m))
+            .collect();
         Self { count: draws.len(), displacements_m: all.concat() }
     }
 
-    /// So many samples that all draws displace alike, each by its own vector, meters.
+    /// So many samples with the same displacements, one vector a draw, meters.
     #[cfg(test)]
     pub fn alike(samples: usize, displacements_m: &[Vector3<f32>]) -> Self {
         Self { count: displacements_m.len(), displacements_m: displacements_m.repeat(samples) }
@@ -78,22 +53,20 @@ impl SurfaceDraws {
     /// rotation, radians, about the world's origin. None where they do not determine one.
     #[must_use]
     pub fn rigid(&self, points: &[Point3<f64>], chosen: &[usize]) -> Vec<Vector6<f64>> {
-        // A motion (v, w) moves x by v + w x x.
-        let by = |x: &Point3<f64>| {
-            let mut by = Matrix3x6::identity();
-            by.fixed_view_mut::<3, 3>(0, 3).copy_from(&-skew(&x.coords));
-            by
-        };
-        let information: Matrix6<f64> = chosen.iter().map(|&i| by(&points[i]).tr_mul(&by(&points[i]))).sum();
+        let slopes: Vec<Matrix3x6<f64>> = chosen.iter().map(|&i| displacement_slope(&points[i])).collect();
+        let information: Matrix6<f64> = slopes.iter().map(|slope| slope.tr_mul(slope)).sum();
         let Some(information) = information.cholesky() else { return Vec::new() };
-        let of_draw = |d: usize| {
-            let moved = |&i: &usize| by(&points[i]).tr_mul(&self.of(i)[d].cast::<f64>());
-            information.solve(&chosen.iter().map(moved).sum())
-        };
-        (0..self.count).map(of_draw).collect()
+        let mut motions = Vec::with_capacity(self.count);
+        for draw in 0..self.count {
+            let samples = chosen.iter().zip(&slopes);
+            let right: Vector6<f64> =
+                samples.map(|(&i, slope)| slope.tr_mul(&self.of(i)[draw].cast::<f64>())).sum();
+            motions.push(information.solve(&right));
+        }
+        motions
     }
 
-    /// The displacements without those of motions of all points as one body, one by draw.
+    /// The displacements less those by motions of all points as one body, one by draw.
     #[must_use]
     pub fn without(mut self, motions: &[Vector6<f64>], points: &[Point3<f64>]) -> Self {
         for (x, all) in points.iter().zip(self.displacements_m.chunks_mut(self.count.max(1))) {
@@ -124,4 +97,47 @@ impl SurfaceDraws {
         let displacements_m = samples.iter().flat_map(|&i| self.of(i)).copied().collect();
         Self { count: self.count, displacements_m }
     }
+}
+
+/// Derivative of the displacement of a point by a motion (v, w): it is `v + w x point`.
+fn displacement_slope(point: &Point3<f64>) -> Matrix3x6<f64> {
+    let mut slope = Matrix3x6::identity();
+    slope.fixed_view_mut::<3, 3>(0, 3).copy_from(&-skew(&point.coords));
+    slope
+}
+
+/// Displacements of one sample of a state, by draw, meters: the mean over all frames with a reading of it.
+fn displacements_m(
+    draws: &[ErrorDraw],
+    state: usize,
+    point: &Point3<f64>,
+    normal: &Vector3<f64>,
+    frames: &[RgbdFrame],
+    noise: &NoiseConfig,
+    reach_m: f64,
+) -> Vec<Vector3<f32>> {
+    let mut sums = vec![Vector3::zeros(); draws.len()];
+    let mut weights = 0.0;
+    for (f, frame) in frames.iter().enumerate() {
+        let at = frame.in_camera(point);
+        let Some(pixel) = frame.intrinsics.pixel(&at) else { continue };
+        let sigma_m = frame.sigma_m(pixel, noise);
+        let read_m = f64::from(frame.depth_m[pixel]);
+        let sight = (frame.world_from_camera.translation.vector - point.coords).normalize();
+        let cosine = sight.dot(normal);
+        if read_m <= 0.0 || cosine < GRAZING_COSINE || (read_m - at.z).abs() > reach_m + 3.0 * sigma_m {
+            continue;
+        }
+        // The weight of a view in fusion: docs/method.md (3.2).
+        let weight = cosine / (sigma_m * sigma_m);
+        let width = frame.intrinsics.width;
+        let pixel = [(pixel % width) as f64, (pixel / width) as f64];
+        weights += weight;
+        for (sum, draw) in sums.iter_mut().zip(draws) {
+            let pose = &frame.world_from_camera;
+            *sum += weight * draw.displacement_m([state, f], pose, &at.coords, pixel);
+        }
+    }
+    let share = if weights > 0.0 { 1.0 / weights } else { 0.0 };
+    sums.into_iter().map(|sum| (share * sum).cast::<f32>()).collect()
 }

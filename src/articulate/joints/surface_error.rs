@@ -1,8 +1,8 @@
-//! How far fused surfaces lie from the readings that they were fused from.
+//! Distances of fused surfaces from their readings.
 //!
 //! A thin panel fused on a coarse grid is displaced, and differently in each pose and from other views. Such
-//! errors run together over a side of a part: they move its motion and leave no residual, so that they are
-//! measured here.
+//! errors run together over a side of a part: they move its motion and leave no residual, and are measured
+//! here.
 
 use rayon::prelude::*;
 
@@ -31,9 +31,9 @@ impl ReadingHeights {
         Self { of: [0, 1].map(|s| heights_m(surfaces[s], frames[s], noise, radius_m, reach_m)) }
     }
 
-    /// For every sample of each state by how much the readings lie further above it than those of the other
-    /// state above the surface that a motion brings to it, found within `radius_m`: the distance from that
-    /// surface is too small by so much, meters; 0 where either is not known.
+    /// For every sample of each state, the height of the readings above it less the height of the other
+    /// state's readings above its partner under a motion, found within `radius_m`: the distance from the
+    /// partner is too small by so much, meters; 0 where either is not known.
     pub(crate) fn offsets_m(
         &self,
         surfaces: [&SurfaceSamples; 2],
@@ -43,23 +43,24 @@ impl ReadingHeights {
         let indices = surfaces.map(|s| SampleIndex::new(s, radius_m));
         [0, 1].map(|s| {
             let warp = if s == 0 { *state1_from_state0 } else { state1_from_state0.inverse() };
-            let offset = |i: usize| {
+            let samples = (0..surfaces[s].points.len()).into_par_iter();
+            let offsets_m = samples.map(|i| -> Option<f64> {
                 let point = warp * surfaces[s].points[i];
                 let normal = warp * surfaces[s].normals[i];
                 Some(self.of[s][i]? - self.of[1 - s][indices[1 - s].nearest(&point, &normal)?]?)
-            };
-            (0..surfaces[s].points.len()).into_par_iter().map(|i| offset(i).unwrap_or(0.0)).collect()
+            });
+            offsets_m.map(|offset_m| offset_m.unwrap_or(0.0)).collect()
         })
     }
 }
 
-/// Offsets that are clearly those of a displaced surface: those smaller than `noise_m`, as heights of
-/// averaged readings have them by chance, shrink to nothing. See docs/method.md (8.7).
+/// Clear offsets of a displaced surface: offsets smaller than `noise_m`, as by chance between averaged
+/// readings, shrink to nothing. See docs/method.md (8.7).
 pub(crate) fn clear(offsets_m: Vec<f64>, noise_m: f64) -> Vec<f64> {
     offsets_m.into_iter().map(|o| o * o * o / (o * o + noise_m * noise_m)).collect()
 }
 
-/// Root mean square of the offsets of state 0's samples that are known, meters; 0 where none is.
+/// Root mean square of the known offsets of state 0's samples, meters; 0 where none is known.
 pub(crate) fn surface_error_m(offsets_m: &[f64]) -> f64 {
     let (sum, count) =
         offsets_m.iter().filter(|d| **d != 0.0).fold((0.0, 0usize), |(sum, n), d| (sum + d * d, n + 1));

@@ -1,4 +1,4 @@
-//! Parts that look alike all round an axis: how far they turned about it is not seen.
+//! Parts alike all round an axis: their turn about it is not observable.
 
 use std::f64::consts::TAU;
 
@@ -14,20 +14,20 @@ use crate::{
 use geometry::{Pose, Screw};
 use numeric::statistics::median;
 
-/// Turns that are tried, all round; no regular prism but one of seven sides looks alike after any.
+/// Tried turns, all round; no regular prism but one of seven sides looks alike after any.
 const TURNS: usize = 7;
 /// A turned part fits as well where this share of its agreement stays.
 ///
 /// tuned: shared/bags
 const AS_WELL: f64 = 0.9;
-/// A turn counts where more than this share of the points comes to where something was seen.
+/// A turn counts where more than this share of the points comes to a place seen before.
 ///
 /// chosen: the majority
 const SEEN: f64 = 0.5;
 /// Rounds in which the axis of a part settles.
 const CENTERINGS: usize = 10;
 
-/// Whether a part that makes a motion and, before it, any turn about a direction would fit as well.
+/// Whether a part would fit as well after any turn about a direction before its motion.
 pub(crate) fn looks_alike_round(
     evidence: &MotionEvidence,
     motion: &Pose,
@@ -36,24 +36,23 @@ pub(crate) fn looks_alike_round(
 ) -> bool {
     let sigma_m = surface_sigma_m(evidence, motion);
     let Some(center) = center(evidence.surfaces[0], direction) else { return false };
-    let agreement = |turn_rad: f64| {
-        let turn = Screw { direction: *direction, point: center, angle_rad: turn_rad, advance_m: 0.0 };
+    let mut agreements = (0..TURNS).map(|k| {
+        let angle_rad = TAU * k as f64 / TURNS as f64;
+        let turn = Screw { direction: *direction, point: center, angle_rad, advance_m: 0.0 };
         let q = evidence.linearise(&(motion * turn.motion()), sigma_m, config);
         (q.inliers as f64, q.tried as f64)
-    };
-    // A turn that brings most of the part to where nothing was seen shows nothing.
-    let (inliers, tried) = agreement(0.0);
-    let turned = (1..TURNS).map(|k| agreement(TAU * k as f64 / TURNS as f64));
-    let seen: Vec<(f64, f64)> = turned.filter(|(_, t)| *t > SEEN * tried).collect();
+    });
+    let Some((inliers, tried)) = agreements.next() else { return false };
+    // A turn of most of the part to unseen places shows nothing.
+    let seen: Vec<(f64, f64)> = agreements.filter(|(_, t)| *t > SEEN * tried).collect();
     seen.len() >= 2 && seen.iter().all(|(i, t)| i * tried > AS_WELL * inliers * t)
 }
 
-/// Where the line is along a direction that most normals of a surface meet: least squares, weighed (Geman and
+/// A point of the line along a direction through most normals of a surface: least squares, weighed (Geman and
 /// McClure) by how far they pass it, as marks on a round part have other normals; `None` for too few points.
 fn center(surface: &SurfaceSamples, direction: &Unit<Vector3<f64>>) -> Option<Point3<f64>> {
     let u = direction.into_inner();
-    // The normal n at x meets the axis u through c where (x - c) x n has nothing along u, which is linear in
-    // c.
+    // The normal n at x meets the axis u through c where (x - c) x n has nothing along u: linear in c.
     let across: Vec<(Vector3<f64>, f64)> = surface
         .points
         .iter()

@@ -2,8 +2,8 @@
 //!
 //! Around a surface point the frames of one state are averaged on the tangent plane into a small patch.
 //! Warped by the part's motion, the same patch is looked for on the other state's surface by Lucas-Kanade
-//! with normalized brightness, so that shading may change. A patch holds the surface in its own plane, where
-//! distance fields hold nothing.
+//! with normalized brightness: shading may change. A patch holds the surface in its own plane, where distance
+//! fields hold nothing.
 
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rayon::prelude::*;
@@ -21,8 +21,8 @@ use crate::{
 use capture::{NoiseConfig, RgbdFrame};
 use geometry::{Grid3, Pose};
 
-/// Least cosine between the normal of a moved point and that of the surface which is there.
-/// chosen: 45 degrees; beyond, it is not the surface that moved
+/// Least cosine between the normals of a moved point and of the surface there.
+/// chosen: 45 degrees; beyond, it is not the moved surface
 const SAME_WAY_COSINE: f64 = 0.7;
 
 /// Settings of the texture alignment.
@@ -128,11 +128,11 @@ fn match_point(
     let (distance, gradient) = sdf.sample_with_gradient(&warped);
     let other_normal = warp.rotation * normal;
     let gradient = gradient.cast::<f64>();
-    // The surface that is nearest there faces another way: it is not the one that moved.
+    // The nearest surface faces another way: it is not the moved one.
     if gradient.dot(&other_normal) < SAME_WAY_COSINE * gradient.norm() {
         return None;
     }
-    // On the surface that is there: off it, frames from several sides would show it displaced.
+    // On the other state's surface: off it, frames from several sides would show it displaced.
     let center = warped - other_normal * f64::from(distance);
     let (frames, pixel_m) = from.best(point, normal, config.frames);
     let (other_frames, other_pixel_m) = to.best(&center, &other_normal, config.frames);
@@ -141,7 +141,7 @@ fn match_point(
     }
     let (a, b) = frame_across(&Unit::new_unchecked(*normal));
     let axes = [a, b];
-    // By the coarser camera, as a finer patch would hold texture that one state does not show.
+    // By the coarser camera, as a finer patch would hold texture unseen in one state.
     let pixel_m = pixel_m.max(other_pixel_m);
     let spacing_m = config.spacing_pixels * pixel_m;
     let here = Tangent { center: *point, normal: *normal, axes, spacing_m };

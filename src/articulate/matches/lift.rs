@@ -1,4 +1,4 @@
-//! Pixel matches lifted to 3D by the depth at both ends, and merged over the views that agree.
+//! Pixel matches lifted to 3D by the depth at both ends, and merged over agreeing views.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
@@ -7,9 +7,9 @@ use crate::observations::LiftedMatch;
 use capture::{NoiseConfig, PixelMatch, RgbdFrame};
 use numeric::index_sets::IndexSets;
 
-/// Half the side of the depth patch that gives a feature's depth, pixels.
+/// Half the side of the depth patch of a feature, pixels.
 const PATCH_PX: i64 = 2;
-/// Fewest readings of a patch that must fit its plane.
+/// Fewest readings of a patch on its plane.
 const PATCH_READINGS: usize = 16;
 /// Readings further than this from the patch's plane are left out, standard deviations; chosen: normal noise
 /// stays within with 99.7 %.
@@ -19,37 +19,39 @@ const PIXEL_SIGMA: f64 = 0.6;
 /// Observations of one point agree within this many standard deviations; chosen: three normal errors stay
 /// within with 99.9 %.
 const AGREEMENT_SIGMAS: f64 = 4.0;
-/// Share of a single observation's deviation that averaging over views does not reduce; tuned: shared/bags.
+/// Share of a single observation's deviation left after averaging over any number of views; tuned:
+/// shared/bags.
 const COMMON_SHARE: f64 = 0.4;
 
-/// One end of a match: where the feature lies in the world, and how well that is known.
+/// One end of a match: where the feature lies in the world, and how well its place is known.
 #[derive(Clone, Copy, Debug)]
-struct Reading {
+struct LiftedFeature {
     point: Point3<f64>,
     sigma_m: f64,
 }
 
-/// Lifts matches to 3D. The depth of a feature is that of the plane through a 5x5 patch (linear in inverse
-/// depth) at its sub-pixel position; patches with holes, depth edges or seen at a grazing angle are refused.
-/// Features of one state that match the same feature of the other and agree in 3D are one point, averaged; a
-/// pair of points is returned once, and dropped where another pair of either point has more than twice as
-/// many pixel matches. See docs/method.md 4.4.
+/// Lifts matches to 3D. The depth of a feature is the depth of the plane through a 5x5 patch (linear in
+/// inverse depth) at its sub-pixel position; patches with holes, depth edges or seen at a grazing angle are
+/// refused. Features of one state with a match to the same feature of the other are one point, averaged, if
+/// they agree in 3D. A pair of points is returned once, and dropped where another pair of either point has
+/// more than twice as many pixel matches. See docs/method.md 4.4.
 #[must_use]
 pub fn lift(states: [&[RgbdFrame]; 2], matches: &[PixelMatch], noise: &NoiseConfig) -> Vec<LiftedMatch> {
-    let read = |state: usize, frame: usize, pixel: [f32; 2]| {
-        states[state].get(frame).and_then(|f| reading(f, pixel, noise))
-    };
-    let lifted: Vec<Option<[Reading; 2]>> = matches
+    let lifted: Vec<Option<[LiftedFeature; 2]>> = matches
         .par_iter()
-        .map(|m| Some([read(0, m.frame0, m.pixel0)?, read(1, m.frame1, m.pixel1)?]))
+        .map(|m| {
+            let end0 = reading(states[0].get(m.frame0)?, m.pixel0, noise)?;
+            let end1 = reading(states[1].get(m.frame1)?, m.pixel1, noise)?;
+            Some([end0, end1])
+        })
         .collect();
-    let kept: Vec<(&PixelMatch, [Reading; 2])> =
+    let kept: Vec<(&PixelMatch, [LiftedFeature; 2])> =
         matches.iter().zip(lifted).filter_map(|(m, l)| Some((m, l?))).collect();
     merged(&kept)
 }
 
 /// The point at a sub-pixel position by the inverse-depth plane of its surroundings.
-fn reading(frame: &RgbdFrame, [u, v]: [f32; 2], noise: &NoiseConfig) -> Option<Reading> {
+fn reading(frame: &RgbdFrame, [u, v]: [f32; 2], noise: &NoiseConfig) -> Option<LiftedFeature> {
     let k = &frame.intrinsics;
     let cx = u.round() as i64;
     let cy = v.round() as i64;
@@ -74,7 +76,7 @@ fn reading(frame: &RgbdFrame, [u, v]: [f32; 2], noise: &NoiseConfig) -> Option<R
     let patch = &patch[..count];
     sorted[..count].sort_by(f64::total_cmp);
     let middle_m = 1.0 / sorted[count / 2];
-    // What a surface at the grazing limit falls off by over the patch; more is a depth edge.
+    // The fall of a surface at the grazing limit over the patch; more is a depth edge.
     let slope_m = PATCH_PX as f64 * middle_m / k.fx * noise.grazing_cosine.acos().tan();
     let limit_m = slope_m + noise.edge_sigmas * noise.sigma_m(middle_m);
     if (1.0 / sorted[0] - 1.0 / sorted[count - 1]).abs() > 2.0 * limit_m {
@@ -108,7 +110,7 @@ fn reading(frame: &RgbdFrame, [u, v]: [f32; 2], noise: &NoiseConfig) -> Option<R
     let across_m = PIXEL_SIGMA * depth_m / k.fx / cosine;
     let point = frame.world_from_camera * Point3::from(ray * depth_m);
     let sigma_m = frame.sigma_m(cy as usize * k.width + cx as usize, noise);
-    Some(Reading { point, sigma_m: sigma_m.hypot(across_m) })
+    Some(LiftedFeature { point, sigma_m: sigma_m.hypot(across_m) })
 }
 
 /// Least-squares `w = a + b x + c y`.
@@ -123,18 +125,18 @@ fn fit_plane(patch: impl Iterator<Item = (f64, f64, f64)>) -> Option<Vector3<f64
     normal.cholesky().map(|c| c.solve(&right)).filter(|p| p[0] > 0.0)
 }
 
+/// Frame and bits of the pixel of a feature.
+type FeatureKey = (usize, [u32; 2]);
+
+/// The feature of one state in a match.
+fn feature_key(m: &PixelMatch, state: usize) -> FeatureKey {
+    if state == 0 { (m.frame0, m.pixel0.map(f32::to_bits)) } else { (m.frame1, m.pixel1.map(f32::to_bits)) }
+}
+
 /// Matches of one pair of merged points.
-fn merged(matches: &[(&PixelMatch, [Reading; 2])]) -> Vec<LiftedMatch> {
-    type Key = (usize, [u32; 2]);
-    let key = |m: &PixelMatch, state: usize| -> Key {
-        if state == 0 {
-            (m.frame0, m.pixel0.map(f32::to_bits))
-        } else {
-            (m.frame1, m.pixel1.map(f32::to_bits))
-        }
-    };
+fn merged(matches: &[(&PixelMatch, [LiftedFeature; 2])]) -> Vec<LiftedMatch> {
     let keys = [0, 1].map(|s| {
-        let mut keys: Vec<Key> = matches.iter().map(|(m, _)| key(m, s)).collect();
+        let mut keys: Vec<FeatureKey> = matches.iter().map(|(m, _)| feature_key(m, s)).collect();
         keys.sort_unstable();
         keys.dedup();
         keys
@@ -142,7 +144,7 @@ fn merged(matches: &[(&PixelMatch, [Reading; 2])]) -> Vec<LiftedMatch> {
     // Feature indices of both ends of every match.
     let ends: Vec<[usize; 2]> = matches
         .iter()
-        .map(|(m, _)| [0, 1].map(|s| keys[s].binary_search(&key(m, s)).unwrap_or_default()))
+        .map(|(m, _)| [0, 1].map(|s| keys[s].binary_search(&feature_key(m, s)).unwrap_or_default()))
         .collect();
     let clusters = [0, 1].map(|s| clusters(matches, &ends, s, [keys[0].len(), keys[1].len()]));
     let points = [0, 1].map(|s| averaged(matches, &ends, &clusters[s], s));
@@ -184,9 +186,10 @@ fn merged(matches: &[(&PixelMatch, [Reading; 2])]) -> Vec<LiftedMatch> {
     out
 }
 
-/// Cluster of every feature of one state: features that match one feature of the other state and agree in 3D.
+/// Cluster of every feature of one state: features with a match to one feature of the other state, in
+/// agreement in 3D.
 fn clusters(
-    matches: &[(&PixelMatch, [Reading; 2])],
+    matches: &[(&PixelMatch, [LiftedFeature; 2])],
     ends: &[[usize; 2]],
     state: usize,
     counts: [usize; 2],
@@ -195,7 +198,7 @@ fn clusters(
     let mut order: Vec<usize> = (0..ends.len()).collect();
     order.sort_by_key(|&i| (ends[i][1 - state], ends[i][state]));
     for group in order.chunk_by(|&a, &b| ends[a][1 - state] == ends[b][1 - state]) {
-        // All that match one feature may be that feature; wrong ones among them do not agree in space.
+        // All matches of one feature may be true; wrong ones among them do not agree in space.
         for (n, &a) in group.iter().enumerate() {
             for &b in &group[n + 1..] {
                 let p = matches[a].1[state];
@@ -211,12 +214,12 @@ fn clusters(
 
 /// Weighted mean point of every cluster, by the index of its root. See docs/method.md (4.3).
 fn averaged(
-    matches: &[(&PixelMatch, [Reading; 2])],
+    matches: &[(&PixelMatch, [LiftedFeature; 2])],
     ends: &[[usize; 2]],
     clusters: &[usize],
     state: usize,
-) -> Vec<Reading> {
-    let mut readings: Vec<Option<Reading>> = vec![None; clusters.len()];
+) -> Vec<LiftedFeature> {
+    let mut readings: Vec<Option<LiftedFeature>> = vec![None; clusters.len()];
     for (m, e) in matches.iter().zip(ends) {
         // A feature counts once, in however many matches it takes part.
         readings[e[state]] = Some(m.1[state]);
@@ -237,7 +240,7 @@ fn averaged(
             // sqrt(count).
             let common = COMMON_SHARE * (count / weight).sqrt();
             let sigma_m = if count > 1.0 { weight.sqrt().recip().max(common) } else { weight.sqrt().recip() };
-            Reading { point: Point3::from(point / weight), sigma_m }
+            LiftedFeature { point: Point3::from(point / weight), sigma_m }
         })
         .collect()
 }
@@ -292,7 +295,7 @@ mod tests {
 
     #[test]
     fn views_that_agree_become_one_match_and_contradicted_ones_go() {
-        let r = |x: f64| Reading { point: Point3::new(x, 0.0, 1.0), sigma_m: 0.001 };
+        let r = |x: f64| LiftedFeature { point: Point3::new(x, 0.0, 1.0), sigma_m: 0.001 };
         let m = |f0: usize, p0: f32, f1: usize, p1: f32| PixelMatch {
             frame0: f0,
             pixel0: [p0, 0.0],

@@ -2,10 +2,10 @@
 
 use capture::{RgbdFrame, luma};
 
-/// Sides of an image whose size the model leaves open are multiples of this, pixels.
+/// Sides of an image are multiples of this where the model leaves its size open, pixels.
 pub const SIDE_MULTIPLE: usize = 32;
 
-/// What a model takes as an image, `[1, channels, height, width]`.
+/// Layout of a model's input image, `[1, channels, height, width]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ImageFormat {
     /// 1: luma, 3: red, green, blue.
@@ -45,15 +45,13 @@ impl ModelImage {
         let inner = [0, 1].map(|k| ((size[k] as f64 * scale).round() as usize).clamp(1, room[k]));
         let outer = [0, 1].map(|k| fixed[k].unwrap_or(inner[k].next_multiple_of(SIDE_MULTIPLE)));
         let taps = [0, 1].map(|k| taps(size[k], inner[k]));
-        let plane = |value: &dyn Fn([u8; 3]) -> f32| {
-            let source: Vec<f32> = frame.rgb.iter().map(|c| value(*c)).collect();
-            padded(&resampled(&source, size[0], &taps), inner, outer)
-        };
-        let values = if format.channels == 1 {
-            plane(&luma)
+        let planes: Vec<Vec<f32>> = if format.channels == 1 {
+            vec![frame.rgb.iter().map(|c| luma(*c)).collect()]
         } else {
-            (0..3).flat_map(|k| plane(&|c: [u8; 3]| f32::from(c[k]) / 255.0)).collect()
+            (0..3).map(|k| frame.rgb.iter().map(|c| f32::from(c[k]) / 255.0).collect()).collect()
         };
+        let values =
+            planes.iter().flat_map(|plane| padded(&resampled(plane, size[0], &taps), inner, outer)).collect();
         let frame_per_model = [0, 1].map(|k| size[k] as f32 / inner[k] as f32);
         Self { width: outer[0], height: outer[1], values, frame_per_model, frame_size: size }
     }
@@ -64,39 +62,50 @@ impl ModelImage {
     pub fn frame_pixel(&self, model_pixel: [f32; 2]) -> Option<[f32; 2]> {
         // Scaling keeps the corner of the first pixel, half a pixel from its center.
         let pixel = [0, 1].map(|k| (model_pixel[k] + 0.5) * self.frame_per_model[k] - 0.5);
-        let inside = |k: usize| pixel[k] >= 0.0 && pixel[k] <= (self.frame_size[k] - 1) as f32;
-        (inside(0) && inside(1)).then_some(pixel)
+        let is_inside = (0..2).all(|k| pixel[k] >= 0.0 && pixel[k] <= (self.frame_size[k] - 1) as f32);
+        is_inside.then_some(pixel)
     }
 }
 
-/// First source sample of every target sample, and the weights from there on: a triangle as wide as two
-/// source samples, or two target samples where the image shrinks.
-fn taps(source: usize, target: usize) -> Vec<(usize, Vec<f32>)> {
+/// Weights of the source samples from `first` on for one target sample.
+struct Tap {
+    first: usize,
+    weights: Vec<f32>,
+}
+
+impl Tap {
+    /// The weighted sum of the source samples, by their index.
+    fn sum(&self, value: impl Fn(usize) -> f32) -> f32 {
+        self.weights.iter().enumerate().map(|(k, w)| w * value(self.first + k)).sum()
+    }
+}
+
+/// The tap of every target sample: a triangle as wide as two source samples, or two target samples where the
+/// image shrinks.
+fn taps(source: usize, target: usize) -> Vec<Tap> {
     let ratio = source as f64 / target as f64;
     let reach = ratio.max(1.0);
-    let tap = |i: usize| {
+    let mut taps = Vec::with_capacity(target);
+    for i in 0..target {
         let center = (i as f64 + 0.5) * ratio - 0.5;
         let first = (center - reach).ceil().max(0.0) as usize;
         let last = ((center + reach).floor() as usize).min(source - 1);
         let weights: Vec<f64> =
             (first..=last).map(|s| (1.0 - (s as f64 - center).abs() / reach).max(0.0)).collect();
         let sum: f64 = weights.iter().sum();
-        (first, weights.into_iter().map(|w| (w / sum) as f32).collect())
-    };
-    (0..target).map(tap).collect()
+        taps.push(Tap { first, weights: weights.into_iter().map(|w| (w / sum) as f32).collect() });
+    }
+    taps
 }
 
 /// A plane of width `width` resampled along rows, then along columns.
-fn resampled(source: &[f32], width: usize, taps: &[Vec<(usize, Vec<f32>)>; 2]) -> Vec<f32> {
-    let sum = |(first, weights): &(usize, Vec<f32>), value: &dyn Fn(usize) -> f32| -> f32 {
-        weights.iter().enumerate().map(|(k, w)| w * value(first + k)).sum()
-    };
-    let narrow: Vec<f32> =
-        source.chunks_exact(width).flat_map(|row| taps[0].iter().map(move |t| sum(t, &|u| row[u]))).collect();
+fn resampled(source: &[f32], width: usize, taps: &[Vec<Tap>; 2]) -> Vec<f32> {
+    let rows = source.chunks_exact(width);
+    let narrow: Vec<f32> = rows.flat_map(|row| taps[0].iter().map(move |t| t.sum(|u| row[u]))).collect();
     let across = taps[0].len();
     taps[1]
         .iter()
-        .flat_map(|t| (0..across).map(|u| sum(t, &|v| narrow[v * across + u])).collect::<Vec<_>>())
+        .flat_map(|t| (0..across).map(|u| t.sum(|v| narrow[v * across + u])).collect::<Vec<_>>())
         .collect()
 }
 

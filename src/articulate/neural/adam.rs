@@ -17,12 +17,21 @@ pub(crate) struct Moments<T> {
     taken: i32,
 }
 
-impl Moments<f64> {
+impl<T: Copy + Default> Moments<T> {
     /// No history of a vector of `length`.
     pub(crate) fn new(length: usize) -> Self {
-        Self { first: vec![0.0; length], second: vec![0.0; length], taken: 0 }
+        Self { first: vec![T::default(); length], second: vec![T::default(); length], taken: 0 }
     }
+}
 
+impl<T> Moments<T> {
+    /// Whether these are moments of a vector of `length`.
+    fn has_length(&self, length: usize) -> bool {
+        self.first.len() == length && self.second.len() == length
+    }
+}
+
+impl Moments<f64> {
     /// The change of every parameter for a gradient.
     pub(crate) fn steps(&mut self, gradient: &[f64], rate: f64) -> Vec<f64> {
         self.taken += 1;
@@ -44,7 +53,7 @@ impl Moments<f64> {
     }
 }
 
-/// Moments of a segmentation field. Grid nodes that never had a gradient are passed over: Adam would leave
+/// Moments of a segmentation field. Grid nodes without any gradient so far are passed over: Adam would leave
 /// them as they are.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct FieldMoments {
@@ -86,27 +95,22 @@ impl Rule {
 impl FieldMoments {
     /// No history.
     pub(crate) fn new(field: &SegmentationField) -> Self {
-        let moments =
-            |length: usize| Moments { first: vec![0.0; length], second: vec![0.0; length], taken: 0 };
+        let lengths = field.layers.iter().flat_map(|l| [l.weights.len(), l.biases.len()]);
         Self {
-            grid: moments(field.grid.len()),
-            layers: field
-                .layers
-                .iter()
-                .flat_map(|l| [moments(l.weights.len()), moments(l.biases.len())])
-                .collect(),
+            grid: Moments::new(field.grid.len()),
+            layers: lengths.map(Moments::new).collect(),
             touched: vec![false; field.grid.len() / FEATURES],
         }
     }
 
     /// Whether these are moments of a field of this shape.
     pub(crate) fn fits(&self, field: &SegmentationField) -> bool {
-        let lengths = |m: &Moments<f32>| (m.first.len(), m.second.len());
-        let layers: Vec<_> =
-            field.layers.iter().flat_map(|l| [l.weights.len(), l.biases.len()]).map(|n| (n, n)).collect();
-        lengths(&self.grid) == (field.grid.len(), field.grid.len())
+        let lengths: Vec<usize> =
+            field.layers.iter().flat_map(|l| [l.weights.len(), l.biases.len()]).collect();
+        self.grid.has_length(field.grid.len())
             && self.touched.len() * FEATURES == field.grid.len()
-            && self.layers.iter().map(lengths).collect::<Vec<_>>() == layers
+            && self.layers.len() == lengths.len()
+            && self.layers.iter().zip(&lengths).all(|(m, &length)| m.has_length(length))
     }
 
     /// One step; clears the gradient.
@@ -118,7 +122,7 @@ impl FieldMoments {
     ) {
         self.grid.taken += 1;
         let rule = Rule::at(self.grid.taken, rate);
-        // A node that had a gradient once still moves by its moments.
+        // A node with a gradient in the past still moves by its moments.
         for (ever, now) in self.touched.iter_mut().zip(&mut gradient.touched) {
             *ever |= std::mem::take(now);
         }

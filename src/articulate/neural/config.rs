@@ -9,10 +9,10 @@ const MAX_GRID_NODES: usize = 200;
 /// Most samples, points or matches of one step.
 const MAX_SAMPLES: usize = 4_000_000;
 
-/// Which of two readings of the method to follow where the published text and the released program differ.
+/// Version of the method where the published text and the released program differ.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Reading {
+pub enum MethodVersion {
     /// As published.
     #[default]
     Paper,
@@ -20,14 +20,14 @@ pub enum Reading {
     Released,
 }
 
-/// What colors are compared in.
+/// Space for the comparison of colors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ColorSpace {
     /// Colors in `[0, 1]`.
     #[default]
     Rgb,
-    /// What the networks give before the sigmoid (released program).
+    /// Outputs of the networks before the sigmoid (released program).
     Logit,
 }
 
@@ -78,31 +78,32 @@ pub struct Compatibility {
     /// Near-surface weight: `paper` is `sigmoid(5q) sigmoid(-5q)` on `|q| < 1` with `q` the signed distance
     /// in truncation distances; `released` divides `q` once more by 0.03, floors it at -0.5 and cuts it at `q
     /// < 0.05`.
-    pub near_surface_weight: Reading,
-    /// Visibility: `paper` discounts points not seen in both states; `released` discounts those that are.
-    pub visibility: Reading,
-    /// Occupancy target of back-warped points: `paper` takes the state they lie in; `released` the state that
-    /// they are warped into.
-    pub occupancy_target: Reading,
+    pub near_surface_weight: MethodVersion,
+    /// Visibility: `paper` discounts points not seen in both states; `released` discounts points seen in
+    /// both.
+    pub visibility: MethodVersion,
+    /// Occupancy target of back-warped points: `paper` takes the state they lie in; `released` the state they
+    /// are warped into.
+    pub occupancy_target: MethodVersion,
     /// Colors before (`logit`) or after (`rgb`) the sigmoid.
     pub color_space: ColorSpace,
     /// Grid queries: `paper` is node-aligned; `released` reads at `N / (N - 1)` times the normalised
     /// position.
-    pub grid_alignment: Reading,
+    pub grid_alignment: MethodVersion,
 }
 
 /// Settings of [`crate::neural::optimise::ArticulationTrainer`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ArticulationConfig {
-    /// Whether parts and motions that registration found are refined by consistency between the two states'
-    /// fields. Motions that start from the identity always are.
+    /// Whether parts and motions found by registration are refined by consistency between the two states'
+    /// fields. Motions started from the identity always are.
     pub refine: bool,
     /// Optimizer steps where motions start from the identity.
     pub identity_steps: usize,
     /// Optimizer steps where motions start from a registration.
     pub refine_steps: usize,
-    /// Steps that first fit the segmentation to given labels.
+    /// Steps of the first fit of the segmentation to given labels.
     pub label_steps: usize,
     /// Rays a step and state.
     pub rays: usize,
@@ -118,10 +119,10 @@ pub struct ArticulationConfig {
     pub grid_nodes: usize,
     /// First and last learning rate of the segmentation fields; falls exponentially.
     pub field_rate: [f64; 2],
-    /// First and last learning rate of motions that start from the identity (radians, and half sides of the
+    /// First and last learning rate of motions started from the identity (radians, and half sides of the
     /// scene cube).
     pub identity_motion_rate: [f64; 2],
-    /// First and last learning rate of motions that start from a registration.
+    /// First and last learning rate of motions started from a registration.
     pub refine_motion_rate: [f64; 2],
     /// Share of the steps after which occupancy and collision count (docs/method.md 12.8: 500 of 2000).
     pub late_start: f64,
@@ -133,8 +134,8 @@ pub struct ArticulationConfig {
     pub sdf_residual: SdfResidual,
     /// Whether rays weigh inversely to their depth noise.
     pub noise_weights: bool,
-    /// Whether visibility, which depends on the segmentation, passes gradients on. Off, no point gains by
-    /// being assigned to a motion that hides it.
+    /// Whether visibility (it depends on the segmentation) passes gradients on. Off, no point gains by the
+    /// label of a motion with a hidden place.
     pub visibility_gradient: bool,
     /// Weights of the loss terms.
     pub weights: LossWeights,
@@ -143,7 +144,7 @@ pub struct ArticulationConfig {
 }
 
 impl ArticulationConfig {
-    /// Refuses settings that make no sense.
+    /// Refuses unusable settings.
     ///
     /// # Errors
     /// [`TrainerError::Setting`] with the key.

@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::neural::{
-    config::{ArticulationConfig, ColorSpace, Reading, SdfResidual},
+    config::{ArticulationConfig, ColorSpace, MethodVersion, SdfResidual},
     loss_term::{CHUNK, LossTerm},
     motion_params::{Motions, Way},
     ray_batch::RayBatch,
@@ -38,8 +38,8 @@ impl Discount {
     fn of(config: &ArticulationConfig) -> Self {
         let unseen = config.unseen_weight;
         match config.compatibility.visibility {
-            Reading::Paper => Self { offset: unseen, slope: 1.0 - unseen },
-            Reading::Released => Self { offset: 1.0, slope: unseen - 1.0 },
+            MethodVersion::Paper => Self { offset: unseen, slope: 1.0 - unseen },
+            MethodVersion::Released => Self { offset: 1.0, slope: unseen - 1.0 },
         }
     }
 }
@@ -73,7 +73,7 @@ impl Consistency<'_> {
         // A batch without a sample near the surface has no loss, in place of NaN.
         let total: f64 = self.batch.weights.iter().sum::<f64>().max(1e-12);
         let parts = self.parts();
-        let chunk = |(chunk, p): (usize, &[f32])| {
+        let chunks = probabilities.par_chunks(CHUNK * parts).enumerate().map(|(chunk, p)| {
             let mut term = LossTerm::zero(p.len() / parts, parts);
             for (k, p) in p.chunks_exact(parts).enumerate() {
                 let sample = chunk * CHUNK + k;
@@ -82,8 +82,8 @@ impl Consistency<'_> {
                 }
             }
             term
-        };
-        LossTerm::concat(probabilities.par_chunks(CHUNK * parts).enumerate().map(chunk).collect(), parts)
+        });
+        LossTerm::concat(chunks.collect(), parts)
     }
 
     fn add_sdf(&self, sample: usize, weight: f64, p: &[f32], row: usize, term: &mut LossTerm) {
@@ -104,8 +104,8 @@ impl Consistency<'_> {
     }
 
     /// `L_c = sum w v mean_rgb (sum_i P_i c'(y_i, R_i d) - c(x, d))^2 / sum w`, estimated by one sample a ray
-    /// that carries the weight of the ray. Gradients take the view direction as given. `probabilities` are
-    /// those of all samples.
+    /// with the weight of the ray. Gradients take the view direction as given. `probabilities` are those of
+    /// all samples.
     pub(crate) fn color_loss(&self, probabilities: &[f32]) -> LossTerm {
         let parts = self.parts();
         let samples = self.batch.samples_per_ray;
@@ -137,7 +137,8 @@ impl Consistency<'_> {
                 self.batch.colored[*r],
                 ray_weights[*r] / total,
                 probabilities,
-                (&self.in_space(own), &found),
+                &self.in_space(own),
+                &found,
                 &mut term,
             );
         }
@@ -149,7 +150,8 @@ impl Consistency<'_> {
         sample: usize,
         weight: f64,
         p: &[f32],
-        (own, found): (&ColorSample, &[ColorSample]),
+        own: &ColorSample,
+        found: &[ColorSample],
         term: &mut LossTerm,
     ) {
         let parts = self.parts();
@@ -172,7 +174,7 @@ impl Consistency<'_> {
         }
     }
 
-    /// A color in the space in which colors are compared.
+    /// A color in the space of the comparison.
     fn in_space(&self, color: &ColorSample) -> ColorSample {
         match self.config.compatibility.color_space {
             ColorSpace::Rgb => *color,
@@ -199,14 +201,13 @@ fn penalty(residual: f64, sigma: f64, kind: SdfResidual) -> (f64, f64) {
         SdfResidual::NoiseScaled { sigmas } => {
             // Below half a truncation distance there is always an absolute part between the two ends.
             let knee = (sigmas * sigma).clamp(1e-9, 0.5);
-            let absolute = |s: f64| s - 0.5 * knee;
             if size < knee {
                 (0.5 * residual * residual / knee, residual / knee)
             } else if size < 1.0 {
-                (absolute(size), residual.signum())
+                (size - 0.5 * knee, residual.signum())
             } else {
                 // Beyond the truncation the other state knows no surface: no pull.
-                (absolute(1.0), 0.0)
+                (1.0 - 0.5 * knee, 0.0)
             }
         }
     }

@@ -25,7 +25,7 @@ pub(crate) fn multiply_transposed(a: &[f32], k: usize, b: &[f32], n: usize, c: &
     run(Product { a, row_stride: 1, depth_stride: k, depth: a.len() / k, b, n }, c);
 }
 
-/// Picks the build of [`all_rows`] that suits this processor.
+/// Runs the build of [`all_rows`] for this processor.
 fn run(product: Product<'_>, c: &mut [f32]) {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma") {
@@ -46,7 +46,7 @@ fn run_avx2(product: Product<'_>, c: &mut [f32]) {
 fn all_rows<const FMA: bool>(p: Product<'_>, c: &mut [f32]) {
     let rows = c.len() / p.n;
     let mut row = 0;
-    // Four rows share what is read of `b`.
+    // Four rows share the values read from `b`.
     while row + 4 <= rows {
         all_columns::<FMA, 4>(p, row, c);
         row += 4;

@@ -9,7 +9,7 @@ pub(crate) struct Cell {
     base: usize,
     nodes: usize,
     fraction: [f32; 3],
-    /// Node spacings per unit; zero along an axis on which the point is outside and was clamped.
+    /// Node spacings per unit; zero along an axis where the point is outside and was clamped.
     slope: [f32; 3],
 }
 
@@ -38,8 +38,7 @@ impl Cell {
     pub(crate) fn corners(&self) -> [(usize, f32); 8] {
         let [a, b, c] = self.fraction;
         std::array::from_fn(|k| {
-            let pick = |bit: usize, t: f32| if k >> bit & 1 == 1 { t } else { 1.0 - t };
-            (self.node(k), pick(0, a) * pick(1, b) * pick(2, c))
+            (self.node(k), axis_weight(k, 0, a) * axis_weight(k, 1, b) * axis_weight(k, 2, c))
         })
     }
 
@@ -80,16 +79,19 @@ impl Cell {
             let u = (axis + 1) % 3;
             let v = (axis + 2) % 3;
             for (k, value) in corner.iter().enumerate() {
-                let pick = |bit: usize| {
-                    if k >> bit & 1 == 1 { self.fraction[bit] } else { 1.0 - self.fraction[bit] }
-                };
+                let [weight_u, weight_v] = [u, v].map(|axis| axis_weight(k, axis, self.fraction[axis]));
                 let sign = if k >> axis & 1 == 1 { 1.0 } else { -1.0 };
-                *g += sign * pick(u) * pick(v) * value;
+                *g += sign * weight_u * weight_v * value;
             }
             *g *= self.slope[axis];
         }
         gradient
     }
+}
+
+/// Weight of a corner along an axis, for a point at `fraction` of the cell's side.
+fn axis_weight(corner: usize, axis: usize, fraction: f32) -> f32 {
+    if corner >> axis & 1 == 1 { fraction } else { 1.0 - fraction }
 }
 
 #[cfg(test)]

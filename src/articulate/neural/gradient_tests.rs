@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::neural::{
     collision::collision_loss,
-    config::{ArticulationConfig, LossWeights, Reading, SdfResidual},
+    config::{ArticulationConfig, LossWeights, MethodVersion, SdfResidual},
     consistency::Consistency,
     motion_params::{Motions, Way},
     objective::{ArticulationLosses, Objective, StateBatch},
@@ -12,7 +12,7 @@ use crate::neural::{
     ray_batch::RayBatch,
     segmentation::{GumbelNoise, SegmentationField},
     test_scene::{TestScene, two_blocks},
-    uniform_batch::{OccupiedVoxels, UniformBatch},
+    uniform_batch::{OccupiedState, OccupiedVoxels, UniformBatch},
 };
 use geometry::Pose;
 use numeric::random::stage_rng;
@@ -57,9 +57,10 @@ impl<'a> Fixture<'a> {
             [RayBatch::draw(&v0, &config, 0.002, &mut rng), RayBatch::draw(&v1, &config, 0.002, &mut rng)];
         let o0 = OccupiedVoxels::of(&v0);
         let o1 = OccupiedVoxels::of(&v1);
-        let (here, other) = if source == 0 { ((&v1, &o1), (&v0, &o0)) } else { ((&v0, &o0), (&v1, &o1)) };
+        let states = [OccupiedState { volume: &v0, voxels: &o0 }, OccupiedState { volume: &v1, voxels: &o1 }];
+        let [here, other] = [states[1 - source], states[source]];
         let back = Way::from_state(source).reverse();
-        let uniform = UniformBatch::draw(config.uniform_points, here, other, (&motions, back), &mut rng);
+        let uniform = UniformBatch::draw(config.uniform_points, here, other, &motions, back, &mut rng);
         Self { scene, config, source, motions, field, rays, uniform }
     }
 
@@ -161,7 +162,7 @@ fn check(weights: LossWeights, change: impl Fn(&mut ArticulationConfig)) {
 #[test]
 fn sdf_consistency_has_its_gradient() {
     check(LossWeights { sdf: 10.0, ..NOTHING }, |_| ());
-    check(LossWeights { sdf: 10.0, ..NOTHING }, |c| c.compatibility.visibility = Reading::Released);
+    check(LossWeights { sdf: 10.0, ..NOTHING }, |c| c.compatibility.visibility = MethodVersion::Released);
     check(LossWeights { sdf: 10.0, ..NOTHING }, |c| {
         c.sdf_residual = SdfResidual::NoiseScaled { sigmas: 3.0 }
     });
@@ -179,7 +180,7 @@ fn color_consistency_has_its_gradient() {
 fn occupancy_consistency_has_its_gradient() {
     check(LossWeights { occupancy: 5.0, ..NOTHING }, |_| ());
     check(LossWeights { occupancy: 5.0, ..NOTHING }, |c| {
-        c.compatibility.occupancy_target = Reading::Released
+        c.compatibility.occupancy_target = MethodVersion::Released
     });
 }
 
@@ -241,19 +242,20 @@ fn at_the_truth_only_the_released_occupancy_target_disagrees() {
         let o_to = OccupiedVoxels::of(&to);
         let uniform = UniformBatch::draw(
             config.uniform_points,
-            (&to, &o_to),
-            (&from, &o_from),
-            (&motions, way.reverse()),
+            OccupiedState { volume: &to, voxels: &o_to },
+            OccupiedState { volume: &from, voxels: &o_from },
+            &motions,
+            way.reverse(),
             &mut rng,
         );
         let flow =
-            BackwardFlow::gather(&uniform.points, Some(&uniform.weights), &from, (&motions, way.reverse()));
+            BackwardFlow::gather(&uniform.points, Some(&uniform.weights), &from, &motions, way.reverse());
         let p = truth(&scene, source, flow.candidates.iter().map(|c| c.image));
-        let paper = occupancy_loss(&flow, &p, (&to, &from), &config).value;
+        let paper = occupancy_loss(&flow, &p, &to, &from, &config).value;
         let collision = collision_loss(&flow, &p).value;
-        config.compatibility.occupancy_target = Reading::Released;
-        let released = occupancy_loss(&flow, &p, (&to, &from), &config).value;
-        config.compatibility.occupancy_target = Reading::Paper;
+        config.compatibility.occupancy_target = MethodVersion::Released;
+        let released = occupancy_loss(&flow, &p, &to, &from, &config).value;
+        config.compatibility.occupancy_target = MethodVersion::Paper;
         assert!(paper < 2e-4, "{paper}");
         assert!(released > 20.0 * paper.max(1e-4), "{released} against {paper}");
         assert!(collision < 1e-6, "{collision}");
@@ -272,8 +274,10 @@ fn weighted_points_estimate_the_uniform_mean() {
     let v1 = scene.volume(1, &config);
     let o0 = OccupiedVoxels::of(&v0);
     let o1 = OccupiedVoxels::of(&v1);
+    let here = OccupiedState { volume: &v1, voxels: &o1 };
+    let other = OccupiedState { volume: &v0, voxels: &o0 };
     let mut rng = stage_rng(8, "test/uniform", 0);
-    let batch = UniformBatch::draw(200_000, (&v1, &o1), (&v0, &o0), (&motions, Way::Backward), &mut rng);
+    let batch = UniformBatch::draw(200_000, here, other, &motions, Way::Backward, &mut rng);
     let mean = |f: &dyn Fn(&Point3<f64>) -> f64| {
         batch
             .points

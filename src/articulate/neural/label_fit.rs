@@ -14,28 +14,29 @@ pub(crate) struct LabelSet {
 
 impl LabelSet {
     /// Mean cross-entropy (nats) of `count` random points, each moved by up to `reach` (normalised) along
-    /// every axis so that the space around the surface takes its label too. Adds to the gradient.
+    /// every axis: the space around the surface takes its label too. Adds to the gradient.
     pub(crate) fn loss(
         &self,
         field: &SegmentationField,
-        (count, reach): (usize, f64),
+        count: usize,
+        reach: f64,
         gradient: &mut SegmentationGradient,
         rng: &mut impl Rng,
     ) -> f64 {
         let parts = field.parts;
         let chosen: Vec<usize> = (0..count).map(|_| below(rng, self.points.len())).collect();
-        let moved = |i: &usize| {
-            let p = self.points[*i] + Vector3::from_fn(|_, _| (2.0 * unit(rng) - 1.0) * reach);
-            [p.x as f32, p.y as f32, p.z as f32]
-        };
-        let points: Vec<[f32; 3]> = chosen.iter().map(moved).collect();
+        let mut points: Vec<[f32; 3]> = Vec::with_capacity(count);
+        for &i in &chosen {
+            let p = self.points[i] + Vector3::from_fn(|_, _| (2.0 * unit(rng) - 1.0) * reach);
+            points.push([p.x as f32, p.y as f32, p.z as f32]);
+        }
         let activations = field.forward(&points, std::mem::take(&mut gradient.spare));
         let probabilities = softmax(&activations, parts, None);
         let mut by_probabilities = vec![0.0; probabilities.len()];
         let mut total = 0.0;
         for (k, i) in chosen.iter().enumerate() {
             let at = k * parts + usize::from(self.labels[*i]);
-            // A probability that rounds to 0 must not make the loss infinite.
+            // A probability rounded to 0 must not make the loss infinite.
             let p = probabilities[at].max(1e-9);
             total -= f64::from(p.ln());
             by_probabilities[at] = -1.0 / (p * count as f32);

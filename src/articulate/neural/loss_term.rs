@@ -1,15 +1,15 @@
-//! What every loss of stage 2 gives back.
+//! The result of every loss of stage 2.
 
 use crate::neural::motion_params::MotionGradient;
 
-/// Points of a parallel work item. Fixed, so that sums have the same order for every number of threads.
+/// Points of a parallel work item. Fixed: sums have the same order for every number of threads.
 pub(crate) const CHUNK: usize = 256;
 
 /// Value and gradients of a loss.
 pub(crate) struct LossTerm {
     /// Not multiplied by the weight of the term.
     pub value: f64,
-    /// By the part probabilities of the points that the loss was given, `parts` a point.
+    /// By the part probabilities of the points of the loss, `parts` a point.
     pub by_probabilities: Vec<f32>,
     /// By the motions.
     pub by_motions: MotionGradient,

@@ -1,4 +1,4 @@
-//! The rigid motions that both states share, in normalised coordinates, with gradients on so(3) x R^3.
+//! The rigid motions common to both states, in normalised coordinates, with gradients on so(3) x R^3.
 //!
 //! Forward is state 0 to state 1: `y = R x + t`; backward is the exact inverse. Rotations are stepped from
 //! the left, `R <- exp(w) R`, so every gradient is a torque about the image of the origin and a force. Part 0
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::neural::adam::Moments;
 use geometry::{Pose, SceneBox, exp_so3};
 
-/// Which way points are taken by a motion.
+/// Direction of a motion between the states.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Way {
     /// State 0 to state 1.

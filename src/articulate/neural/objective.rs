@@ -39,7 +39,7 @@ pub struct ArticulationLosses {
     pub matching_3d: f64,
     /// Cross-entropy of given labels, nats, while they are fitted.
     pub labels: f64,
-    /// What is minimised.
+    /// The minimised weighted sum.
     pub total: f64,
 }
 
@@ -67,7 +67,7 @@ pub(crate) struct StateBatch<'a> {
     pub rays: &'a RayBatch,
     /// Matches, moved out of this state.
     pub matches: &'a [LiftedMatch],
-    /// Points of the other state for occupancy and collision; `None` while those losses are not active.
+    /// Points of the other state for occupancy and collision; `None` while these losses are not active.
     pub uniform: Option<&'a UniformBatch>,
     /// Samples of the other state's rays, for collision; as above.
     pub collision: Option<&'a [Point3<f64>]>,
@@ -75,8 +75,7 @@ pub(crate) struct StateBatch<'a> {
     pub noise: GumbelNoise,
 }
 
-/// One state's share of the problem: `source` is the state whose segmentation is asked, `target` the other
-/// one.
+/// One state's share of the problem: `source` is the state of the segmentation, `target` the other one.
 pub(crate) struct Objective<'a> {
     pub source: &'a Volume<'a>,
     pub target: &'a Volume<'a>,
@@ -86,7 +85,7 @@ pub(crate) struct Objective<'a> {
     pub config: &'a ArticulationConfig,
 }
 
-/// Points at which the segmentation is asked, group after group, with the gradients that come back.
+/// Query points of the segmentation, group after group, with the returned gradients.
 struct Queries {
     parts: usize,
     points: Vec<[f32; 3]>,
@@ -97,7 +96,7 @@ struct Queries {
 }
 
 impl Queries {
-    /// Adds a group; every point comes with an index that ties its noise to it.
+    /// Adds a group; every point has an index for its noise.
     fn push(
         &mut self,
         noise: GumbelNoise,
@@ -129,7 +128,7 @@ impl Queries {
 }
 
 impl Objective<'_> {
-    /// Losses of a batch; adds to the gradient of the field and returns that by the motions.
+    /// Losses of a batch, and their gradient by the motions; adds to the gradient of the field.
     pub(crate) fn evaluate(
         &self,
         field: &SegmentationField,
@@ -137,11 +136,13 @@ impl Objective<'_> {
         gradient: &mut SegmentationGradient,
     ) -> (ArticulationLosses, MotionGradient) {
         let parts = field.parts;
-        // Points of the other state are carried back to this one, where the segmentation is asked.
-        let back = (self.motions, self.way.reverse());
-        let uniform =
-            batch.uniform.map(|u| BackwardFlow::gather(&u.points, Some(&u.weights), self.source, back));
-        let contact = batch.collision.map(|points| BackwardFlow::gather(points, None, self.source, back));
+        // Points of the other state are carried back to this one, the state of the segmentation.
+        let back = self.way.reverse();
+        let uniform = batch
+            .uniform
+            .map(|u| BackwardFlow::gather(&u.points, Some(&u.weights), self.source, self.motions, back));
+        let contact =
+            batch.collision.map(|points| BackwardFlow::gather(points, None, self.source, self.motions, back));
 
         let mut queries = Queries {
             parts,
@@ -151,7 +152,7 @@ impl Objective<'_> {
             by_motions: MotionGradient::zero(parts),
             total: 0.0,
         };
-        // Where it is asked: ray samples, starts of matches, candidates of occupancy and of collision.
+        // Query points: ray samples, starts of matches, candidates of occupancy and of collision.
         let samples = batch.rays.points.iter().enumerate().map(|(i, p)| (i as u64, *p));
         let near = queries.push(batch.noise, 0, samples);
         let starts = batch.matches.iter().enumerate();
@@ -173,8 +174,8 @@ impl Objective<'_> {
         self.add_consistency(batch, &near, &probabilities, &mut queries, &mut losses);
         self.add_matching(batch, &matched, &probabilities, &mut queries, &mut losses);
         self.add_volumes(
-            (&uniform, &filled),
-            (&contact, &touching),
+            [uniform.as_ref(), contact.as_ref()],
+            [&filled, &touching],
             &probabilities,
             &mut queries,
             &mut losses,
@@ -185,7 +186,7 @@ impl Objective<'_> {
         let by_logits =
             softmax_backward(&probabilities, &queries.by_probabilities, parts, activations.stride);
         let by_points = field.backward(&queries.points, activations, &by_logits, gradient);
-        // Motions also decide where the candidates lie, at which the segmentation was asked.
+        // Motions also decide the places of the candidates.
         for (flow, range) in [(&uniform, filled), (&contact, touching)] {
             if let Some(flow) = flow {
                 queries.by_motions.merge(&flow.by_motions(&by_points[range]));
@@ -236,8 +237,8 @@ impl Objective<'_> {
 
     fn add_volumes(
         &self,
-        (uniform, filled): (&Option<BackwardFlow<'_>>, &std::ops::Range<usize>),
-        (contact, touching): (&Option<BackwardFlow<'_>>, &std::ops::Range<usize>),
+        [uniform, contact]: [Option<&BackwardFlow<'_>>; 2],
+        [filled, touching]: [&std::ops::Range<usize>; 2],
         probabilities: &[f32],
         queries: &mut Queries,
         losses: &mut ArticulationLosses,
@@ -246,7 +247,7 @@ impl Objective<'_> {
         if let Some(flow) = uniform {
             let p = &probabilities[queries.row(filled)];
             if weights.occupancy > 0.0 {
-                let term = occupancy_loss(flow, p, (self.target, self.source), self.config);
+                let term = occupancy_loss(flow, p, self.target, self.source, self.config);
                 losses.occupancy = queries.add(filled, weights.occupancy, term);
             }
             if weights.collision > 0.0 {

@@ -1,15 +1,15 @@
-//! Occupancy carried back from one state into the other (docs/method.md 12.7), and the loss that compares it
-//! with what is there (docs/method.md 12.8).
+//! Occupancy carried back from one state into the other (docs/method.md 12.7), and its loss against the
+//! occupancy there (docs/method.md 12.8).
 //!
 //! A point `x` of the `here` state has, in the other state, the candidates `x_i = T_i^-1 x`; the part
-//! probability of each times the occupancy there is `m_i`, and `O(x) = sum_i m_i` is the occupancy that parts
-//! moved here would give.
+//! probability of each times the occupancy there is `m_i`, and `O(x) = sum_i m_i` is the occupancy by all
+//! parts moved here.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::neural::{
-    config::{ArticulationConfig, Reading},
+    config::{ArticulationConfig, MethodVersion},
     loss_term::{CHUNK, LossTerm},
     motion_params::{MotionGradient, Motions, Way},
     state_model::Volume,
@@ -46,28 +46,36 @@ impl<'a> BackwardFlow<'a> {
         points: &'a [Point3<f64>],
         weights: Option<&'a [f64]>,
         other: &Volume<'_>,
-        (motions, way): (&'a Motions, Way),
+        motions: &'a Motions,
+        way: Way,
     ) -> Self {
-        let chunk = |(chunk, block): (usize, &[Point3<f64>])| {
-            let mut found = Vec::new();
-            for (k, x) in block.iter().enumerate() {
-                let point = chunk * CHUNK + k;
-                if weights.is_some_and(|w| w[point] == 0.0) {
-                    continue;
-                }
-                for part in 0..motions.parts.len() {
-                    let image = motions.apply(part, way, x);
-                    let (occupancy, by_image) = other.occupancy(&image);
-                    // An empty candidate adds nothing, whatever its part probability.
-                    if occupancy > 0.0 {
-                        found.push(Candidate { point, part, image, occupancy, by_image });
-                    }
-                }
+        let mut flow = Self { points, weights, motions, way, candidates: Vec::new() };
+        let found: Vec<Vec<Candidate>> = (0..points.len().div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                let chunk = chunk * CHUNK..((chunk + 1) * CHUNK).min(points.len());
+                chunk.flat_map(|point| flow.candidates_of(point, other)).collect()
+            })
+            .collect();
+        flow.candidates = found.concat();
+        flow
+    }
+
+    /// The candidates of one point; none for a point without weight.
+    fn candidates_of(&self, point: usize, other: &Volume<'_>) -> Vec<Candidate> {
+        let mut found = Vec::new();
+        if self.weight(point) == 0.0 {
+            return found;
+        }
+        for part in 0..self.motions.parts.len() {
+            let image = self.motions.apply(part, self.way, &self.points[point]);
+            let (occupancy, by_image) = other.occupancy(&image);
+            // An empty candidate adds nothing, whatever its part probability.
+            if occupancy > 0.0 {
+                found.push(Candidate { point, part, image, occupancy, by_image });
             }
-            found
-        };
-        let candidates: Vec<Vec<Candidate>> = points.par_chunks(CHUNK).enumerate().map(chunk).collect();
-        Self { points, weights, motions, way, candidates: candidates.concat() }
+        }
+        found
     }
 
     fn weight(&self, point: usize) -> f64 {
@@ -105,7 +113,7 @@ impl<'a> BackwardFlow<'a> {
         term
     }
 
-    /// Gradient by the motions through the images at which the segmentation was evaluated.
+    /// Gradient by the motions through the query points of the segmentation.
     pub(crate) fn by_motions(&self, by_images: &[[f32; 3]]) -> MotionGradient {
         let mut total = MotionGradient::zero(self.motions.parts.len());
         for (c, g) in self.candidates.iter().zip(by_images) {
@@ -117,19 +125,20 @@ impl<'a> BackwardFlow<'a> {
 }
 
 /// Occupancy consistency, mean of `v (O(x) - target(x))^2`, with `v` 1 where the point was seen here and one
-/// of its candidates in the other state, else the unseen weight. The target is the occupancy of the state
-/// that the points lie in; the released program takes that of the other state at the same place.
+/// of its candidates in the other state, else the unseen weight. The target is the occupancy of the points'
+/// own state; the released program takes the other state's at the same place.
 pub(crate) fn occupancy_loss(
     flow: &BackwardFlow<'_>,
     probabilities: &[f32],
-    (here, other): (&Volume<'_>, &Volume<'_>),
+    here: &Volume<'_>,
+    other: &Volume<'_>,
     config: &ArticulationConfig,
 ) -> LossTerm {
     flow.loss(probabilities, |k, predicted| {
         let x = &flow.points[k];
         let target = match config.compatibility.occupancy_target {
-            Reading::Paper => here.occupancy(x).0,
-            Reading::Released => other.occupancy(x).0,
+            MethodVersion::Paper => here.occupancy(x).0,
+            MethodVersion::Released => other.occupancy(x).0,
         };
         // docs/method.md (12.17).
         let error = predicted - target;
@@ -139,7 +148,7 @@ pub(crate) fn occupancy_loss(
         }
         let seen = here.visible(x)
             && (0..flow.motions.parts.len()).any(|i| other.visible(&flow.motions.apply(i, flow.way, x)));
-        let v = if seen == (config.compatibility.visibility == Reading::Paper) {
+        let v = if seen == (config.compatibility.visibility == MethodVersion::Paper) {
             1.0
         } else {
             config.unseen_weight

@@ -18,7 +18,7 @@ use crate::{
         trainer_input::{
             LabelledPoints, check_labels, check_matches, check_motions, check_scale, check_state,
         },
-        uniform_batch::{OccupiedVoxels, UniformBatch},
+        uniform_batch::{OccupiedState, OccupiedVoxels, UniformBatch},
     },
     observations::LiftedMatch,
 };
@@ -37,18 +37,18 @@ pub struct ArticulationStart<'a> {
     /// `state1_from_state0` of every part in the world, the first the identity; `None` starts all of them
     /// from the identity, as published.
     pub motions: Option<&'a [Pose]>,
-    /// Labelled surface points of both states that the segmentation is fitted to first.
+    /// Labelled surface points of both states for a first fit of the segmentation.
     pub labels: Option<[&'a LabelledPoints; 2]>,
 }
 
-/// What is known of both states together.
+/// The inputs of both states together.
 #[derive(Clone, Copy)]
 pub struct ArticulationProblem<'a> {
     /// The frozen reconstructions.
     pub states: [StateModel<'a>; 2],
     /// Surface points seen in both states.
     pub matches: &'a [LiftedMatch],
-    /// The cube that holds the object in both states.
+    /// The cube around the object in both states.
     pub scene: SceneBox,
     /// Truncation distance of the fields, meters.
     pub truncation_m: f64,
@@ -56,7 +56,8 @@ pub struct ArticulationProblem<'a> {
     pub parts: usize,
 }
 
-/// Everything that changes: continuing from it gives bit for bit what an uninterrupted run gives.
+/// The changing state of the search: a continued run gives the same result bit for bit as an uninterrupted
+/// one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ArticulationCheckpoint {
     seed: u64,
@@ -87,8 +88,7 @@ impl<'a> ArticulationTrainer<'a> {
     /// Prepares the search. Equal inputs and seed give equal results for any number of threads.
     ///
     /// # Errors
-    /// [`TrainerError`] for settings out of range and for inputs that are empty, not finite or do not fit
-    /// each other.
+    /// [`TrainerError`] for settings out of range and for empty, not finite or inconsistent inputs.
     pub fn new(
         problem: &ArticulationProblem<'a>,
         start: ArticulationStart<'_>,
@@ -126,7 +126,7 @@ impl<'a> ArticulationTrainer<'a> {
             })
         });
         let fields = STREAMS.map(|name| {
-            // The number of a step that is never taken: initial values draw from a stream of their own.
+            // The number of a step never taken: initial values draw from a stream of their own.
             SegmentationField::init(parts, config.grid_nodes, &mut stage_rng(seed, name, u64::MAX))
         });
         let moments = [FieldMoments::new(&fields[0]), FieldMoments::new(&fields[1])];
@@ -153,7 +153,7 @@ impl<'a> ArticulationTrainer<'a> {
         })
     }
 
-    /// Steps in all, those that fit labels included.
+    /// Steps in all, those of the fit of labels included.
     #[must_use]
     pub fn total(&self) -> usize {
         self.state.total
@@ -195,9 +195,10 @@ impl<'a> ArticulationTrainer<'a> {
     /// The most probable part at world points of a state; the first of equals.
     #[must_use]
     pub fn labels(&self, state: usize, points: &[Point3<f64>]) -> Vec<u8> {
-        let best =
-            |row: &[f32]| (1..row.len()).fold(0, |best, k| if row[k] > row[best] { k } else { best }) as u8;
-        self.probabilities(state, points).chunks_exact(self.state.fields[state].parts).map(best).collect()
+        let probabilities = self.probabilities(state, points);
+        let rows = probabilities.chunks_exact(self.state.fields[state].parts);
+        rows.map(|row| (1..row.len()).fold(0, |best, k| if row[k] > row[best] { k } else { best }) as u8)
+            .collect()
     }
 
     /// Everything needed to continue.
@@ -218,11 +219,11 @@ impl<'a> ArticulationTrainer<'a> {
         if checkpoint.total != self.state.total || checkpoint.steps > checkpoint.total {
             return differs("the number of steps");
         }
-        let fits = |s: usize| {
-            checkpoint.fields[s].same_shape(&self.state.fields[s])
-                && checkpoint.moments[s].fits(&self.state.fields[s])
-        };
-        if checkpoint.motions.parts.len() != self.state.motions.parts.len() || !fits(0) || !fits(1) {
+        let fits =
+            self.state.fields.iter().enumerate().all(|(s, field)| {
+                checkpoint.fields[s].same_shape(field) && checkpoint.moments[s].fits(field)
+            });
+        if checkpoint.motions.parts.len() != self.state.motions.parts.len() || !fits {
             return differs("the shape of the fields");
         }
         self.state = checkpoint;
@@ -234,14 +235,15 @@ impl<'a> ArticulationTrainer<'a> {
         let seed = self.state.seed;
         let step = self.state.steps as u64;
         let fields = &self.state.fields;
+        let count = self.config.label_points;
         // Half a cell around the surface.
-        let ask = (self.config.label_points, 1.0 / (self.config.grid_nodes - 1) as f64);
+        let reach = 1.0 / (self.config.grid_nodes - 1) as f64;
         let [g0, g1] = &mut self.gradients;
         let (a, b) = rayon::join(
-            || labels[0].loss(&fields[0], ask, g0, &mut stage_rng(seed, STREAMS[0], step)),
-            || labels[1].loss(&fields[1], ask, g1, &mut stage_rng(seed, STREAMS[1], step)),
+            || labels[0].loss(&fields[0], count, reach, g0, &mut stage_rng(seed, STREAMS[0], step)),
+            || labels[1].loss(&fields[1], count, reach, g1, &mut stage_rng(seed, STREAMS[1], step)),
         );
-        // Labels are only a start, so their rate does not fall.
+        // Labels are only a start: their rate does not fall.
         self.step_fields(self.config.field_rate[0]);
         let mean = 0.5 * (a + b);
         ArticulationLosses { labels: mean, total: mean, ..ArticulationLosses::default() }
@@ -259,7 +261,7 @@ impl<'a> ArticulationTrainer<'a> {
     /// Losses and gradients of both states at fresh samples.
     fn evaluate(&mut self, volumes_active: bool) -> (ArticulationLosses, MotionGradient) {
         let Self { volumes, occupied, matches, config, state, gradients, typical_sigma_m, .. } = self;
-        // By the number of the step: a continued run draws what an uninterrupted one would.
+        // By the number of the step: a continued run has the same draws as an uninterrupted one.
         let mut rngs = STREAMS.map(|name| stage_rng(state.seed, name, state.steps as u64));
         let [r0, r1] = &mut rngs;
         let (a, b) = rayon::join(
@@ -268,35 +270,11 @@ impl<'a> ArticulationTrainer<'a> {
         );
         // Both states' rays serve both states' losses: as samples of their own, as collision points of the
         // other.
-        let rays = [a, b];
-        let share = |source: usize, gradient: &mut SegmentationGradient, rng: &mut Pcg64Mcg| {
-            let target = 1 - source;
-            let way = Way::from_state(source);
-            let chosen = choose_matches(matches, config.matches, rng);
-            let uniform = volumes_active.then(|| {
-                let here = (&volumes[target], &occupied[target]);
-                let other = (&volumes[source], &occupied[source]);
-                UniformBatch::draw(config.uniform_points, here, other, (&state.motions, way.reverse()), rng)
-            });
-            let batch = StateBatch {
-                rays: &rays[source],
-                matches: &chosen,
-                uniform: uniform.as_ref(),
-                collision: volumes_active.then_some(&rays[target].points[..]),
-                noise: GumbelNoise { key: Some(rng.next_u64()) },
-            };
-            let objective = Objective {
-                source: &volumes[source],
-                target: &volumes[target],
-                way,
-                motions: &state.motions,
-                config,
-            };
-            objective.evaluate(&state.fields[source], &batch, gradient)
-        };
+        let step = StepInputs { volumes, occupied, matches, config, state, rays: [a, b], volumes_active };
         let [g0, g1] = gradients;
         let [r0, r1] = &mut rngs;
-        let ((l0, mut m0), (l1, m1)) = rayon::join(|| share(0, g0, r0), || share(1, g1, r1));
+        let ((l0, mut m0), (l1, m1)) =
+            rayon::join(|| step.state_losses(0, g0, r0), || step.state_losses(1, g1, r1));
         // Motions are shared by both states, segmentations are not.
         m0.merge(&m1);
         (ArticulationLosses::mean(&l0, &l1), m0)
@@ -307,6 +285,54 @@ impl<'a> ArticulationTrainer<'a> {
         let [m0, m1] = &mut self.state.moments;
         let [g0, g1] = &mut self.gradients;
         rayon::join(|| m0.step(f0, g0, rate), || m1.step(f1, g1, rate));
+    }
+}
+
+/// The inputs of one step, common to the losses of both states.
+struct StepInputs<'s, 'a> {
+    volumes: &'s [Volume<'a>; 2],
+    occupied: &'s [OccupiedVoxels; 2],
+    matches: &'s [LiftedMatch],
+    config: &'s ArticulationConfig,
+    state: &'s ArticulationCheckpoint,
+    rays: [RayBatch; 2],
+    /// Whether occupancy and collision count.
+    volumes_active: bool,
+}
+
+impl StepInputs<'_, '_> {
+    /// Losses of the segmentation of state `source` at fresh samples, and their gradient by the motions; adds
+    /// to the gradient of the field.
+    fn state_losses(
+        &self,
+        source: usize,
+        gradient: &mut SegmentationGradient,
+        rng: &mut Pcg64Mcg,
+    ) -> (ArticulationLosses, MotionGradient) {
+        let Self { volumes, occupied, config, state, rays, .. } = self;
+        let target = 1 - source;
+        let way = Way::from_state(source);
+        let chosen = choose_matches(self.matches, config.matches, rng);
+        let uniform = self.volumes_active.then(|| {
+            let [here, other] =
+                [target, source].map(|s| OccupiedState { volume: &volumes[s], voxels: &occupied[s] });
+            UniformBatch::draw(config.uniform_points, here, other, &state.motions, way.reverse(), rng)
+        });
+        let batch = StateBatch {
+            rays: &rays[source],
+            matches: &chosen,
+            uniform: uniform.as_ref(),
+            collision: self.volumes_active.then_some(&rays[target].points[..]),
+            noise: GumbelNoise { key: Some(rng.next_u64()) },
+        };
+        let objective = Objective {
+            source: &volumes[source],
+            target: &volumes[target],
+            way,
+            motions: &state.motions,
+            config,
+        };
+        objective.evaluate(&state.fields[source], &batch, gradient)
     }
 }
 

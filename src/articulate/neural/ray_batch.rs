@@ -5,7 +5,7 @@ use rand_core::Rng;
 use rayon::prelude::*;
 
 use crate::neural::{
-    config::{ArticulationConfig, Reading},
+    config::{ArticulationConfig, MethodVersion},
     state_model::{SurfaceRay, Volume},
 };
 use numeric::random::{below, unit};
@@ -13,10 +13,10 @@ use numeric::random::{below, unit};
 /// Steepness of the weight near the surface, 1 / truncation distance.
 /// derived: the published one, docs/method.md (12.15)
 const STEEPNESS: f64 = 5.0;
-/// Distance from which on the released program gives no weight, truncation distances.
+/// Least distance without weight in the released program, truncation distances.
 /// derived: docs/method.md 12.9
 const RELEASED_CUT: f64 = 0.05;
-/// What the released program divides the distance by.
+/// Divisor of the distance in the released program.
 /// derived: docs/method.md 12.9
 const RELEASED_SCALE: f64 = 0.03;
 
@@ -28,7 +28,7 @@ pub(crate) struct RayBatch {
     pub points: Vec<Point3<f64>>,
     /// The state's own signed distance at them, truncation distances.
     pub sdf: Vec<f64>,
-    /// Their near-surface weight, docs/method.md (12.15), times that of the ray.
+    /// Their near-surface weight, docs/method.md (12.15), times the weight of the ray.
     pub weights: Vec<f64>,
     /// Whether the state saw them.
     pub visible: Vec<bool>,
@@ -51,40 +51,58 @@ impl RayBatch {
     ) -> Self {
         let rays = volume.model.rays;
         let samples = config.samples_per_ray;
-        // Random numbers are drawn one after the other; only what is computed from them runs in parallel.
+        // Random numbers are drawn one after the other; only the computation of the samples runs in parallel.
         let chosen: Vec<SurfaceRay> = (0..config.rays).map(|_| rays[below(rng, rays.len())]).collect();
         let jitter: Vec<f64> = (0..config.rays * samples).map(|_| unit(rng)).collect();
         let picks: Vec<f64> = (0..config.rays).map(|_| unit(rng)).collect();
-        let at = |i: usize| {
-            let ray = &chosen[i / samples];
-            let share = ((i % samples) as f64 + jitter[i]) / samples as f64;
-            let depth = ray.depth_m + (2.0 * share - 1.0) * volume.truncation_m;
-            let point = volume.scene.normalise(&(ray.origin + ray.direction * depth));
-            let sdf = volume.sdf(&point).0;
-            let trust = if config.noise_weights { typical_sigma_m / ray.sigma_m } else { 1.0 };
-            // No field is defined outside the scene cube.
-            let inside = point.coords.amax() <= 1.0;
-            let weight = if inside {
-                trust * near_surface_weight(sdf, config.compatibility.near_surface_weight)
-            } else {
-                0.0
-            };
-            (point, sdf, weight, volume.visible(&point))
-        };
-        let all: Vec<_> = (0..chosen.len() * samples).into_par_iter().map(at).collect();
-        let weights: Vec<f64> = all.iter().map(|s| s.2).collect();
+        let all: Vec<RaySample> = (0..chosen.len() * samples)
+            .into_par_iter()
+            .map(|i| {
+                let ray = &chosen[i / samples];
+                let trust = if config.noise_weights { typical_sigma_m / ray.sigma_m } else { 1.0 };
+                let share = ((i % samples) as f64 + jitter[i]) / samples as f64;
+                ray_sample(ray, share, trust, volume, config.compatibility.near_surface_weight)
+            })
+            .collect();
+        let weights: Vec<f64> = all.iter().map(|s| s.weight).collect();
         let colored = picks.iter().zip(weights.chunks_exact(samples)).enumerate();
         Self {
             samples_per_ray: samples,
-            points: all.iter().map(|s| s.0).collect(),
-            sdf: all.iter().map(|s| s.1).collect(),
-            visible: all.iter().map(|s| s.3).collect(),
+            points: all.iter().map(|s| s.point).collect(),
+            sdf: all.iter().map(|s| s.sdf).collect(),
+            visible: all.iter().map(|s| s.visible).collect(),
             sigma: chosen.iter().map(|r| r.sigma_m / volume.truncation_m).collect(),
             directions: chosen.iter().map(|r| r.direction.normalize()).collect(),
             colored: colored.map(|(ray, (pick, w))| ray * samples + draw_by_weight(w, *pick)).collect(),
             weights,
         }
     }
+}
+
+/// One sample of a ray: see [`RayBatch`].
+struct RaySample {
+    point: Point3<f64>,
+    sdf: f64,
+    weight: f64,
+    visible: bool,
+}
+
+/// The sample of a ray at a `share`, in `[0, 1)`, of the range of one truncation distance around its depth;
+/// `trust` is the weight of the ray.
+fn ray_sample(
+    ray: &SurfaceRay,
+    share: f64,
+    trust: f64,
+    volume: &Volume<'_>,
+    version: MethodVersion,
+) -> RaySample {
+    let depth = ray.depth_m + (2.0 * share - 1.0) * volume.truncation_m;
+    let point = volume.scene.normalise(&(ray.origin + ray.direction * depth));
+    let sdf = volume.sdf(&point).0;
+    // No field is defined outside the scene cube.
+    let inside = point.coords.amax() <= 1.0;
+    let weight = if inside { trust * near_surface_weight(sdf, version) } else { 0.0 };
+    RaySample { point, sdf, weight, visible: volume.visible(&point) }
 }
 
 /// Index drawn in proportion to the weights by a uniform number in `[0, 1)`.
@@ -102,15 +120,18 @@ fn draw_by_weight(weights: &[f64], pick: f64) -> usize {
 
 /// Weight of a sample by its signed distance in truncation distances (docs/method.md 12.8;
 /// docs/method.md 12.9 for the released one).
-fn near_surface_weight(sdf: f64, reading: Reading) -> f64 {
-    let sigmoid = |x: f64| 1.0 / (1.0 + (-x).exp());
+fn near_surface_weight(sdf: f64, version: MethodVersion) -> f64 {
+    let q = match version {
+        MethodVersion::Paper if sdf.abs() < 1.0 => sdf,
+        MethodVersion::Released if sdf < RELEASED_CUT => (sdf / RELEASED_SCALE).max(-0.5),
+        _ => return 0.0,
+    };
     // docs/method.md (12.15).
-    let bell = |q: f64| sigmoid(STEEPNESS * q) * sigmoid(-STEEPNESS * q);
-    match reading {
-        Reading::Paper if sdf.abs() < 1.0 => bell(sdf),
-        Reading::Released if sdf < RELEASED_CUT => bell((sdf / RELEASED_SCALE).max(-0.5)),
-        _ => 0.0,
-    }
+    sigmoid(STEEPNESS * q) * sigmoid(-STEEPNESS * q)
+}
+
+fn sigmoid(x: f64) -> f64 {
+    1.0 / (1.0 + (-x).exp())
 }
 
 #[cfg(test)]
@@ -119,10 +140,10 @@ mod tests {
 
     #[test]
     fn both_readings_of_the_weight_are_as_described() {
-        assert_eq!(near_surface_weight(0.0, Reading::Paper), 0.25);
-        assert_eq!(near_surface_weight(1.0, Reading::Paper), 0.0);
-        assert!((near_surface_weight(-0.9, Reading::Released) - 0.070).abs() < 1e-3);
-        assert_eq!(near_surface_weight(0.05, Reading::Released), 0.0);
+        assert_eq!(near_surface_weight(0.0, MethodVersion::Paper), 0.25);
+        assert_eq!(near_surface_weight(1.0, MethodVersion::Paper), 0.0);
+        assert!((near_surface_weight(-0.9, MethodVersion::Released) - 0.070).abs() < 1e-3);
+        assert_eq!(near_surface_weight(0.05, MethodVersion::Released), 0.0);
         assert_eq!(draw_by_weight(&[0.0, 1.0, 3.0], 0.2), 1);
         assert_eq!(draw_by_weight(&[0.0, 1.0, 3.0], 0.3), 2);
     }

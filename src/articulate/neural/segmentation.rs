@@ -16,7 +16,7 @@ use numeric::random::{STREAM_STEP, mix};
 const INPUTS: usize = 24;
 /// Width of both hidden layers.
 const HIDDEN: usize = 64;
-/// Points of a work item. Fixed, so that sums have the same order for every number of threads.
+/// Points of a work item. Fixed: sums have the same order for every number of threads.
 const CHUNK: usize = 256;
 
 /// A dense layer, weights input-major: `y[o] = biases[o] + sum_i x[i] weights[i * outputs + o]`. The output
@@ -36,28 +36,34 @@ pub(crate) struct Dense {
 impl Dense {
     /// Weights and biases uniform in `+-1/sqrt(fan_in)`; rows of unused inputs and columns of unused outputs
     /// are zero.
-    fn init(shape: (usize, usize), used: (usize, usize), rng: &mut impl Rng) -> Self {
-        let bound = 1.0 / (used.0 as f32).sqrt();
-        // Drawn for what is used alone: the padding does not shift the initial values.
+    fn init(
+        inputs: usize,
+        outputs: usize,
+        used_inputs: usize,
+        used_outputs: usize,
+        rng: &mut impl Rng,
+    ) -> Self {
+        let bound = 1.0 / (used_inputs as f32).sqrt();
+        // Drawn for used values alone: the padding does not shift the initial values.
         let mut draw = || ((rng.next_u32() >> 8) as f32 / (1u32 << 23) as f32 - 1.0) * bound;
-        let mut layer = Self::zeros(shape);
-        for i in 0..used.0 {
-            for o in 0..used.1 {
-                layer.weights[i * shape.1 + o] = draw();
+        let mut layer = Self::zeros(inputs, outputs);
+        for i in 0..used_inputs {
+            for o in 0..used_outputs {
+                layer.weights[i * outputs + o] = draw();
             }
         }
-        for b in &mut layer.biases[..used.1] {
+        for b in &mut layer.biases[..used_outputs] {
             *b = draw();
         }
         layer
     }
 
-    fn zeros((inputs, outputs): (usize, usize)) -> Self {
+    fn zeros(inputs: usize, outputs: usize) -> Self {
         Self { inputs, outputs, weights: vec![0.0; inputs * outputs], biases: vec![0.0; outputs] }
     }
 
     fn forward(&self, x: &[f32], y: &mut [f32], relu: bool) {
-        // The product is added to what is there, so the biases go first.
+        // The product is added to the present values: the biases go first.
         for row in y.chunks_exact_mut(self.outputs) {
             row.copy_from_slice(&self.biases);
         }
@@ -99,12 +105,12 @@ pub(crate) struct SegmentationField {
     pub layers: [Dense; 3],
 }
 
-/// What the backward pass needs of a forward pass.
+/// Values of a forward pass for the backward pass.
 #[derive(Default)]
 pub(crate) struct Activations {
     inputs: Vec<f32>,
     hidden: [Vec<f32>; 2],
-    /// `stride` logits a point, of which the first `parts` count.
+    /// `stride` logits a point; the first `parts` count.
     pub logits: Vec<f32>,
     /// Width of a row of `logits`.
     pub stride: usize,
@@ -115,7 +121,7 @@ pub(crate) struct Activations {
 pub(crate) struct SegmentationGradient {
     /// By the grid features.
     pub grid: Vec<f32>,
-    /// Nodes that ever had a gradient.
+    /// Nodes with a gradient at any time.
     pub touched: Vec<bool>,
     /// By the layers.
     pub layers: [Dense; 3],
@@ -129,19 +135,18 @@ impl SegmentationField {
         // Whole vector registers: the unused outputs stay zero.
         let outputs = parts.next_multiple_of(8);
         let layers = [
-            Dense::init((INPUTS, HIDDEN), (INPUTS - 1, HIDDEN), rng),
-            Dense::init((HIDDEN, HIDDEN), (HIDDEN, HIDDEN), rng),
-            Dense::init((HIDDEN, outputs), (HIDDEN, parts), rng),
+            Dense::init(INPUTS, HIDDEN, INPUTS - 1, HIDDEN, rng),
+            Dense::init(HIDDEN, HIDDEN, HIDDEN, HIDDEN, rng),
+            Dense::init(HIDDEN, outputs, HIDDEN, parts, rng),
         ];
         Self { parts, nodes, grid: vec![0.0; nodes * nodes * nodes * FEATURES], layers }
     }
 
     /// Whether another field has the same number of parts, nodes and units.
     pub(crate) fn same_shape(&self, other: &Self) -> bool {
-        let shape = |f: &Self| {
-            (f.parts, f.nodes, f.grid.len(), f.layers.each_ref().map(|l| (l.weights.len(), l.biases.len())))
-        };
-        shape(self) == shape(other)
+        let mut layers = self.layers.iter().zip(&other.layers);
+        (self.parts, self.nodes, self.grid.len()) == (other.parts, other.nodes, other.grid.len())
+            && layers.all(|(a, b)| a.weights.len() == b.weights.len() && a.biases.len() == b.biases.len())
     }
 
     /// A gradient of this field's shape, all zero.
@@ -155,10 +160,10 @@ impl SegmentationField {
     }
 
     fn zero_layers(&self) -> [Dense; 3] {
-        std::array::from_fn(|k| Dense::zeros((self.layers[k].inputs, self.layers[k].outputs)))
+        std::array::from_fn(|k| Dense::zeros(self.layers[k].inputs, self.layers[k].outputs))
     }
 
-    /// Logits at normalised points, with what the backward pass needs; `spare` lends its memory.
+    /// Logits at normalised points, with all values for the backward pass; `spare` lends its memory.
     pub(crate) fn forward(&self, points: &[[f32; 3]], spare: Activations) -> Activations {
         let n = points.len();
         let stride = self.layers[2].outputs;
@@ -184,7 +189,7 @@ impl SegmentationField {
                 for (p, row) in points.iter().zip(x.chunks_exact_mut(INPUTS)) {
                     Cell::of(self.nodes, *p).gather(&self.grid, row);
                     row[FEATURES..FEATURES + 3].copy_from_slice(p);
-                    // The memory may be that of an earlier pass.
+                    // The memory may hold values of an earlier pass.
                     row[FEATURES + 3..].fill(0.0);
                 }
                 self.layers[0].forward(x, h1, true);
@@ -211,10 +216,11 @@ impl SegmentationField {
                 .into_par_iter()
                 .enumerate()
                 .map(|(chunk, (points, by_points, x))| {
-                    let rows = |width: usize| chunk * CHUNK * width..(chunk * CHUNK + points.len()) * width;
-                    let h1 = &hidden[0][rows(HIDDEN)];
-                    let h2 = &hidden[1][rows(HIDDEN)];
-                    let by_y = &by_logits[rows(stride)];
+                    let first = chunk * CHUNK;
+                    let end = first + points.len();
+                    let h1 = &hidden[0][first * HIDDEN..end * HIDDEN];
+                    let h2 = &hidden[1][first * HIDDEN..end * HIDDEN];
+                    let by_y = &by_logits[first * stride..end * stride];
                     let mut layers = self.zero_layers();
                     layers[2].add_gradient(h2, by_y);
                     let by_h2 = through_relu(by_y, stride, &back[2], h2);
@@ -231,7 +237,7 @@ impl SegmentationField {
                     layers
                 })
                 .collect();
-        // Summed in the order of the chunks, so that the number of threads does not matter.
+        // Summed in the order of the chunks: the number of threads does not matter.
         for layers in &sums {
             for (total, part) in gradient.layers.iter_mut().zip(layers) {
                 total.weights.iter_mut().zip(&part.weights).for_each(|(t, p)| *t += p);
@@ -305,7 +311,7 @@ pub(crate) fn softmax_backward(
     by_logits
 }
 
-/// Gumbel(0, 1) noise that is a function of what it is for, so that it does not depend on what else is asked.
+/// Gumbel(0, 1) noise as a function of its logit: it does not depend on other queries.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct GumbelNoise {
     /// Changes all of it; `None` is no noise.
@@ -318,7 +324,7 @@ impl GumbelNoise {
         let Some(key) = self.key else { return 0.0 };
         // SplitMix64 at position `index` of the stream of the group.
         let x = mix(key.wrapping_add((group << 48 | index).wrapping_mul(STREAM_STEP)));
-        // 23 bits, so that the half is exact and the result is never 0 or 1.
+        // 23 bits: the half is exact and the result is never 0 or 1.
         let uniform = ((x >> 41) as f32 + 0.5) / (1u32 << 23) as f32;
         // docs/method.md (12.11).
         -(-uniform.ln()).ln()

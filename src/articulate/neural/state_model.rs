@@ -1,17 +1,17 @@
-//! The frozen reconstruction of one state, as the search for parts and motions reads it.
+//! The frozen reconstruction of one state for the search for parts and motions.
 
 use nalgebra::{Point3, Vector3};
 
-use crate::neural::config::Reading;
+use crate::neural::config::MethodVersion;
 use geometry::{Grid3, Intrinsics, Pose, SceneBox};
 use surface::ColorField;
 
-/// A ray that hit the object, in the world frame.
+/// A ray to the object, in the world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceRay {
     /// Camera center, meters.
     pub origin: Point3<f64>,
-    /// Direction with unit z in the camera, so that `origin + direction * depth_m` is the point at a z-depth.
+    /// Direction with unit z in the camera: `origin + direction * depth_m` is the point at a z-depth.
     pub direction: Vector3<f64>,
     /// Measured z-depth, meters.
     pub depth_m: f64,
@@ -23,7 +23,7 @@ pub struct SurfaceRay {
     pub rgb: [f32; 3],
 }
 
-/// What is known of one state. Nothing of it changes while parts and motions are sought.
+/// The data of one state. Nothing of it changes in the search for parts and motions.
 #[derive(Clone, Copy)]
 pub struct StateModel<'a> {
     /// Signed distance in meters (negative inside), not truncated, node-aligned in the world frame.
@@ -32,7 +32,7 @@ pub struct StateModel<'a> {
     pub visible: &'a Grid3<bool>,
     /// Colors.
     pub color: &'a dyn ColorField,
-    /// Rays that hit the object.
+    /// Rays to the object.
     pub rays: &'a [SurfaceRay],
     /// Camera and pose (`world_from_camera`) of every frame.
     pub cameras: &'a [(Intrinsics, Pose)],
@@ -46,7 +46,7 @@ pub(crate) struct Volume<'a> {
     pub truncation_m: f64,
     /// Width over which occupancy falls, meters.
     pub ramp_m: f64,
-    pub alignment: Reading,
+    pub alignment: MethodVersion,
 }
 
 impl Volume<'_> {
@@ -80,8 +80,8 @@ impl Volume<'_> {
         let grid = self.model.sdf;
         // The released program takes the grid for one of N cells a side, though it has N nodes.
         let stretch = match self.alignment {
-            Reading::Paper => 1.0,
-            Reading::Released => grid.dims[0] as f64 / (grid.dims[0] - 1) as f64,
+            MethodVersion::Paper => 1.0,
+            MethodVersion::Released => grid.dims[0] as f64 / (grid.dims[0] - 1) as f64,
         };
         let (d, g) = grid.sample_with_gradient(&self.scene.world(&(point * stretch)));
         // The gradient from meters to normalized units.
@@ -111,7 +111,7 @@ mod tests {
         );
 
         let x = at(-0.004);
-        let stretched = Volume { alignment: Reading::Released, ..volume };
+        let stretched = Volume { alignment: MethodVersion::Released, ..volume };
         let (expected, gradient) = volume.sdf(&(x * (41.0 / 40.0)));
         let (value, by_x) = stretched.sdf(&x);
         assert!((value - expected).abs() < 1e-9 && (by_x - gradient * (41.0 / 40.0)).norm() < 1e-6);

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::{
     neural::{
-        config::{ArticulationConfig, Reading},
+        config::{ArticulationConfig, MethodVersion},
         optimise::ArticulationProblem,
         state_model::{StateModel, SurfaceRay, Volume},
     },
@@ -183,7 +183,7 @@ impl TestScene {
             scene: self.scene,
             truncation_m: TRUNCATION_M,
             ramp_m: config.occupancy_ramp_m.unwrap_or(self.sdf[state].spacing_m),
-            alignment: Reading::Paper,
+            alignment: MethodVersion::Paper,
         }
     }
 

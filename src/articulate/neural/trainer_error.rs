@@ -1,10 +1,10 @@
-//! What the articulation trainer refuses to work with.
+//! Refusals of the articulation trainer.
 
 /// Fewest parts: a static and a moving one.
 pub(crate) const MIN_PARTS: usize = 2;
-/// Most parts that a segmentation can have.
+/// Most parts of a segmentation.
 pub(crate) const MAX_PARTS: usize = 64;
-/// The articulation trainer cannot work with what it was given.
+/// An unusable input of the articulation trainer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TrainerError {
     /// Number of parts out of range.
@@ -12,7 +12,7 @@ pub enum TrainerError {
         "{parts} parts were asked for; between 2 (a static and a moving one) and {MAX_PARTS} can be separated"
     )]
     Parts {
-        /// What was asked for.
+        /// The wanted number.
         parts: usize,
     },
     /// A setting out of range.
@@ -22,7 +22,7 @@ pub enum TrainerError {
         name: &'static str,
         /// Its value.
         value: String,
-        /// What would be accepted.
+        /// Accepted values.
         remedy: &'static str,
     },
     /// A state without rays.
@@ -31,20 +31,20 @@ pub enum TrainerError {
          workspace"
     )]
     NoRays {
-        /// Which state.
+        /// Number of the state.
         state: usize,
     },
-    /// An input that does not fit the others.
+    /// An input in conflict with the others.
     #[error("{what} of state {state}: {problem}")]
     Mismatch {
-        /// Which input.
+        /// Name of the input.
         what: &'static str,
-        /// Which state.
+        /// Number of the state.
         state: usize,
-        /// What is wrong and what would be right.
+        /// The fault and its remedy.
         problem: String,
     },
-    /// Initial motions that do not fit the number of parts.
+    /// Initial motions not of the number of parts.
     #[error("{got} initial motions for {parts} parts; give one finite motion a part, the first the identity")]
     InitialMotions {
         /// Motions given.
@@ -55,7 +55,7 @@ pub enum TrainerError {
     /// A checkpoint of another problem.
     #[error("the checkpoint belongs to another run ({what} differs); start again without --resume")]
     Checkpoint {
-        /// What differs.
+        /// The difference.
         what: &'static str,
     },
 }

@@ -1,4 +1,4 @@
-//! Checks of what the articulation trainer is given.
+//! Checks of the inputs of the articulation trainer.
 
 use nalgebra::Point3;
 
@@ -14,7 +14,7 @@ use geometry::Pose;
 /// Labelled surface points of a state: world points in meters, one part index each.
 pub(crate) type LabelledPoints = (Vec<Point3<f64>>, Vec<u8>);
 
-/// Refuses a number of parts or a scale that cannot be worked with.
+/// Refuses an unusable number of parts or scale.
 pub(crate) fn check_scale(parts: usize, truncation_m: f64) -> Result<(), TrainerError> {
     if !(MIN_PARTS..=MAX_PARTS).contains(&parts) {
         return Err(TrainerError::Parts { parts });
@@ -27,22 +27,23 @@ pub(crate) fn check_scale(parts: usize, truncation_m: f64) -> Result<(), Trainer
     )
 }
 
-/// Refuses a state that cannot be sampled.
+/// Whether all values of a ray are finite, with a direction, a depth and its noise.
+fn is_valid(r: &SurfaceRay) -> bool {
+    r.origin.coords.iter().chain(r.direction.iter()).all(|v| v.is_finite())
+        && r.direction.norm() > 0.0
+        && r.depth_m.is_finite()
+        && r.depth_m > 0.0
+        && r.sigma_m.is_finite()
+        && r.sigma_m > 0.0
+}
+
+/// Refuses a state unfit for sampling.
 pub(crate) fn check_state(state: usize, model: &StateModel<'_>) -> Result<(), TrainerError> {
     let mismatch = |what, problem: String| Err(TrainerError::Mismatch { what, state, problem });
     if model.rays.is_empty() {
         return Err(TrainerError::NoRays { state });
     }
-    let bad = |r: &SurfaceRay| {
-        let finite = r.origin.coords.iter().chain(r.direction.iter()).all(|v| v.is_finite());
-        !(finite
-            && r.direction.norm() > 0.0
-            && r.depth_m.is_finite()
-            && r.depth_m > 0.0
-            && r.sigma_m.is_finite()
-            && r.sigma_m > 0.0)
-    };
-    if let Some(index) = model.rays.iter().position(bad) {
+    if let Some(index) = model.rays.iter().position(|r| !is_valid(r)) {
         return mismatch(
             "ray",
             format!(
@@ -74,7 +75,7 @@ pub(crate) fn check_state(state: usize, model: &StateModel<'_>) -> Result<(), Tr
     Ok(())
 }
 
-/// Refuses matches that name a frame that is not there, or are not finite.
+/// Refuses matches of missing frames, or with values not finite.
 pub(crate) fn check_matches(
     states: &[StateModel<'_>; 2],
     matches: &[LiftedMatch],
@@ -97,20 +98,21 @@ pub(crate) fn check_matches(
     Ok(())
 }
 
-/// Refuses motions that do not fit.
+/// Refuses initial motions not of the number of parts.
 pub(crate) fn check_motions(init: Option<&[Pose]>, parts: usize) -> Result<(), TrainerError> {
     let Some(init) = init else { return Ok(()) };
-    let finite = |m: &Pose| m.to_homogeneous().iter().all(|v| v.is_finite());
-    // All motions are against part 0, so that it cannot have one.
-    let still = |m: &Pose| m.translation.vector.norm() < 1e-9 && m.rotation.angle() < 1e-9;
-    if init.len() == parts && init.iter().all(finite) && still(&init[0]) {
+    let is_finite = init.iter().all(|m| m.to_homogeneous().iter().all(|v| v.is_finite()));
+    // All motions are against part 0: it cannot have one.
+    let is_static =
+        init.first().is_some_and(|m| m.translation.vector.norm() < 1e-9 && m.rotation.angle() < 1e-9);
+    if init.len() == parts && is_finite && is_static {
         Ok(())
     } else {
         Err(TrainerError::InitialMotions { got: init.len(), parts })
     }
 }
 
-/// Refuses labels that do not fit.
+/// Refuses labels not of the points and parts.
 pub(crate) fn check_labels(labels: Option<[&LabelledPoints; 2]>, parts: usize) -> Result<(), TrainerError> {
     for (state, (points, labels)) in labels.into_iter().flatten().enumerate() {
         let fits = points.len() == labels.len()

@@ -9,17 +9,16 @@ use crate::neural::{
     motion_params::{Motions, Way},
     state_model::Volume,
 };
-use geometry::Grid3;
 use numeric::random::{below, unit};
 
-/// Share of points that are drawn from the whole cube.
+/// Share of points drawn from the whole cube.
 /// derived: the published one; it keeps every weight at 4 or less
 const CUBE_SHARE: f64 = 0.25;
 /// Share of points from the occupied voxels of each state.
-/// derived: half of what the cube leaves
+/// derived: half of the rest beside the cube
 const STATE_SHARE: f64 = 0.375;
 
-/// The voxels (cubes around grid nodes) of a state in which occupancy is not zero everywhere.
+/// The voxels (cubes around grid nodes) of a state with occupancy somewhere in them.
 pub(crate) struct OccupiedVoxels {
     member: Vec<bool>,
     indices: Vec<u32>,
@@ -38,22 +37,39 @@ impl OccupiedVoxels {
         let share = indices.len() as f64 * (grid.spacing_m / volume.scene.side_m()).powi(3);
         Self { member, indices, share }
     }
+}
 
-    fn contains(&self, volume: &Volume<'_>, point: &Point3<f64>) -> bool {
-        volume.model.sdf.nearest(&volume.scene.world(point)).is_some_and(|i| self.member[i])
+/// A state with its occupied voxels.
+#[derive(Clone, Copy)]
+pub(crate) struct OccupiedState<'a> {
+    pub volume: &'a Volume<'a>,
+    pub voxels: &'a OccupiedVoxels,
+}
+
+impl OccupiedState<'_> {
+    fn contains(&self, point: &Point3<f64>) -> bool {
+        let place = self.volume.scene.world(point);
+        self.volume.model.sdf.nearest(&place).is_some_and(|i| self.voxels.member[i])
     }
 
-    fn draw(&self, grid: &Grid3<f32>, volume: &Volume<'_>, rng: &mut impl Rng) -> Point3<f64> {
-        let node = grid.position(self.indices[below(rng, self.indices.len())] as usize);
+    fn draw(&self, rng: &mut impl Rng) -> Point3<f64> {
+        let grid = self.volume.model.sdf;
+        let indices = &self.voxels.indices;
+        let node = grid.position(indices[below(rng, indices.len())] as usize);
         let offset = Vector3::from_fn(|_, _| unit(rng) - 0.5) * grid.spacing_m;
-        volume.scene.normalise(&(node + offset))
+        self.volume.scene.normalise(&(node + offset))
+    }
+
+    /// Share of the points drawn from the voxels; none without voxels.
+    fn drawn_share(&self) -> f64 {
+        if self.voxels.indices.is_empty() { 0.0 } else { STATE_SHARE }
     }
 }
 
 /// Points of the scene cube with weights: the mean of a function over the cube is the mean of `weight *
 /// f(point)`.
 pub(crate) struct UniformBatch {
-    /// Normalised positions, in the state that points are warped *out of*.
+    /// Normalised positions, in the state the points are warped *out of*.
     pub points: Vec<Point3<f64>>,
     /// Ratio of uniform to proposal density.
     pub weights: Vec<f64>,
@@ -65,48 +81,63 @@ impl UniformBatch {
     /// Weights are those of the whole mixture.
     pub(crate) fn draw(
         count: usize,
-        here: (&Volume<'_>, &OccupiedVoxels),
-        other: (&Volume<'_>, &OccupiedVoxels),
-        (motions, way): (&Motions, Way),
+        here: OccupiedState<'_>,
+        other: OccupiedState<'_>,
+        motions: &Motions,
+        way: Way,
         rng: &mut impl Rng,
     ) -> Self {
-        let parts = motions.parts.len();
-        // Most of the cube is empty.
-        let shares = [
-            CUBE_SHARE,
-            if here.1.indices.is_empty() { 0.0 } else { STATE_SHARE },
-            if other.1.indices.is_empty() { 0.0 } else { STATE_SHARE },
-        ];
-        let total: f64 = shares.iter().sum();
-        let draw = |_| {
-            // Without voxels of a state, its share goes to the others.
-            let pick = unit(rng) * total;
-            if pick < shares[0] {
-                Point3::from(Vector3::from_fn(|_, _| 2.0 * unit(rng) - 1.0))
-            } else if pick < shares[0] + shares[1] {
-                here.1.draw(here.0.model.sdf, here.0, rng)
-            } else {
-                let part = below(rng, parts);
-                motions.apply(part, way.reverse(), &other.1.draw(other.0.model.sdf, other.0, rng))
-            }
-        };
-        let points: Vec<Point3<f64>> = (0..count).map(draw).collect();
-        let weight = |x: &Point3<f64>| {
-            // A part took it out of the cube, where the uniform density is 0.
-            if x.coords.amax() > 1.0 {
-                return 0.0;
-            }
-            let mut density = shares[0];
-            if here.1.contains(here.0, x) {
-                density += shares[1] / here.1.share;
-            }
-            // A point may have come from any part that leads to an occupied voxel.
-            let reached =
-                (0..parts).filter(|i| other.1.contains(other.0, &motions.apply(*i, way, x))).count();
-            density += shares[2] * reached as f64 / parts as f64 / other.1.share.max(1e-300);
-            total / density
-        };
-        let weights = points.par_iter().map(weight).collect();
+        let mixture = Mixture { here, other, motions, way };
+        let points: Vec<Point3<f64>> = (0..count).map(|_| mixture.draw(rng)).collect();
+        let weights = points.par_iter().map(|x| mixture.weight(x)).collect();
         Self { points, weights }
+    }
+}
+
+/// The distribution of the points: see [`UniformBatch::draw`].
+struct Mixture<'a> {
+    here: OccupiedState<'a>,
+    other: OccupiedState<'a>,
+    motions: &'a Motions,
+    way: Way,
+}
+
+impl Mixture<'_> {
+    /// Shares of the cube, of the voxels here and of those of the other state: most of the cube is empty.
+    fn shares(&self) -> [f64; 3] {
+        [CUBE_SHARE, self.here.drawn_share(), self.other.drawn_share()]
+    }
+
+    fn draw(&self, rng: &mut impl Rng) -> Point3<f64> {
+        let [cube, own, other] = self.shares();
+        // Without voxels of a state, its share goes to the others.
+        let pick = unit(rng) * [cube, own, other].iter().sum::<f64>();
+        if pick < cube {
+            Point3::from(Vector3::from_fn(|_, _| 2.0 * unit(rng) - 1.0))
+        } else if pick < cube + own {
+            self.here.draw(rng)
+        } else {
+            let part = below(rng, self.motions.parts.len());
+            self.motions.apply(part, self.way.reverse(), &self.other.draw(rng))
+        }
+    }
+
+    /// Ratio of uniform to proposal density at a point.
+    fn weight(&self, x: &Point3<f64>) -> f64 {
+        // A part took it out of the cube, where the uniform density is 0.
+        if x.coords.amax() > 1.0 {
+            return 0.0;
+        }
+        let [cube, own, other] = self.shares();
+        let mut density = cube;
+        if self.here.contains(x) {
+            density += own / self.here.voxels.share;
+        }
+        // A point may have come from any part in an occupied voxel.
+        let parts = self.motions.parts.len();
+        let sources =
+            (0..parts).filter(|i| self.other.contains(&self.motions.apply(*i, self.way, x))).count();
+        density += other * sources as f64 / parts as f64 / self.other.voxels.share.max(1e-300);
+        [cube, own, other].iter().sum::<f64>() / density
     }
 }

@@ -1,4 +1,4 @@
-//! Two surfaces and a motion between them: where samples reproject, what that costs, and the motion refined.
+//! Two surfaces and a motion between them: where samples reproject, at what cost, and the motion refined.
 
 pub(crate) mod point_to_plane;
 pub(crate) mod recent;

@@ -19,13 +19,13 @@ const MATCH_SIGMAS: f64 = 2.0;
 pub(crate) const SAMPLES_PER_READING: f64 = 12.0;
 /// Gauss-Newton steps against one set of correspondences.
 const STEPS: usize = 3;
-/// Damping relative to the mean diagonal: holds directions that nothing observes.
-/// chosen: too small to move a direction that something observes
+/// Damping relative to the mean diagonal: holds unobserved directions.
+/// chosen: too small to move an observed direction
 const DAMPING: f64 = 1e-5;
 
 /// A residual `normal . (point - T source)` in the frame of state 1, or its three components for a match.
-pub(crate) struct Plane {
-    /// Point that the motion takes along, state 0.
+pub(crate) struct Correspondence {
+    /// Point of state 0, moved by the motion.
     pub source: Point3<f64>,
     /// Where it should be, state 1.
     pub target: Point3<f64>,
@@ -34,46 +34,54 @@ pub(crate) struct Plane {
     pub normal_moves: bool,
 }
 
-impl Plane {
-    /// Where a motion takes the point, the surface normal there, in the frame of state 1, and the residual.
-    pub(crate) fn under(&self, motion: &Pose) -> (Point3<f64>, Vector3<f64>, f64) {
-        let moved = motion * self.source;
+/// A correspondence under a motion, in the frame of state 1.
+pub(crate) struct MovedCorrespondence {
+    /// The moved source point.
+    pub point: Point3<f64>,
+    pub normal: Vector3<f64>,
+    /// Distance of the moved point from the plane, meters.
+    pub residual_m: f64,
+}
+
+impl Correspondence {
+    pub(crate) fn under(&self, motion: &Pose) -> MovedCorrespondence {
+        let point = motion * self.source;
         let normal = if self.normal_moves { motion * self.normal } else { self.normal };
-        (moved, normal, normal.dot(&(moved - self.target)))
+        MovedCorrespondence { point, normal, residual_m: normal.dot(&(point - self.target)) }
     }
 }
 
-/// Correspondences of the samples that carry a motion's label, from both states.
+/// Correspondences of the samples with a motion's label, from both states.
 pub(crate) fn correspondences(
     pair: &SurfacePair<'_>,
     labels: [&[u8]; 2],
     motion: &Pose,
     label: u8,
-) -> Vec<Plane> {
+) -> Vec<Correspondence> {
     let mut all = Vec::new();
     for state in 0..2 {
         let these = pair.samples[state];
         let others = pair.samples[1 - state];
         let other_from_this = if state == 0 { *motion } else { motion.inverse() };
-        let found: Vec<Plane> = (0..these.points.len())
+        let found: Vec<Correspondence> = (0..these.points.len())
             .into_par_iter()
             .filter(|&i| labels[state][i] == label)
             .filter_map(|i| {
                 let point = these.points[i];
                 let j = pair.carried(state, i, &other_from_this).1?;
-                // A partner that belongs to another part is none.
+                // A partner of another part is none.
                 if labels[1 - state][j] != label {
                     return None;
                 }
                 Some(if state == 0 {
-                    Plane {
+                    Correspondence {
                         source: point,
                         target: others.points[j],
                         normal: others.normals[j],
                         normal_moves: false,
                     }
                 } else {
-                    Plane {
+                    Correspondence {
                         source: others.points[j],
                         target: point,
                         normal: others.normals[j],
@@ -96,7 +104,7 @@ struct System {
 
 impl System {
     /// Adds `weight * (residual + jacobian . step)^2` with the jacobian of `normal . (T' p - q)` by a left
-    /// step (rotation, translation) of a point that goes to `moved`.
+    /// step (rotation, translation) of a point moved to `moved`.
     fn add(&mut self, moved: &Point3<f64>, normal: &Vector3<f64>, residual: f64, weight: f64) {
         let turn = (moved - self.center).cross(normal);
         let row = Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z);
@@ -104,7 +112,7 @@ impl System {
         self.right -= row * (residual * weight);
     }
 
-    /// The motion after the step that minimizes the sum.
+    /// The motion after the minimizing step.
     fn step(mut self, motion: &Pose) -> Option<Pose> {
         let damping = DAMPING * self.matrix.diagonal().mean();
         (0..6).for_each(|k| self.matrix[(k, k)] += damping);
@@ -122,8 +130,8 @@ pub(crate) fn step(center: &Point3<f64>, turn: &Vector3<f64>, shift_m: &Vector3<
     Pose::from_parts((center.coords - rotation * center.coords + shift_m).into(), rotation)
 }
 
-/// Refines one motion. Residual deviations are those of `pair`, `matches` are the ones that follow the
-/// motion. The motion is returned unchanged where too little supports it.
+/// Refines one motion. `pair` gives the deviations of the residuals, `matches` are those of the motion. The
+/// motion is returned unchanged where too little supports it.
 pub(crate) fn refine(
     pair: &SurfacePair<'_>,
     labels: [&[u8]; 2],
@@ -138,20 +146,19 @@ pub(crate) fn refine(
     }
     let mut motion = *motion;
     for _ in 0..STEPS {
-        // About the middle a turn and a shift hardly depend on each other, so that the damping is fair to
-        // both.
+        // About the middle a turn and a shift hardly depend on each other: the damping is fair to both.
         let sum: Vector3<f64> =
             planes.iter().map(|p| p.target.coords).chain(matches.iter().map(|m| m.point1.coords)).sum();
         let center = Point3::from(sum / (planes.len() + matches.len()) as f64);
         let mut system = System { center, matrix: Matrix6::zeros(), right: Vector6::zeros() };
         let sigma = pair.scales.plane_m;
         for p in &planes {
-            let (moved, normal, residual) = p.under(&motion);
-            let z = residual / (SURFACE_SIGMAS * sigma);
-            // The weight of docs/method.md (1.5), by the samples that share an error.
+            let MovedCorrespondence { point, normal, residual_m } = p.under(&motion);
+            let z = residual_m / (SURFACE_SIGMAS * sigma);
+            // The weight of docs/method.md (1.5), by the number of samples with one error in common.
             let weight = (sigma * (1.0 + z * z)).powi(-2) / SAMPLES_PER_READING;
             // Where the normal moves along, `R n . (T p - q)` turns with the target point.
-            system.add(if p.normal_moves { &p.target } else { &moved }, &normal, residual, weight);
+            system.add(if p.normal_moves { &p.target } else { &point }, &normal, residual_m, weight);
         }
         for m in matches {
             let moved = motion * m.point0;

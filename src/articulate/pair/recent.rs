@@ -1,11 +1,11 @@
-//! The last few results of a function, by what they were made of.
+//! The last few results of a function, by its arguments.
 
 use std::{
     collections::VecDeque,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
-/// Results that are kept while no more than so many others were made after them.
+/// The results of the last `most` keys.
 pub(crate) struct Recent<K, V> {
     most: usize,
     all: Mutex<VecDeque<(K, Arc<V>)>>,
@@ -19,17 +19,14 @@ impl<K: PartialEq, V> Recent<K, V> {
 
     /// The result of a key, made now unless it is kept.
     pub(crate) fn get(&self, key: K, make: impl FnOnce() -> V) -> Arc<V> {
-        let kept =
-            |all: &VecDeque<(K, Arc<V>)>| all.iter().find(|(k, _)| *k == key).map(|(_, v)| Arc::clone(v));
-        let lock = || self.all.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(found) = kept(&lock()) {
-            return found;
+        if let Some((_, found)) = self.lock().iter().find(|(k, _)| *k == key) {
+            return Arc::clone(found);
         }
-        // The lock is free while it is made, as other threads ask for others.
+        // The lock is free while the result is made: other threads ask for others.
         let made = Arc::new(make());
-        let mut all = lock();
+        let mut all = self.lock();
         // Another thread may have been faster.
-        if kept(&all).is_none() {
+        if all.iter().all(|(k, _)| *k != key) {
             all.truncate(self.most.saturating_sub(1));
             all.push_front((key, Arc::clone(&made)));
         }
@@ -38,7 +35,11 @@ impl<K: PartialEq, V> Recent<K, V> {
 
     /// Gives up all of them.
     pub(crate) fn clear(&self) {
-        self.all.lock().unwrap_or_else(PoisonError::into_inner).clear();
+        self.lock().clear();
+    }
+
+    fn lock(&self) -> MutexGuard<'_, VecDeque<(K, Arc<V>)>> {
+        self.all.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

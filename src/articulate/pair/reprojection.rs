@@ -1,10 +1,10 @@
-//! Where a surface sample goes in the other state, and what that costs: a robust negative log-likelihood in
-//! units of the 3 nats that a correspondence at the edge of the reach loses. See docs/method.md (6.5).
+//! Where a surface sample goes in the other state, and at what cost: a robust negative log-likelihood in
+//! units of 3 nats, the loss of a correspondence at the edge of the reach. See docs/method.md (6.5).
 
 pub(crate) use crate::samples::place_costs::{ALL_FREE, HIDDEN};
 
-/// Additional cost of a surface that follows another motion, and what a correspondence under another motion
-/// says against a motion that hid the sample.
+/// Additional cost of a surface with another motion's label, and the evidence of a correspondence under
+/// another motion against a motion with a hidden sample.
 /// tuned: shared/bags
 pub(crate) const TAKEN: f32 = 0.4;
 /// Cost of a place in space seen to be empty.
@@ -17,25 +17,24 @@ pub(crate) const HALF_COST: f64 = 6.0;
 /// A sample is explained by a motion of a lower cost: it is nearer than [`HALF_COST`].
 /// derived: `HALF_COST / (HALF_COST + HALF_COST)`
 pub(crate) const EXPLAINED: f32 = 0.5;
-/// What a sample says for its motion where another takes it into space seen empty, beyond its own cost,
-/// as one in fifty true points is there.
+/// Evidence of a sample for its motion where another takes it into space seen empty, beyond its own cost, as
+/// one in fifty true points is there.
 /// derived: `-ln ASTRAY / 3`, 3 nats being the unit of cost
 pub(crate) const MISSED: f64 = 1.3;
-/// Cost of a sample that a motion takes into space seen empty, in samples that it takes onto planes, of which
-/// a sixth counts.
+/// Cost of a sample taken into space seen empty, in samples taken onto planes: a sixth of those counts.
 /// tuned: shared/bags
 pub(crate) const CONTRADICTED: f64 = 2.0;
-/// Share of true points that errors of depth and pose take into space seen empty.
+/// Share of true points taken into space seen empty by errors of depth and pose.
 /// tuned: shared/bags
 pub(crate) const ASTRAY: f64 = 0.02;
 
-/// What is asked of a reprojection.
+/// How a reprojection is rated.
 #[derive(Clone, Copy)]
 pub(crate) struct Look<'a> {
     /// The motion's label.
     pub label: u8,
-    /// Labels of the other state's samples, where known, and what a partner that carries another one costs
-    /// beyond its deviations.
+    /// Labels of the other state's samples, where known, and the additional cost of a partner with another
+    /// label.
     pub other_labels: Option<(&'a [u8], f32)>,
     /// Whether colors count.
     pub colored: bool,
@@ -46,14 +45,14 @@ pub(crate) struct Look<'a> {
 pub(crate) struct Reprojection {
     /// The sample nearest to it there, with the squared deviations of shape and of color.
     pub partner: Option<(u32, f64, f64)>,
-    /// Whether its place was seen empty, where that is known.
+    /// Whether its place was seen empty, where known.
     pub free: Option<bool>,
 }
 
 impl Reprojection {
     /// Agreement with the surface: 0 for a perfect partner, towards 1 for none; [`HIDDEN`] or [`FREE`] where
-    /// there is no surface and empty space is known. A partner that follows another motion by `other_labels`
-    /// hides the sample at best.
+    /// there is no surface and empty space is known. A partner of another motion by `other_labels` hides the
+    /// sample at best.
     pub(crate) fn cost(&self, look: Look<'_>) -> f32 {
         let Look { label, other_labels, colored } = look;
         let partner = self.partner.map(|(j, shape, color)| {
@@ -73,13 +72,13 @@ impl Reprojection {
     }
 }
 
-/// Log-likelihood ratio of the first of two motions of these costs, by one sample: that it reaches a surface,
-/// where the other takes it into space seen empty or reaches one worse. A sample that was hidden under either
-/// motion says nothing for it. See docs/method.md (7.2).
+/// Log-likelihood ratio of the first of two motions of these costs, by one sample: the first reaches a
+/// surface, the other takes the sample into space seen empty or reaches a surface worse. A sample hidden
+/// under either motion is no evidence for it. See docs/method.md (7.2).
 pub(crate) fn log_ratio(own: f32, rival: f32) -> f64 {
     match (own, rival) {
-        // The order of the arms is that of docs/method.md (7.2): its own motion hid the sample, then what the
-        // rival does with it.
+        // The order of the arms is as in docs/method.md (7.2): its own motion hid the sample, then the cases
+        // of the rival.
         (own, rival) if own >= HIDDEN => {
             if rival < HIDDEN {
                 -f64::from(TAKEN)

@@ -1,5 +1,4 @@
-//! Both states' surface samples, prepared for search: where each goes under a motion, and which motion it
-//! follows.
+//! Both states' surface samples, prepared for search: where each goes under a motion, and its label.
 
 use std::sync::Arc;
 
@@ -57,9 +56,9 @@ pub(crate) struct Scales {
     pub color: f64,
 }
 
-/// Motions of which the reprojections are kept.
+/// Number of motions with kept reprojections.
 const KEPT: usize = 48;
-/// Sets of motions of which the labels are kept: what is asked for again was asked for among the last ten.
+/// Number of sets of motions with kept labels: repeated sets were among the last ten.
 ///
 /// measured: on laptop, fridge and calvin_table of shared/bags
 const LABELINGS: usize = 12;
@@ -97,8 +96,11 @@ impl<'a> SurfacePair<'a> {
         reach_m: f64,
     ) -> Self {
         let indices = samples.map(|s| SampleIndex::new(s, reach_m));
-        let graph = |s: usize| SurfaceGraph::new(samples[s], &indices[s], reach_m);
-        let graphs = rayon::join(|| graph(0), || graph(1)).into();
+        let graphs = rayon::join(
+            || SurfaceGraph::new(samples[0], &indices[0], reach_m),
+            || SurfaceGraph::new(samples[1], &indices[1], reach_m),
+        )
+        .into();
         // The widest scales, until the pair itself is there to measure its own.
         let scales = Scales { plane_m: PLANE[1] * reach_m, color: COLOR[1] };
         let spacing_m = samples.map(|s| spacing_m(&s.points, reach_m));
@@ -113,18 +115,18 @@ impl<'a> SurfacePair<'a> {
             reprojections: Recent::keeping(KEPT),
             labelings: Recent::keeping(LABELINGS),
         };
-        // Surface that stands still shows the errors of depth and color without any motion's.
+        // Static surface shows the errors of depth and color without those of a motion.
         pair.scales = pair.static_scales();
         pair
     }
 
-    /// Gives up what is kept.
+    /// Drops all kept results.
     pub(crate) fn forget(&self) {
         self.reprojections.clear();
         self.labelings.clear();
     }
 
-    /// Number of the smooth sheet that a sample is on.
+    /// Number of the smooth sheet of a sample.
     pub(crate) fn sheet(&self, state: usize, sample: usize) -> u32 {
         self.graphs[state].sheet(sample)
     }
@@ -134,7 +136,7 @@ impl<'a> SurfacePair<'a> {
         self.graphs[state].beside(sample)
     }
 
-    /// Median deviations of the samples that have a close partner at the same place, as standard deviations.
+    /// Median deviations of the samples with a close partner at the same place, as standard deviations.
     fn static_scales(&self) -> Scales {
         let [a, b] = self.samples;
         let pairs: Vec<[f64; 2]> = (0..a.points.len())
@@ -147,12 +149,14 @@ impl<'a> SurfacePair<'a> {
                 ])
             })
             .collect();
-        let typical = |k: usize| median(pairs.iter().map(|p| p[k]).collect());
+        // Where nothing stands still the upper bounds hold, as if the scales were not measured.
+        let [plane_m, color] = [0, 1].map(|k| {
+            let typical = median(pairs.iter().map(|p| p[k]).collect());
+            SIGMAS_PER_MEDIAN * typical.unwrap_or(f64::INFINITY)
+        });
         Scales {
-            // Where nothing stands still the upper bounds hold, as if the scales were not measured.
-            plane_m: (SIGMAS_PER_MEDIAN * typical(0).unwrap_or(f64::INFINITY))
-                .clamp(PLANE[0] * self.reach_m, PLANE[1] * self.reach_m),
-            color: (SIGMAS_PER_MEDIAN * typical(1).unwrap_or(f64::INFINITY)).clamp(COLOR[0], COLOR[1]),
+            plane_m: plane_m.clamp(PLANE[0] * self.reach_m, PLANE[1] * self.reach_m),
+            color: color.clamp(COLOR[0], COLOR[1]),
         }
     }
 
@@ -189,14 +193,14 @@ impl<'a> SurfacePair<'a> {
                 others.colors[j],
                 (normal - these.normals[sample]).norm(),
             );
-            // A shift along the plane costs a little by its length. The sum is that of docs/method.md (6.4).
+            // A shift along the plane costs a little by its length. The sum is docs/method.md (6.4).
             let side = (point - others.points[j]).norm() / self.reach_m;
             Some((j as u32, plane * plane + bend * bend + side * side, color))
         });
         Reprojection { partner, free }
     }
 
-    /// Height of a point above a sample's plane, meters, and its distance along that plane in mean distances
+    /// Height of a point above a sample's plane, meters, and its distance along the plane in mean distances
     /// of samples.
     pub(crate) fn offset(&self, state: usize, sample: usize, point: &Point3<f64>) -> (f64, f64) {
         let offset = point - self.samples[state].points[sample];
@@ -205,8 +209,8 @@ impl<'a> SurfacePair<'a> {
         (off_m, (offset - normal * off_m).norm() / self.spacing_m[state])
     }
 
-    /// Squared deviation of two colors of one surface whose normal turned in the world, by a difference of
-    /// length `turned`: the light on it, which scales all channels alike, may have changed by as much.
+    /// Squared deviation of two colors of one surface. `turned` is the length of the change of its normal in
+    /// the world: the light on it scales all channels alike and may have changed by as much.
     fn color_deviation(&self, a: [f32; 3], b: [f32; 3], turned: f64) -> f64 {
         let [a, b] = [a, b].map(|c| Vector3::from(c).cast::<f64>());
         // Light scales a color along itself: its change lies along the sum, a change of hue across it.
@@ -241,8 +245,8 @@ impl<'a> SurfacePair<'a> {
         )
     }
 
-    /// The samples of a state that have a partner in the other under a motion from state 0 to state 1, each
-    /// with it.
+    /// The samples of a state with a partner in the other under a motion from state 0 to state 1, each with
+    /// its partner.
     pub(crate) fn partners(&self, state: usize, motion: &Pose) -> Vec<(usize, usize)> {
         self.reprojections(state, motion)
             .iter()
@@ -257,9 +261,9 @@ impl<'a> SurfacePair<'a> {
         self.costs_of(state, motions, other_labels.map(|l| (l, TAKEN)), true)
     }
 
-    /// The same for labels. Of all parts a motion is ruled out that takes a sample to a place which was seen
-    /// empty all around: it costs [`ALL_FREE`]. While parts are missing such surface would be handed to any
-    /// other that happens to be hidden there.
+    /// The same for labels. With all parts known, a motion of a sample to a place seen empty all around is
+    /// ruled out: it costs [`ALL_FREE`]. While parts are missing, such surface would go to any other motion
+    /// with a hidden place there.
     pub(crate) fn label_costs(
         &self,
         state: usize,
@@ -269,7 +273,7 @@ impl<'a> SurfacePair<'a> {
     ) -> Vec<f32> {
         let taken = match of {
             Of::SomeParts => TAKEN,
-            // A surface is of one part only: that of another one hides the sample at best.
+            // A surface is of one part only: another part's surface hides the sample at best.
             Of::AllParts => HIDDEN,
         };
         let mut costs = self.costs_of(state, motions, other_labels.map(|l| (l, taken)), true);
@@ -288,14 +292,14 @@ impl<'a> SurfacePair<'a> {
     }
 
     /// Where a motion from state 0 to state 1 takes the samples of a state, and by how much errors may take
-    /// them aside, meters: what stands still is known to, but for errors of depth.
+    /// them aside, meters: a static part has only errors of depth.
     fn way(&self, state: usize, motion: &Pose) -> (Pose, f64) {
         let stands = *motion == Pose::identity();
         let error_m = if stands { DEPTH_ERROR * self.scales.plane_m } else { ERROR * self.reach_m };
         (if state == 0 { *motion } else { motion.inverse() }, error_m)
     }
 
-    /// The same by shape alone: light stands still where a part turns, so that colors err together over a
+    /// The same by shape alone: light stands still where a part turns, and colors err together over a
     /// surface.
     pub(crate) fn shape_costs(
         &self,
@@ -317,19 +321,17 @@ impl<'a> SurfacePair<'a> {
         (0..self.samples[state].points.len())
             .into_par_iter()
             .flat_map_iter(|i| {
-                let cost = move |(k, l): (usize, &Arc<Vec<Reprojection>>)| {
-                    l[i].cost(Look { label: k as u8, other_labels, colored })
-                };
-                all.iter().enumerate().map(cost)
+                let found = all.iter().enumerate();
+                found.map(move |(k, l)| l[i].cost(Look { label: k as u8, other_labels, colored }))
             })
             .collect()
     }
 
     /// Label of every sample of a state: mean-field smoothing of the costs, then labels handed along the
-    /// surface to samples that hold no evidence, then islands without evidence joined to what surrounds them.
+    /// surface to samples without evidence, then islands without evidence joined to the labels around them.
     /// Samples out of reach of any evidence are static (label 0).
     pub(crate) fn labels(&self, state: usize, costs: &[f32], motions: usize, of: Of) -> Vec<u8> {
-        // The static part alone has all of the surface.
+        // Without other motions all of the surface is static.
         if motions == 1 {
             return vec![0; costs.len()];
         }
@@ -342,8 +344,8 @@ impl<'a> SurfacePair<'a> {
 
 /// Length of a color difference.
 fn color_distance(a: [f32; 3], b: [f32; 3]) -> f64 {
-    let d = |k: usize| f64::from(a[k] - b[k]);
-    (d(0) * d(0) + d(1) * d(1) + d(2) * d(2)).sqrt()
+    let d = [0, 1, 2].map(|k| f64::from(a[k] - b[k]));
+    (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
 }
 
 #[cfg(test)]

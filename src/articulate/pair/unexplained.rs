@@ -1,4 +1,4 @@
-//! Surface that no motion explains.
+//! Surface without a motion to explain it.
 
 use crate::pair::{
     reprojection::{EXPLAINED, FREE},
@@ -6,31 +6,29 @@ use crate::pair::{
 };
 use geometry::Pose;
 
-/// What a motion explains must have this share of all samples: less could not outweigh the cost of a part.
+/// Least share of all samples for a motion to explain: less could not outweigh the cost of a part.
 /// tuned: shared/bags
 pub(crate) const LEAST_SHARE: f64 = 0.004;
 
-/// Samples of each state that no motion explains, and those of them that moved (the first motion is the
-/// static part's).
+/// Unexplained samples of each state, and the moved ones among them (the first motion is the static part's).
 pub(crate) struct Unexplained {
-    /// Samples that no motion takes onto a surface.
+    /// Samples taken onto a surface by no motion.
     pub open: [Vec<bool>; 2],
     /// Those of them whose place was seen empty in the other state.
     pub moved: [Vec<bool>; 2],
 }
 
 impl Unexplained {
-    /// What `motions` leave.
+    /// The samples left by `motions`.
     pub(crate) fn of(pair: &SurfacePair<'_>, motions: &[Pose]) -> Self {
         let both = [0, 1].map(|s| {
             let costs = pair.shape_costs(s, motions, None);
             let free = pair.free[1 - s].is_some();
-            let rows = || costs.chunks_exact(motions.len());
-            let open: Vec<bool> = rows().map(|row| row.iter().all(|c| *c >= EXPLAINED)).collect();
-            // By the static part's motion, the first: its place in the other state was seen empty, so that it
+            let rows = costs.chunks_exact(motions.len());
+            let open: Vec<bool> = rows.clone().map(|row| row.iter().all(|c| *c >= EXPLAINED)).collect();
+            // By the static part's motion, the first: its place in the other state was seen empty, so it
             // moved and was not merely hidden.
-            let left = |(row, open): (&[f32], &bool)| *open && (!free || row[0] >= FREE);
-            let moved = rows().zip(&open).map(left).collect();
+            let moved = rows.zip(&open).map(|(row, open)| *open && (!free || row[0] >= FREE)).collect();
             (open, moved)
         });
         let [(open0, moved0), (open1, moved1)] = both;

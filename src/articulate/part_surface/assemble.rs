@@ -1,9 +1,9 @@
 //! One surface per part from all states: each state's field, carried through the part's motion.
 //!
 //! The published method cuts a part from one state's TSDF by setting it to `+1` where another part has the
-//! label. Here the states vote together, so that a drawer gets the inside that only the open state shows.
+//! label. Here the states vote together: a drawer gets its inside from the open state.
 
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -27,23 +27,23 @@ pub struct LabelledState {
     pub labels: Grid3<u8>,
     /// Truncation distance, meters.
     pub truncation_m: f64,
-    /// What it knows of blocks of cells, x fastest.
+    /// Its knowledge of blocks of cells, x fastest.
     blocks: Grid3<Known>,
 }
 
-/// Marks a node that is away from every surface.
+/// Marks a node away from every surface.
 pub const NO_LABEL: u8 = u8::MAX;
 
 /// Cells along a side of a block.
 const BLOCK: usize = 4;
 
-/// What a state knows of a piece of space.
+/// A state's knowledge of a piece of space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Known {
     /// Whether something was observed in it, and whether everywhere.
     some: bool,
     all: bool,
-    /// Parts that nodes in it have the label of, as bits: see [`bit`].
+    /// Parts of the nodes in it, as bits: see [`bit`].
     labels: u64,
 }
 
@@ -57,7 +57,7 @@ impl Known {
     }
 }
 
-/// The bit of a part; parts that are 64 apart share one.
+/// The bit of a part, modulo 64.
 fn bit(part: u8) -> u64 {
     1 << (part % 64)
 }
@@ -70,27 +70,15 @@ impl LabelledState {
         let origin = tsdf.origin;
         let spacing_m = tsdf.spacing_m * BLOCK as f64;
         let blocks = Grid3 { origin, spacing_m, dims, values: Vec::new() };
-        let of_node = |(distance, label): (&f32, &u8)| {
-            let known = !distance.is_nan();
-            Known { some: known, all: known, labels: if *label == NO_LABEL { 0 } else { bit(*label) } }
-        };
-        let of_block = |block: usize| {
-            // A cell's last nodes are the first of the next one.
-            let nodes = blocks.coordinates(block).map(|b| BLOCK * b..BLOCK * (b + 1) + 1);
-            let [xs, ys, zs] = [0, 1, 2].map(|k| nodes[k].start..nodes[k].end.min(tsdf.dims[k]));
-            let rows = zs.flat_map(|z| ys.clone().map(move |y| (y, z)));
-            rows.fold(Known::NO_PLACE, |known, (y, z)| {
-                let row = tsdf.index(xs.start, y, z)..tsdf.index(xs.end, y, z);
-                let nodes = tsdf.values[row.clone()].iter().zip(&labels.values[row]);
-                nodes.map(of_node).fold(known, Known::and)
-            })
-        };
-        let values = (0..dims.iter().product()).into_par_iter().map(of_block).collect();
+        let values = (0..dims.iter().product())
+            .into_par_iter()
+            .map(|block| known_of_block(&tsdf, &labels, blocks.coordinates(block)))
+            .collect();
         let blocks = Grid3 { values, ..blocks };
         Self { tsdf, weight, labels, truncation_m, blocks }
     }
 
-    /// What it knows of all places within `radius_m` of one.
+    /// Its knowledge of all places within `radius_m` of one.
     fn about(&self, place: &Point3<f64>, radius_m: f64) -> Known {
         let at = (place - self.tsdf.origin) / self.tsdf.spacing_m;
         let reach = radius_m / self.tsdf.spacing_m + OUTSIDE;
@@ -99,8 +87,9 @@ impl LabelledState {
             return Known { all: false, ..Known::NO_PLACE };
         }
         let blocks: [RangeInclusive<usize>; 3] = [0, 1, 2].map(|k| {
-            let block = |x: f64| (x.max(0.0) as usize / BLOCK).min(self.blocks.dims[k] - 1);
-            block(at[k] - reach)..=block(at[k] + reach)
+            let [first, last] = [at[k] - reach, at[k] + reach]
+                .map(|x| (x.max(0.0) as usize / BLOCK).min(self.blocks.dims[k] - 1));
+            first..=last
         });
         let [xs, ys, zs] = blocks;
         let rows = zs.flat_map(|z| ys.clone().map(move |y| (y, z)));
@@ -114,8 +103,29 @@ impl LabelledState {
     }
 }
 
-/// Truncated signed distance of a part in the world as it stands in state 0, meters; NaN where no state says
-/// anything. `motions` take the part from state 0 to each of the `states`; the first is the identity.
+/// The knowledge of one block of cells, by its coordinates.
+fn known_of_block(tsdf: &Grid3<f32>, labels: &Grid3<u8>, block: [usize; 3]) -> Known {
+    // A cell's last nodes are the first of the next one.
+    let [xs, ys, zs] = [0, 1, 2].map(|k| BLOCK * block[k]..(BLOCK * (block[k] + 1) + 1).min(tsdf.dims[k]));
+    let mut known = Known::NO_PLACE;
+    for (y, z) in zs.flat_map(|z| ys.clone().map(move |y| (y, z))) {
+        let row = tsdf.index(xs.start, y, z)..tsdf.index(xs.end, y, z);
+        for (distance, label) in tsdf.values[row.clone()].iter().zip(&labels.values[row]) {
+            let is_seen = !distance.is_nan();
+            let labels = if *label == NO_LABEL { 0 } else { bit(*label) };
+            known = known.and(Known { some: is_seen, all: is_seen, labels });
+        }
+    }
+    known
+}
+
+/// The ranges of `n` nodes in blocks.
+fn block_ranges(n: usize) -> impl Iterator<Item = Range<usize>> {
+    (0..n).step_by(BLOCK).map(move |start| start..(start + BLOCK).min(n))
+}
+
+/// Truncated signed distance of a part in the world as it stands in state 0, meters; NaN where no state has a
+/// vote. `motions` take the part from state 0 to each of the `states`; the first is the identity.
 #[must_use]
 pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<f32> {
     let Grid3 { origin, spacing_m, dims, .. } = states[0].tsdf;
@@ -123,10 +133,11 @@ pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<
     let [nx, ny, nz] = dims;
     let template = &states[0].tsdf;
     let free = states[0].truncation_m as f32;
-    let blocks = |n: usize| (0..n).step_by(BLOCK).map(move |start| start..(start + BLOCK).min(n));
     out.values.par_chunks_mut((nx * ny * BLOCK).max(1)).enumerate().for_each(|(slab, values)| {
         let layers = slab * BLOCK..((slab + 1) * BLOCK).min(nz);
-        for (lines, columns) in blocks(ny).flat_map(|lines| blocks(nx).map(move |c| (lines.clone(), c))) {
+        for (lines, columns) in
+            block_ranges(ny).flat_map(|lines| block_ranges(nx).map(move |c| (lines.clone(), c)))
+        {
             let ends = [&columns, &lines, &layers];
             let [low, high] =
                 [ends.map(|r| r.start), ends.map(|r| r.end - 1)].map(|[x, y, z]| template.node(x, y, z));
@@ -142,7 +153,7 @@ pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<
             if !some {
                 continue;
             }
-            // Where no state has its label, what is known is that the part is not there.
+            // Where all is known and no state has its label, the part is not there.
             let is_elsewhere = all && labels & bit(part) == 0;
             for (z, y) in layers.clone().flat_map(|z| lines.clone().map(move |y| (z, y))) {
                 for x in columns.clone() {
@@ -159,7 +170,7 @@ pub fn part_tsdf(part: u8, motions: &[Pose], states: &[LabelledState]) -> Grid3<
     out
 }
 
-/// Weighted mean of what all states say about one place. See docs/method.md (9.1).
+/// Weighted mean of the votes of all states on one place. See docs/method.md (9.1).
 fn vote(part: u8, place: &Point3<f64>, motions: &[Pose], states: &[LabelledState]) -> f32 {
     let mut sum = 0.0;
     let mut weight = 0.0;
@@ -169,7 +180,7 @@ fn vote(part: u8, place: &Point3<f64>, motions: &[Pose], states: &[LabelledState
         let place = if k == 0 { *place } else { motion * place };
         let Some(node) = state.tsdf.nearest(&place) else { continue };
         let distance = state.tsdf.sample(&place);
-        // No vote where nothing was observed, so that no surface is invented.
+        // No vote where nothing was observed: no surface is invented.
         if !distance.is_finite() {
             continue;
         }

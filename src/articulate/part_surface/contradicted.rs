@@ -1,11 +1,11 @@
-//! Surface that is of no part: where its part then is, another state saw nothing.
+//! Surface of no part: another state saw nothing at the place of its part.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
 
 use geometry::{Grid3, NearestPoints, Pose, all_about};
 
-/// A state that a surface is looked for in.
+/// Another state in the search for a surface.
 pub struct OtherState<'a> {
     /// Where it is certainly empty.
     pub free: &'a Grid3<bool>,
@@ -13,18 +13,18 @@ pub struct OtherState<'a> {
     pub from_this: Vec<Pose>,
 }
 
-/// Samples that decide about one together, it among them.
+/// Number of samples in the decision on one, it among them.
 const TOGETHER: usize = 9;
-/// So many of these must be where nothing is.
+/// Least number of these at empty places.
 ///
 /// derived: one in fifty true samples is there by errors (docs/method.md 7.2), and nine in ten of others; of
 /// a hundred samples one is of no part: 5 ln(0.9 / 0.02) + 4 ln(0.1 / 0.98) is more than ln 100, for 4 of 9
 /// it is not
 const EMPTY: usize = 5;
 
-/// Whether each of a state's surface points, of the part that its label says, is where another state saw
-/// nothing all around, as far as errors of `error_m` meters take it. One motion explains a surface that one
-/// state alone shows if it was hidden in the others; this one none does.
+/// Whether each of a state's surface points is at a place of its part seen empty all around in another state,
+/// as far as errors of `error_m` meters take it. A surface seen in one state alone is explained if it was
+/// hidden in the others; no motion explains a contradicted one.
 #[must_use]
 pub fn contradicted(
     points: &[Point3<f64>],
@@ -32,19 +32,21 @@ pub fn contradicted(
     others: &[OtherState<'_>],
     error_m: f64,
 ) -> Vec<bool> {
-    let is_empty =
-        |free: &Grid3<bool>, place: &Point3<f64>| all_about(place, error_m, |p| free.holds_around(p));
     let alone: Vec<bool> = points
         .par_iter()
         .zip(labels)
         .map(|(point, &label)| {
-            others.iter().any(|other| is_empty(other.free, &(other.from_this[usize::from(label)] * point)))
+            others.iter().any(|other| {
+                let place = other.from_this[usize::from(label)] * point;
+                all_about(&place, error_m, |p| other.free.holds_around(p))
+            })
         })
         .collect();
     let tree = NearestPoints::new(points);
-    let together =
-        |point| tree.nearest_of(point, TOGETHER).into_iter().filter(|&i| alone[i]).count() >= EMPTY;
-    points.par_iter().map(together).collect()
+    points
+        .par_iter()
+        .map(|point| tree.nearest_of(point, TOGETHER).into_iter().filter(|&i| alone[i]).count() >= EMPTY)
+        .collect()
 }
 
 #[cfg(test)]

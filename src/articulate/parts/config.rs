@@ -8,7 +8,7 @@ use crate::propose::ransac::RansacConfig;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RegisterConfig {
-    /// By what parts and motions are found.
+    /// Method of the search.
     pub method: RegisterMethod,
     /// Motions from matches.
     pub ransac: RansacConfig,
@@ -18,9 +18,9 @@ pub struct RegisterConfig {
     pub last_reach: f64,
     /// Rounds of labels and motions in turn.
     pub rounds: usize,
-    /// Least evidence for a motion and no other, in cells (of side `ransac.cell`): those of its matches
-    /// beyond chance, and a sixth of those of the surface whose place contradicts the other motions. Two to
-    /// three times what wrong motions reach between like parts of one object.
+    /// Least evidence for a motion and no other, in cells (of side `ransac.cell`): the cells of its matches
+    /// beyond chance, and a sixth of the cells of surface in contradiction to the other motions. Two to three
+    /// times the evidence of wrong motions between like parts of one object.
     pub least_score: f64,
     /// The static part must explain this share of the surface.
     pub least_static_share: f64,
@@ -40,13 +40,13 @@ impl Default for RegisterConfig {
     }
 }
 
-/// By what parts and motions are found.
+/// Method of the search for parts and motions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RegisterMethod {
-    /// What motions explain of both surfaces, and no other motion.
+    /// The surface of both states explained by a motion and no other.
     #[default]
     Evidence,
-    /// The difference of the surfaces and the iterated closest point, of a number of parts that was given.
+    /// The difference of the surfaces and the iterated closest point, for a given number of parts.
     Difference,
 }

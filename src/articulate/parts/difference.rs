@@ -1,6 +1,6 @@
-//! Parts and motions the cheap classical way: the surface that is in one state only is cut into as many
-//! clusters as parts move, and each is carried to the other state's by the iterated closest point. Nothing is
-//! weighed and nothing refused but what has no answer; a baseline for the tables of trials.
+//! Parts and motions the cheap classical way: the surface of one state only is cut into as many clusters as
+//! parts move, and each is carried to the other state's by the iterated closest point. Nothing is weighed,
+//! and only inputs without an answer are refused; a baseline for the tables of trials.
 
 use nalgebra::{Point3, Vector3};
 
@@ -16,14 +16,14 @@ use geometry::{NearestPoints, Pose, rigid_fit};
 
 /// Most rounds of closest points, and of clusters.
 const ROUNDS: usize = 100;
-/// A round that moves a part by less than this share of its size ends the search.
-/// chosen: far below what surfaces are measured to.
+/// The search ends with a round of a motion by less than this share of the part's size.
+/// chosen: far below the accuracy of surfaces
 const STILL: f64 = 1e-6;
 
 /// Finds the motions of `parts` parts, the static one included, and the part of every surface sample.
 ///
 /// # Errors
-/// [`RegisterError`]: a surface without points, or nothing that moved.
+/// [`RegisterError`]: a surface without points, or no moved part.
 pub fn register_by_difference(
     surfaces: [&SurfaceSamples; 2],
     parts: usize,
@@ -31,9 +31,8 @@ pub fn register_by_difference(
 ) -> Result<Registration, RegisterError> {
     let reach_m = config.last_reach * checked_extent_m(&surfaces, Some(parts))?;
     let moved = [0, 1].map(|s| in_one_state(&surfaces[s].points, &surfaces[1 - s].points, reach_m));
-    let points = |s: usize| moved[s].iter().map(|&i| surfaces[s].points[i]).collect::<Vec<_>>();
-    let from = points(0);
-    let to = points(1);
+    let [from, to]: [Vec<Point3<f64>>; 2] =
+        [0, 1].map(|s| moved[s].iter().map(|&i| surfaces[s].points[i]).collect());
     if from.len() < parts - 1 || to.is_empty() {
         let all = surfaces[0].points.len();
         let static_percent = 100.0 * (all - from.len()) as f64 / all.max(1) as f64;
@@ -41,28 +40,29 @@ pub fn register_by_difference(
     }
     let cluster = clusters(&from, parts - 1);
     let target = NearestPoints::new(&to);
-    let motion = |k: usize| {
+    let mut motions = vec![Pose::identity()];
+    for k in 0..parts - 1 {
         let own: Vec<_> = from.iter().zip(&cluster).filter(|(_, c)| **c == k).map(|(p, _)| *p).collect();
-        closest_points(&own, &to, &target)
-    };
-    let motions: Vec<Pose> = std::iter::once(Pose::identity()).chain((0..parts - 1).map(motion)).collect();
+        motions.push(closest_points(&own, &to, &target));
+    }
     let mut labels = [0, 1].map(|s| vec![0u8; surfaces[s].points.len()]);
     for (&i, &c) in moved[0].iter().zip(&cluster) {
         labels[0][i] = c as u8 + 1;
     }
-    // A moved sample of state 1 belongs to the motion that brings one of state 0 nearest to it.
+    // A moved sample of state 1 belongs to the motion of a sample of state 0 nearest to it.
     let source = NearestPoints::new(&from);
-    let gap_m = |p: &Point3<f64>, k: usize| {
-        source.nearest(&(motions[k].inverse() * p)).map_or(f64::INFINITY, |(_, d)| d)
-    };
     for &i in &moved[1] {
         let p = &surfaces[1].points[i];
-        let best = (1..parts).min_by(|&a, &b| gap_m(p, a).total_cmp(&gap_m(p, b)));
+        let gaps_m: Vec<f64> = motions
+            .iter()
+            .map(|m| source.nearest(&(m.inverse() * p)).map_or(f64::INFINITY, |(_, d)| d))
+            .collect();
+        let best = (1..parts).min_by(|&a, &b| gaps_m[a].total_cmp(&gaps_m[b]));
         labels[1][i] = best.unwrap_or(0) as u8;
     }
     let support = (0..parts).map(|k| {
-        let count = |s: usize| labels[s].iter().filter(|l| usize::from(**l) == k).count();
-        MotionSupport { samples: [count(0), count(1)], ..MotionSupport::default() }
+        let samples = [0, 1].map(|s| labels[s].iter().filter(|l| usize::from(**l) == k).count());
+        MotionSupport { samples, ..MotionSupport::default() }
     });
     Ok(Registration {
         support: support.collect(),
@@ -79,39 +79,43 @@ pub fn register_by_difference(
 /// The points farther than `reach_m` from all of the other state's.
 fn in_one_state(points: &[Point3<f64>], others: &[Point3<f64>], reach_m: f64) -> Vec<usize> {
     let others = NearestPoints::new(others);
-    let is_far = |p: &Point3<f64>| others.nearest(p).is_none_or(|(_, d)| d > reach_m);
-    (0..points.len()).filter(|&i| is_far(&points[i])).collect()
+    (0..points.len()).filter(|&i| others.nearest(&points[i]).is_none_or(|(_, d)| d > reach_m)).collect()
 }
 
 /// The cluster of every point: means of `count` clusters (Lloyd 1982), each started from the point farthest
 /// from the means before it.
 fn clusters(points: &[Point3<f64>], count: usize) -> Vec<usize> {
-    let mean = |own: &mut dyn Iterator<Item = &Point3<f64>>| -> Option<Point3<f64>> {
-        let (sum, n) = own.fold((Vector3::zeros(), 0.0), |(sum, n), p| (sum + p.coords, n + 1.0));
-        (n > 0.0).then(|| Point3::from(sum / n))
-    };
-    let mut means: Vec<Point3<f64>> = mean(&mut points.iter()).into_iter().collect();
-    let nearest = |means: &[Point3<f64>], p: &Point3<f64>| -> (usize, f64) {
-        let distances = means.iter().map(|m| (p - m).norm_squared()).enumerate();
-        distances.fold((0, f64::INFINITY), |best, next| if next.1 < best.1 { next } else { best })
-    };
+    let mut means: Vec<Point3<f64>> = mean_point(points.iter()).into_iter().collect();
     while means.len() < count {
-        let far = |p: &&Point3<f64>| nearest(&means, p).1;
+        let far = |p: &&Point3<f64>| nearest_mean(&means, p).1;
         let next = points.iter().max_by(|a, b| far(a).total_cmp(&far(b)));
         means.extend(next.copied());
     }
     let mut found: Vec<usize> = Vec::new();
     for _ in 0..ROUNDS {
-        let before = std::mem::replace(&mut found, points.iter().map(|p| nearest(&means, p).0).collect());
+        let nearest: Vec<usize> = points.iter().map(|p| nearest_mean(&means, p).0).collect();
+        let before = std::mem::replace(&mut found, nearest);
         if before == found {
             break;
         }
         for (k, m) in means.iter_mut().enumerate() {
-            let mut own = points.iter().zip(&found).filter(|(_, c)| **c == k).map(|(p, _)| p);
-            *m = mean(&mut own).unwrap_or(*m);
+            let own = points.iter().zip(&found).filter(|(_, c)| **c == k).map(|(p, _)| p);
+            *m = mean_point(own).unwrap_or(*m);
         }
     }
     found
+}
+
+/// Mean of points; `None` for none.
+fn mean_point<'a>(points: impl Iterator<Item = &'a Point3<f64>>) -> Option<Point3<f64>> {
+    let (sum, n) = points.fold((Vector3::zeros(), 0.0), |(sum, n), p| (sum + p.coords, n + 1.0));
+    (n > 0.0).then(|| Point3::from(sum / n))
+}
+
+/// Number of the mean nearest to a point, and their squared distance.
+fn nearest_mean(means: &[Point3<f64>], p: &Point3<f64>) -> (usize, f64) {
+    let distances = means.iter().map(|m| (p - m).norm_squared()).enumerate();
+    distances.fold((0, f64::INFINITY), |best, next| if next.1 < best.1 { next } else { best })
 }
 
 /// The motion of points by the iterated closest point (Besl and McKay 1992), from the identity.
@@ -119,8 +123,10 @@ fn closest_points(points: &[Point3<f64>], targets: &[Point3<f64>], nearest: &Nea
     let size_m = points.iter().fold(0.0, |size, p| f64::max(size, (p - points[0]).norm()));
     let mut motion = Pose::identity();
     for _ in 0..ROUNDS {
-        let pair = |p: &Point3<f64>| nearest.nearest(&(motion * p)).map(|(i, _)| (*p, targets[i], 1.0));
-        let pairs: Vec<_> = points.iter().filter_map(pair).collect();
+        let pairs: Vec<_> = points
+            .iter()
+            .filter_map(|p| nearest.nearest(&(motion * p)).map(|(i, _)| (*p, targets[i], 1.0)))
+            .collect();
         let Some(next) = rigid_fit(pairs.iter().copied()) else { break };
         let moved_m = points.iter().map(|p| (next * p - motion * p).norm()).fold(0.0, f64::max);
         motion = next;

@@ -1,5 +1,6 @@
-//! Motions that two parts may share: parts that move nearly alike, such as two drawers pulled equally far,
-//! lie within reach of one motion between theirs. Where along the surface the motion changes, it is divided.
+//! Division of a motion shared by two parts: parts with nearly the same motion, such as two drawers pulled
+//! equally far, lie within reach of one motion between theirs. Where along the surface the motion changes, it
+//! is divided.
 //! See docs/method.md 6.6.
 
 use std::collections::BTreeMap;
@@ -7,7 +8,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
 
 use crate::{
-    pair::point_to_plane::{Plane, SAMPLES_PER_READING, correspondences, refine, step},
+    pair::point_to_plane::{MovedCorrespondence, SAMPLES_PER_READING, correspondences, refine, step},
     parts::{
         elimination::{SLIGHT, Step, best},
         evidence_curve::{EvidencePoint, point},
@@ -30,14 +31,14 @@ const LEAST_SIDE: usize = 60;
 const CUTS: usize = 15;
 /// Rounds in which the motions of both sides settle, first by themselves.
 const ROUNDS: usize = 3;
-/// Nor does less than this share of what the one motion explains: such errors grow with the surface.
+/// Least score of each half, as a share of the score of the one motion: errors grow with the surface.
 /// tuned: shared/bags
 const LEAST_ALONE: f64 = 0.025;
 /// Standard deviation of a side's step from the shared motion, as a share of the reach.
-/// chosen: two of them are the reach, within which both motions lie
+/// chosen: two of them are the reach, and both motions lie within it
 const STEP: f64 = 0.5;
-/// Side of the blocks of surface that share errors, in radii.
-/// derived: a sixth of the side of a square plate, whose radius is `side / sqrt 6`; see docs/method.md (8.10)
+/// Side of the blocks of surface with errors in common, in radii.
+/// derived: a sixth of the side of a square plate of radius `side / sqrt 6`; see docs/method.md (8.10)
 const BLOCK_RADII: f64 = 0.408;
 
 /// Least squares of a small motion.
@@ -55,7 +56,7 @@ impl Sums {
 
     fn with(mut self, r: &Reading) -> Self {
         self.matrix += r.row * r.row.transpose() * r.weight;
-        // Minus, so that the solution is the step that lowers the residuals.
+        // Minus: the solution is the step against the residuals.
         self.right -= r.row * (r.residual_m * r.weight);
         self.squares += r.residual_m * r.residual_m * r.weight;
         self
@@ -76,7 +77,7 @@ impl Sums {
     }
 }
 
-/// What follows a motion.
+/// The correspondences of a motion, linear in a small change of it.
 struct Follower {
     readings: Vec<Reading>,
     /// Middle after the motion, and its distance from the surface, root mean square.
@@ -89,19 +90,19 @@ struct Follower {
 }
 
 impl Follower {
-    /// The cut that lowers the sum of squares most, if by more than errors that run along the surface feign.
+    /// The cut with the lowest sum of squares, if the fall is more than errors along the surface could feign.
     fn cut(mut self, motion: &Pose) -> Option<Cut> {
         let mut best: Option<(f64, Cut)> = None;
         for axis in &self.axes {
             let along = |r: &Reading| axis.dot(&r.place.coords);
             self.readings.sort_by(|a, b| along(a).total_cmp(&along(b)));
-            let add = |sum: &mut Sums, r: &Reading| {
-                *sum = sum.with(r);
-                Some(*sum)
-            };
-            // Running sums give both sides of every cut, so that a cut costs two small systems and no pass.
-            let sums: Vec<Sums> = self.readings.iter().scan(Sums::zero(), add).collect();
-            let whole = sums[sums.len() - 1];
+            // Running sums give both sides of every cut: a cut costs two small systems and no pass.
+            let mut whole = Sums::zero();
+            let mut sums = Vec::with_capacity(self.readings.len());
+            for r in &self.readings {
+                whole = whole.with(r);
+                sums.push(whole);
+            }
             let one = whole.best(self.prior)?.0;
             let firsts = (1..=CUTS).map(|c| sums.len() * c / (CUTS + 1));
             for first in firsts.filter(|f| (*f).min(sums.len() - f) >= LEAST_SIDE) {
@@ -133,8 +134,8 @@ impl Follower {
         (divided > by_sensor).then_some(cut)
     }
 
-    /// What a depth sensor does to one part: it bends the surface, so that its step changes evenly along one
-    /// direction or all, and displaces it along its normals, evenly or by place and by facing. See
+    /// Designs of the errors of a depth sensor on one part: it bends the surface (its step changes evenly
+    /// along one direction or all), and displaces it along its normals, evenly or by place and by facing. See
     /// docs/method.md 6.6.
     fn sensor_errors(&self, motion: &Pose) -> Vec<Box<Design<'_>>> {
         let n = self.readings.len() as f64;
@@ -142,22 +143,23 @@ impl Follower {
         let radius_m = self.radius_m;
         let along = move |r: &Reading| (r.place.coords - middle) / radius_m;
         let back = motion.rotation.inverse();
-        let facing = move |r: &Reading| back * r.row.fixed_rows::<3>(3).into_owned();
         let bends = self
             .axes
             .iter()
             .map(move |axis| -> Box<Design<'_>> { Box::new(move |r| steps(r, &[1.0, axis.dot(&along(r))])) });
-        let displaced = move |r: &Reading| [steps(r, &[1.0]), vec![1.0]].concat();
         let further: [Box<Design<'_>>; 3] = [
             Box::new(move |r| steps(r, &[1.0, along(r).x, along(r).y, along(r).z])),
-            Box::new(displaced),
-            Box::new(move |r| [&displaced(r)[..], along(r).as_slice(), facing(r).as_slice()].concat()),
+            Box::new(|r| [steps(r, &[1.0]), vec![1.0]].concat()),
+            Box::new(move |r| {
+                let facing = back * r.row.fixed_rows::<3>(3).into_owned();
+                [&steps(r, &[1.0])[..], &[1.0], along(r).as_slice(), facing.as_slice()].concat()
+            }),
         ];
         bends.chain(further).collect()
     }
 
-    /// By how much residuals that a cut leaves err together: the mean square of the weighted sums of blocks
-    /// of the surface against what independent readings give, at least 1. See docs/method.md 6.6.
+    /// By how much the residuals after a cut err together: the mean square of the weighted sums of blocks of
+    /// the surface against that of independent readings, at least 1. See docs/method.md 6.6.
     fn dispersion(&self, cut: &Cut) -> f64 {
         let block_m = BLOCK_RADII * self.radius_m;
         let mut blocks: BTreeMap<(bool, [i64; 3]), (f64, f64)> = BTreeMap::new();
@@ -182,9 +184,8 @@ struct Cut {
     motions: [Pose; 2],
 }
 
-/// Adds sets in which motions are divided, as far as two motions explain clearly more than one. They
-/// begin with the best set in which no motion loses evidence to another, and come before others of as
-/// many motions that leave more unexplained.
+/// Adds sets with divided motions, as far as two motions explain clearly more than one. They begin with the
+/// best set, and take the place of others of as many motions with more unexplained surface.
 pub(crate) fn divide(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
     let mut motions = best(pair, steps);
     while let Some(divided) = divided(pair, &motions) {
@@ -201,18 +202,17 @@ pub(crate) fn divide(pair: &MatchedPair<'_>, steps: &mut Vec<Step>) {
     steps.sort_by_key(|s| std::cmp::Reverse(s.point.parts));
 }
 
-/// The motions with the one divided that two motions replace best; `None` where no two explain clearly
-/// more than one, and each something alone.
+/// The motions with the best one to divide replaced by two; `None` where no two explain clearly more than
+/// one, and each something alone.
 fn divided(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
     let least = pair.config.least_score;
     let found = label(&pair.surfaces, motions);
     let (labels, _) = &*found;
     let (scores, _) = weighed_as(pair, motions, labels);
-    // Errors of depth that change along a surface give nearly as much to two motions, but not to either
-    // alone.
+    // Errors of depth along a surface give nearly as much to two motions, but not to either alone.
     let slight = SLIGHT * least;
     let mut best = (slight, None);
-    // Each half must stand by itself later, so that less than twice the least evidence is not worth a cut.
+    // Each half must stand by itself later: less than twice the least evidence is not worth a cut.
     for (k, motion) in motions.iter().enumerate().skip(1).filter(|(k, _)| scores[*k] >= 2.0 * least) {
         let Some(cut) = follower(pair, labels, motion, k as u8).and_then(|f| f.cut(motion)) else {
             continue;
@@ -221,7 +221,7 @@ fn divided(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
         let [first, second] = settled(pair, labels, k as u8, motion, cut);
         set[k] = first;
         set.insert(k + 1, second);
-        // A cut is a plane; the parts' border need not be one, so that labels and motions settle freely.
+        // A cut is a plane; the parts' border need not be one: labels and motions settle freely.
         (0..ROUNDS).for_each(|_| round(pair, &mut set));
         let found = label(&pair.surfaces, &set);
         let (after, _) = &*found;
@@ -234,9 +234,8 @@ fn divided(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
     best.1
 }
 
-/// By how much better two motions, `k` and `k + 1` of the second set, explain what one, `k` of the first,
-/// explained before: a sixth of the cells of its surface, each by the fall of its cost. Both sets with
-/// their labels.
+/// Evidence gained by two motions, `k` and `k + 1` of the second set, in place of one, `k` of the first: a
+/// sixth of the cells of its surface, each by the fall of its cost. Both sets with their labels.
 fn gain(
     pair: &MatchedPair<'_>,
     k: usize,
@@ -260,7 +259,7 @@ fn gain(
     surface_evidence(pair, sum / count.max(1) as f64)
 }
 
-/// What follows a motion, linear in a small change of it.
+/// The correspondences of a motion; `None` where there are too few to cut.
 fn follower(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], motion: &Pose, label: u8) -> Option<Follower> {
     let planes = correspondences(&pair.surfaces, [&labels[0], &labels[1]], motion, label);
     if planes.len() < 2 * LEAST_SIDE {
@@ -276,31 +275,26 @@ fn follower(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], motion: &Pose, label:
     let sigma_m = pair.surfaces.scales.plane_m;
     let wide_m = WIDE * pair.surfaces.reach_m;
     let mut faces = Matrix3::zeros();
-    let mut reading = |p: &Plane| {
-        let (moved, normal, residual_m) = p.under(motion);
+    let mut readings = Vec::with_capacity(planes.len());
+    for p in &planes {
+        let MovedCorrespondence { point, normal, residual_m } = p.under(motion);
         let own = motion.inverse_transform_vector(&normal);
         faces += own * own.transpose();
-        let turn = (moved - center).cross(&normal) / radius_m;
+        let turn = (point - center).cross(&normal) / radius_m;
         let z = residual_m / wide_m;
         let weight = (sigma_m * (1.0 + z * z)).powi(-2) / SAMPLES_PER_READING;
-        Reading {
+        readings.push(Reading {
             place: p.source,
             row: Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z),
             residual_m,
             weight,
-        }
-    };
-    let readings = planes.iter().map(&mut reading).collect();
-    let of = |m: Matrix3<f64>| {
-        SymmetricEigen::new(m)
-            .eigenvectors
-            .column_iter()
-            .map(|c| c.into_owned())
-            .collect::<Vec<Vector3<f64>>>()
-    };
-    // Parts lie beside each other along the surface's own directions or along those of its faces, which
-    // differ where it is as broad as long.
-    let axes = [of(spread), of(faces)].concat();
+        });
+    }
+    // Parts lie beside each other along the surface's own directions or along the directions of its faces;
+    // these differ where it is as broad as long.
+    let eigen = [spread, faces].map(SymmetricEigen::new);
+    let columns = eigen.iter().flat_map(|e| e.eigenvectors.column_iter());
+    let axes: Vec<Vector3<f64>> = columns.map(|c| c.into_owned()).collect();
     Some(Follower { readings, center, radius_m, axes, prior: (STEP * pair.surfaces.reach_m).powi(-2) })
 }
 
@@ -308,13 +302,14 @@ fn follower(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], motion: &Pose, label:
 fn settled(pair: &MatchedPair<'_>, labels: &[Vec<u8>; 2], label: u8, motion: &Pose, cut: Cut) -> [Pose; 2] {
     let back = motion.inverse();
     let sides = [0, 1].map(|s| {
-        let points = pair.surfaces.samples[s].points.iter().zip(&labels[s]);
-        let side = |(p, l): (&Point3<f64>, &u8)| {
+        let mut sides = Vec::with_capacity(labels[s].len());
+        for (p, l) in pair.surfaces.samples[s].points.iter().zip(&labels[s]) {
             // The cut is known in state 0.
             let first = if s == 0 { *p } else { back * p };
-            if *l == label { 1 + u8::from(cut.axis.dot(&first.coords) > cut.at_m) } else { 0 }
-        };
-        points.map(side).collect::<Vec<u8>>()
+            let side = 1 + u8::from(cut.axis.dot(&first.coords) > cut.at_m);
+            sides.push(if *l == label { side } else { 0 });
+        }
+        sides
     });
     let mut motions = cut.motions;
     for _ in 0..ROUNDS {

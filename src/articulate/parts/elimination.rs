@@ -1,5 +1,5 @@
 //! From many motions to none: the one with the least evidence of its own is dropped, and the others take over
-//! what they can. Two motions of one part share their evidence, so that one of them goes first.
+//! its surface as far as they can. Two motions of one part share their evidence: one of them goes first.
 //! See docs/method.md 7.2.
 
 use serde::{Deserialize, Serialize};
@@ -20,9 +20,9 @@ use geometry::Pose;
 /// A motion with less than this share of the least evidence explains next to nothing.
 /// tuned: shared/bags
 pub(crate) const SLIGHT: f64 = 0.5;
-/// The largest sets of motions that could all be parts, which settle.
+/// Number of the largest sets of possible parts to settle.
 const COMPARED: usize = 2;
-/// The weakest motions that are compared before one is dropped.
+/// Number of the weakest motions compared before one is dropped.
 const RIVALS: usize = 3;
 /// Two sets of motions explain alike from this share of the better one's evidence on.
 /// tuned: shared/bags
@@ -33,21 +33,21 @@ const ALIKE: f64 = 0.9;
 pub(crate) struct Step {
     pub motions: Vec<Pose>,
     pub point: EvidencePoint,
-    /// Share of the surface that each motion explains and no other.
+    /// Share of the surface explained by each motion and no other.
     pub shares: Vec<f64>,
-    /// Whether it is a smaller set of which a motion was divided.
+    /// Whether it is a smaller set with a divided motion.
     pub divided: bool,
 }
 
-/// The most motions of which each has the evidence that a part needs.
+/// The largest set of motions with enough evidence for a part each.
 pub(crate) fn best(pair: &MatchedPair<'_>, steps: &[Step]) -> Vec<Pose> {
-    // Whether a set stands depends on the smaller ones, so that all are there before one is judged.
+    // Whether a set stands depends on the smaller ones: all are there before one is judged.
     let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
     let most = standing(pair, steps, &curve).into_iter().max_by_key(|s| s.motions.len());
     most.map_or_else(|| vec![Pose::identity()], |s| s.motions.clone())
 }
 
-/// The sets that stand by a curve of evidence; divided ones were judged as they were made.
+/// The standing sets by a curve of evidence; divided ones were judged as they were made.
 pub(crate) fn standing<'s>(
     pair: &MatchedPair<'_>,
     steps: &'s [Step],
@@ -61,20 +61,18 @@ pub(crate) fn standing<'s>(
         .collect()
 }
 
-/// Sets of motions, each without the weakest of the one before and refitted to what the others take over,
-/// down to the static part alone.
+/// Sets of motions, each without the weakest of the one before and refitted, down to the static part alone.
 pub(crate) fn steps(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Step> {
     let mut steps = Vec::new();
     let mut settled = 0;
     loop {
-        // Motions that could not stand in any case go at once: without them the rest need not be settled so
-        // often.
+        // Hopeless motions go at once: without them the rest need not be settled so often.
         while thin(pair, &mut motions) {
             round(pair, &mut motions);
         }
         let (mut scores, mut shares) = weighed(pair, &motions);
-        // Surface must have gone over to the motion that it follows before large sets are compared; rounds
-        // are slow, so that smaller sets go without.
+        // Surface must have gone over to its motion before large sets are compared; rounds are slow, and
+        // smaller sets go without.
         if settled < COMPARED && scores[1..].iter().all(|s| *s >= SLIGHT * pair.config.least_score) {
             settled += 1;
             settle(pair, &mut motions);
@@ -89,10 +87,9 @@ pub(crate) fn steps(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Step>
     }
 }
 
-/// All motions but the one of the weakest without which the others explain most, refitted; where that
-/// hardly differs, but the one without which, refitted, most others have the evidence that a part needs.
-/// Matches to a wrong place do not come in numbers: motions that have the least evidence in matches alone
-/// go last.
+/// All motions but one of the weakest, refitted: without it the others explain most. Where sets hardly
+/// differ, the refitted set with the most standing motions is preferred. Matches to a wrong place do not come
+/// in numbers: motions with the least evidence in matches alone go last.
 fn without_least(pair: &MatchedPair<'_>, motions: &[Pose], scores: &[f64]) -> Vec<Pose> {
     let least = pair.config.least_score;
     let matched = pair.match_cells(motions);
@@ -100,18 +97,14 @@ fn without_least(pair: &MatchedPair<'_>, motions: &[Pose], scores: &[f64]) -> Ve
     let mut weakest: Vec<usize> = (1..motions.len()).collect();
     weakest.sort_by(|&a, &b| matched_alone(a).cmp(&matched_alone(b)).then(scores[a].total_cmp(&scores[b])));
     let unmatched = weakest.iter().filter(|k| !matched_alone(**k)).count();
-    // One that explains next to nothing needs no comparison, unless another explains the same.
-    let next_to_nothing = |k: &usize| scores[*k] < SLIGHT * least;
-    let clear = next_to_nothing(&weakest[0]) && !weakest.get(1).is_some_and(next_to_nothing);
-    // Motions that matches bear out are not weighed against ones that they do not.
+    // A motion with next to no evidence needs no comparison, unless another explains the same.
+    let slight = SLIGHT * least;
+    let clear = scores[weakest[0]] < slight && weakest.get(1).is_none_or(|k| scores[*k] >= slight);
+    // Motions borne out by matches are not weighed against others.
     let rivals = if unmatched > 0 { unmatched.min(RIVALS) } else { RIVALS };
     weakest.truncate(if clear { 1 } else { rivals });
-    let refitted = |mut others: Vec<Pose>| {
-        round(pair, &mut others);
-        others
-    };
     let mut rest: Vec<(f64, Vec<Pose>)> = weakest.into_iter().map(|k| (0.0, without(motions, k))).collect();
-    // First without refitting, which is slow: only sets that explain alike are refitted to decide.
+    // First without refitting (it is slow): only sets of like evidence are refitted to decide.
     if rest.len() > 1 {
         rest.iter_mut().for_each(|(evidence, others)| *evidence = point(&weighed(pair, others).0).evidence);
         rest.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -119,25 +112,29 @@ fn without_least(pair: &MatchedPair<'_>, motions: &[Pose], scores: &[f64]) -> Ve
         rest.retain(|r| r.0 >= alike);
     }
     if rest.len() == 1 {
-        return refitted(rest.swap_remove(0).1);
+        return refitted(pair, rest.swap_remove(0).1);
     }
-    let judged: Vec<Judged> =
-        rest.into_iter().map(|(_, others)| Judged::of(pair, refitted(others))).collect();
-    preferred(judged)
+    preferred(rest.into_iter().map(|(_, others)| JudgedSet::of(pair, refitted(pair, others))).collect())
+}
+
+/// Motions after a round of labels and motions.
+fn refitted(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose> {
+    round(pair, &mut motions);
+    motions
 }
 
 /// A set of motions beside others of as many.
-struct Judged {
+struct JudgedSet {
     motions: Vec<Pose>,
-    /// Motions that have the evidence that a part needs.
+    /// Number of motions with enough evidence for a part.
     standing: usize,
     /// Cells of matches beyond chance.
     matched: f64,
-    /// Sum of what speaks for each motion alone.
+    /// Sum of the evidence for each motion alone.
     evidence: f64,
 }
 
-impl Judged {
+impl JudgedSet {
     fn of(pair: &MatchedPair<'_>, motions: Vec<Pose>) -> Self {
         let scores = weighed(pair, &motions).0;
         Self {
@@ -149,10 +146,10 @@ impl Judged {
     }
 }
 
-/// Of the sets with the most standing motions, and of these of the ones that matches support as well as the
-/// best up to chance, the set with the most evidence. Each condition compares with the best of all, so that
-/// the order of the sets does not matter.
-fn preferred(mut judged: Vec<Judged>) -> Vec<Pose> {
+/// The set with the most evidence, among the sets with the most standing motions and the support of matches
+/// of the best up to chance. Each condition compares with the best of all: the order of the sets does not
+/// matter.
+fn preferred(mut judged: Vec<JudgedSet>) -> Vec<Pose> {
     let standing = judged.iter().map(|j| j.standing).max();
     judged.retain(|j| Some(j.standing) == standing);
     let matched = judged.iter().map(|j| j.matched).fold(0.0, f64::max);
@@ -161,16 +158,16 @@ fn preferred(mut judged: Vec<Judged>) -> Vec<Pose> {
     best.map_or_else(Vec::new, |j| j.motions)
 }
 
-/// Drops motions that have less than the least evidence even where a surface that the other state hid
-/// counts as one that is missing there, the weakest first; false where there are none.
+/// Drops motions with less than the least evidence even where a hidden surface of the other state counts as a
+/// missing one, the weakest first; false where there are none.
 fn thin(pair: &MatchedPair<'_>, motions: &mut Vec<Pose>) -> bool {
     let before = motions.len();
     let mut costs = [0, 1].map(|s| pair.surfaces.shape_costs(s, motions, None));
     while motions.len() > 1 {
         let scores = scores(pair, motions, &shares(&costs, motions.len()));
         let weakest = (1..motions.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]));
-        // A share counts a sample as 1 at most, a preference as `MISSED`: what goes here could not stand by
-        // those.
+        // A share counts a sample as 1 at most, a preference as `MISSED`: a motion dropped here could not
+        // stand by preferences.
         let Some(k) = weakest.filter(|&k| MISSED * scores[k] < pair.config.least_score) else { break };
         let count = motions.len();
         motions.remove(k);

@@ -1,4 +1,4 @@
-//! Motions that the shape of a part allows beside its own: a bar or a panel may as well have been turned end
+//! Motions of a part allowed by its shape beside its own: a bar or a panel may as well have been turned end
 //! for end. Its hinge distinguishes them. (The spin of caps: `round_parts.rs`.) See docs/method.md 6.9.
 
 use std::f64::consts::PI;
@@ -25,13 +25,13 @@ use geometry::{Pose, Screw};
 
 /// Rounds in which a turned motion settles.
 const ROUNDS: usize = 3;
-/// Turn at which half of what speaks for a hinge is lost, radians: few joints turn farther, and a part turned
-/// end for end does by as much as half a turn exceeds its own.
+/// Turn at which the score of a hinge is halved, radians: few joints turn farther, and a part turned end for
+/// end turns by as much as half a turn exceeds its own.
 /// tuned: shared/bags
 const FAR_TURN: f64 = 2.1;
 
-/// The motions, each part's turned end for end where that explains more, weighed by what speaks for a
-/// hinge. Matches distinguish them, so that only parts without them are looked at.
+/// The motions, each part's turned end for end where the turned one explains more, weighed by the score of
+/// its hinge. Parts fixed by matches stay as they are.
 pub(crate) fn hinged(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose> {
     for k in 1..motions.len() {
         if is_matched(pair, &motions, k) {
@@ -39,19 +39,21 @@ pub(crate) fn hinged(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose
         }
         let found = label(&pair.surfaces, &motions);
         let (labels, _) = &*found;
-        let plausible = |motions: &[Pose]| hinge(pair, motions, &labels[0], k);
-        let settled = |turned: Pose| {
+        let mut best: Option<(f64, Vec<Pose>)> = None;
+        for turned in turned(pair, &motions, labels, k) {
             let mut others = motions.clone();
             others[k] = turned;
             // Both explain about the same surface: without a better hinge the turn is not worth the rounds.
-            if plausible(&others) <= plausible(&motions) {
-                return None;
+            if hinge(pair, &others, &labels[0], k) <= hinge(pair, &motions, &labels[0], k) {
+                continue;
             }
             (0..ROUNDS).for_each(|_| round(pair, &mut others));
-            Some((worth(pair, &others, k), others))
-        };
-        let all = turned(pair, &motions, labels, k).into_iter().filter_map(settled);
-        if let Some((found, others)) = all.reduce(|a, b| if b.0 > a.0 { b } else { a })
+            let found = worth(pair, &others, k);
+            if best.as_ref().is_none_or(|b| found > b.0) {
+                best = Some((found, others));
+            }
+        }
+        if let Some((found, others)) = best
             && found > worth(pair, &motions, k)
         {
             motions = others;
@@ -60,7 +62,7 @@ pub(crate) fn hinged(pair: &MatchedPair<'_>, mut motions: Vec<Pose>) -> Vec<Pose
     motions
 }
 
-/// What the motions explain by part `k`, times what speaks for its hinge.
+/// The evidence for part `k` times the score of its hinge.
 fn worth(pair: &MatchedPair<'_>, motions: &[Pose], k: usize) -> f64 {
     hinge(pair, motions, &label(&pair.surfaces, motions).0[0], k) * weighed(pair, motions).0[k]
 }
@@ -69,24 +71,26 @@ fn worth(pair: &MatchedPair<'_>, motions: &[Pose], k: usize) -> f64 {
 /// by the surfaces of both, and it does not turn too far. A slide along another part has no axis; both
 /// touch. See docs/method.md (6.13).
 fn hinge(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[u8], k: usize) -> f64 {
-    let of = |part: usize| -> Vec<Point3<f64>> {
-        let points = pair.surfaces.samples[0].points.iter().zip(labels);
-        points.filter(|(_, l)| usize::from(**l) == part).map(|(p, _)| *p).collect()
-    };
-    let own = of(k);
-    let on = |parent: usize| {
+    let mut surfaces: Vec<Vec<Point3<f64>>> = vec![Vec::new(); motions.len()];
+    for (p, l) in pair.surfaces.samples[0].points.iter().zip(labels) {
+        surfaces[usize::from(*l)].push(*p);
+    }
+    let own = &surfaces[k];
+    let mut best = 0.0;
+    for parent in (0..motions.len()).filter(|p| *p != k) {
         let relative = motions[parent].inverse() * motions[k];
+        let surface = &surfaces[parent];
         let (off_m, angle_rad) = match axis_of_turn(&relative) {
-            Some(axis) => (axis_off_m((&axis.point, &axis.direction), &own, &of(parent)), axis.angle_rad),
-            None => (touch_m(&own, &of(parent)), 0.0),
+            Some(axis) => (axis_off_m(&axis.point, &axis.direction, own, surface), axis.angle_rad),
+            None => (touch_m(own, surface), 0.0),
         };
-        hinge_score(off_m, pair.extent_m) / (1.0 + (angle_rad / FAR_TURN).powi(4))
-    };
-    (0..motions.len()).filter(|p| *p != k).map(on).fold(0.0, f64::max)
+        best = f64::max(best, hinge_score(off_m, pair.extent_m) / (1.0 + (angle_rad / FAR_TURN).powi(4)));
+    }
+    best
 }
 
-/// The motions that part `k` may have made as well, each where it explains most: half a turn about its middle
-/// and the direction of its axis before its own; of a round bar those of [`swings`]. None for a slide.
+/// Other possible motions of part `k`, each where it explains most: half a turn about its middle and the
+/// direction of its axis before its own; for a round bar its [`swings`]. None for a slide.
 fn turned(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: usize) -> Vec<Pose> {
     let Some(axis) = axis_of_turn(&motions[k]) else { return Vec::new() };
     let costs = pair.surfaces.shape_costs(0, motions, Some(&labels[1]));
@@ -102,47 +106,50 @@ fn turned(pair: &MatchedPair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2], k: us
             vec![motions[k] * half.motion()]
         }
     };
-    // Of a panel that shows one side the middle is that of the side, and the turn leaves the panel beside
-    // itself by its thickness, at most the reach.
+    // A panel seen from one side has its middle on the side, and the turn leaves it beside itself by its
+    // thickness, at most the reach.
     let search = Search::new(&pair.surfaces, &without(motions, k), pair.extent_m);
     let total = |motion: &Pose| search.sharp_total(motion).0;
     let step_m = pair.surfaces.scales.plane_m;
     let steps = (pair.surfaces.reach_m / step_m).ceil() as i64;
-    let placed = |start: Pose| {
-        let beside = (-steps..=steps).into_par_iter().map(|s| {
-            let shifted = start * Slip::along(thin).by(s as f64 * step_m);
-            (total(&shifted), shifted)
-        });
-        // In the order of the steps, so that equal ones do not depend on threads.
-        let all: Vec<(f64, Pose)> = beside.collect();
-        let best = all.into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a })?.1;
-        Some(search.slips(&best).map_or(best, |s| search.climbed(&best, s, total, |m| search.slips(m)).1))
-    };
-    starts.into_iter().filter_map(placed).collect()
+    let mut placed = Vec::with_capacity(starts.len());
+    for start in starts {
+        // In the order of the steps: equal ones do not depend on threads.
+        let beside: Vec<(f64, Pose)> = (-steps..=steps)
+            .into_par_iter()
+            .map(|s| start * Slip::along(thin).by(s as f64 * step_m))
+            .map(|shifted| (total(&shifted), shifted))
+            .collect();
+        let Some((_, best)) = beside.into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a }) else {
+            continue;
+        };
+        let slips = search.slips(&best);
+        placed.push(slips.map_or(best, |s| search.climbed(&best, s, total, |m| search.slips(m)).1));
+    }
+    placed
 }
 
-/// The motions of part `k`, a bar round about a line through `center`, that take the bar to where its motion
-/// takes it, either end first, without a spin about the line against some other part: the spin of a bar is
-/// not seen. None for a cap, whose line stays as it is.
+/// Motions of part `k`, a bar round about a line through `center`, to the place given by its motion, either
+/// end first, without a spin about the line against some other part: the spin of a bar is not seen. None for
+/// a cap: its line stays as it is.
 fn swings(motions: &[Pose], k: usize, center: &Point3<f64>, line: &Unit<Vector3<f64>>) -> Vec<Pose> {
-    let against = |parent: usize| {
+    let mut swings = Vec::new();
+    for parent in (0..motions.len()).filter(|p| *p != k) {
         let relative = motions[parent].inverse() * motions[k];
         let to = relative * center;
         let turned = relative * line.into_inner();
         if turned.angle(line) < PARALLEL {
-            return Vec::new();
+            continue;
         }
-        let either =
-            [turned, -turned].into_iter().filter_map(|end| UnitQuaternion::rotation_between(line, &end));
-        let swing =
-            |turn: UnitQuaternion<f64>| motions[parent] * Pose::from_parts((to - turn * center).into(), turn);
-        either.map(swing).collect::<Vec<Pose>>()
-    };
-    let other = |motion: &Pose| motion.rotation.angle_to(&motions[k].rotation) > PARALLEL;
-    (0..motions.len()).filter(|p| *p != k).flat_map(against).filter(other).collect()
+        for turn in [turned, -turned].iter().filter_map(|end| UnitQuaternion::rotation_between(line, end)) {
+            swings.push(motions[parent] * Pose::from_parts((to - turn * center).into(), turn));
+        }
+    }
+    swings.retain(|motion| motion.rotation.angle_to(&motions[k].rotation) > PARALLEL);
+    swings
 }
 
-/// Where the middle of points is, and which way they extend least.
+/// The middle of points and the direction of their least extent.
 struct Middle {
     center: Point3<f64>,
     /// Unit direction.

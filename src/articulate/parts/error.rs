@@ -17,7 +17,7 @@ pub enum RegisterError {
          record the second state with the joints moved"
     )]
     NoMotion {
-        /// Share of the surface that stands still, percent.
+        /// Static share of the surface, percent.
         static_percent: f64,
     },
     /// Nothing stands still.
@@ -29,7 +29,7 @@ pub enum RegisterError {
         /// Share of the surface that stands still, percent.
         static_percent: f64,
     },
-    /// One motion is left, which most of the surface neither follows nor contradicts.
+    /// One motion is left, and most of the surface neither follows nor contradicts it.
     #[error(
         "too little surface is shared by the states: {static_percent:.1} % of it stands still, \
          {moved_percent:.1} % left its place, and the rest is seen in one state only; the object was moved \
@@ -39,7 +39,7 @@ pub enum RegisterError {
     LittleShared {
         /// Share of the surface that stands still, percent.
         static_percent: f64,
-        /// Share of the surface that left its place, percent.
+        /// Share of the surface moved from its place, percent.
         moved_percent: f64,
     },
     /// Something moved, and no rigid motion explains it.
@@ -48,7 +48,7 @@ pub enum RegisterError {
          it; record more views that overlap in both states, or a smaller motion"
     )]
     Unexplained {
-        /// Share of the surface that moved unexplained, percent.
+        /// Share of unexplained moved surface, percent.
         moved_percent: f64,
     },
     /// Fewer motions are supported than were asked for.

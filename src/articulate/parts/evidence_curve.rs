@@ -1,4 +1,4 @@
-//! Sets of fewer and fewer motions, and which of them stand. See docs/method.md 7.3.
+//! Sets of fewer and fewer motions, and the standing ones among them. See docs/method.md 7.3.
 
 use serde::{Deserialize, Serialize};
 
@@ -18,27 +18,27 @@ const FIRM: f64 = 2.0;
 pub struct EvidencePoint {
     /// Number of parts, the static one included.
     pub parts: usize,
-    /// What the motions explain, each alone: cells of matches, and a sixth of the cells of surface.
+    /// Evidence explained by one motion alone, over all motions: cells of matches, and a sixth of the cells
+    /// of surface.
     pub evidence: f64,
     /// Evidence of the weakest motion and no other; none where nothing moves.
     pub weakest: Option<f64>,
-    /// What is left for other motions: a sixth of the cells of surface, each by the cost of its best motion.
+    /// Surface left for other motions: a sixth of its cells, each by the cost of its best motion.
     pub unexplained: f64,
 }
 
-/// Whether each of a set of motions has the evidence that a part needs and none splits a part.
+/// Whether each of a set of motions has enough evidence for a part and none splits a part.
 pub(crate) fn stands(point: &EvidencePoint, curve: &[EvidencePoint], least: f64) -> bool {
     point.weakest.is_none_or(|w| w >= least || (w >= ADDING * least && adds(point, curve)))
         && !splits(point, curve, FIRM * least)
 }
 
-/// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, so that
-/// what each explains alone, and with it the sum, falls. A motion of its own adds to the sum, or has `firm`
-/// evidence by itself.
+/// Whether a set of motions splits a part of a smaller set: two motions of one part explain the same, and the
+/// evidence of each alone falls with the sum. A motion of its own adds to the sum, or has `firm` evidence by
+/// itself.
 fn splits(point: &EvidencePoint, curve: &[EvidencePoint], firm: f64) -> bool {
     let weakest = point.weakest.unwrap_or(f64::INFINITY);
-    let takes = |p: &EvidencePoint| weakest < firm && point.evidence < p.evidence;
-    next_smaller(point, curve).is_some_and(takes)
+    next_smaller(point, curve).is_some_and(|p| weakest < firm && point.evidence < p.evidence)
         || smaller(point, curve).any(|p| point.evidence < SPLIT * p.evidence)
 }
 
@@ -53,15 +53,15 @@ fn next_smaller<'a>(point: &EvidencePoint, curve: &'a [EvidencePoint]) -> Option
     smaller(point, curve).max_by_key(|p| p.parts)
 }
 
-/// Whether the weakest motion of a set takes next to nothing from the others, of which there are some: those
-/// of the next smaller set explain less than all of these by half its evidence at least. Wrong motions take
-/// from the right ones what they explain.
+/// Whether the weakest motion of a set takes next to nothing from the others (there are some): the next
+/// smaller set explains less than this one by half its evidence at least. Wrong motions take their evidence
+/// from the right ones.
 fn adds(point: &EvidencePoint, curve: &[EvidencePoint]) -> bool {
     next_smaller(point, curve)
         .is_some_and(|p| p.parts > 1 && p.evidence + 0.5 * point.weakest.unwrap_or(0.0) <= point.evidence)
 }
 
-/// The evidence of motions, the first of which is the static part's.
+/// The evidence of motions; the first is the static part's.
 pub(crate) fn point(scores: &[f64]) -> EvidencePoint {
     let moving = &scores[1..];
     let weakest = moving.iter().copied().reduce(f64::min);

@@ -1,5 +1,5 @@
-//! One motion in the place of several: motions that each explain a segment of a part may have driven out the
-//! one that explains all of it, as none of them has much that it explains alone. See docs/method.md 6.7.
+//! One motion in the place of several: motions of segments of a part may have driven out the motion of all of
+//! it, as it explained little alone beside them. See docs/method.md 6.7.
 
 use crate::{
     pair::reprojection::{EXPLAINED, FREE},
@@ -13,43 +13,43 @@ use crate::{
 };
 use geometry::Pose;
 
-/// A motion can take the place of one of whose surface it explains this share.
+/// A motion can take the place of another if it explains this share of the other's surface.
 /// tuned: shared/bags
 const REPLACED: f64 = 0.25;
 
-/// The set in which one after the other of the `proposed` motions takes the place of two or more, as long
-/// as the sum of the evidence rises.
+/// The set after the exchange of two or more motions for one of the `proposed` ones, repeated as long as the
+/// sum of the evidence rises.
 pub(crate) fn exchanged(pair: &MatchedPair<'_>, mut set: Vec<Pose>, proposed: &[Pose]) -> Vec<Pose> {
     let mut left = proposed.to_vec();
     loop {
         let found = label(&pair.surfaces, &set);
         let (labels, costs) = &*found;
         let evidence = point(&weighed_as(pair, &set, labels).0).evidence;
-        let with = |motion: &Pose| {
+        let mut best: Option<(f64, usize, Vec<Pose>)> = None;
+        for (i, motion) in left.iter().enumerate() {
             let replaced = replaced(pair, &set, labels, costs, motion);
             // One for one was decided before, as motions were chosen.
             if replaced.len() < 2 {
-                return None;
+                continue;
             }
             let mut others: Vec<Pose> =
                 set.iter().enumerate().filter(|(k, _)| !replaced.contains(k)).map(|(_, m)| *m).collect();
             others.push(*motion);
             settle(pair, &mut others);
-            Some((point(&weighed(pair, &others).0).evidence, others))
-        };
-        let better = left.iter().enumerate().filter_map(|(i, motion)| Some((i, with(motion)?)));
-        let Some((i, (_, others))) =
-            better.filter(|b| b.1.0 > evidence).max_by(|a, b| a.1.0.total_cmp(&b.1.0))
-        else {
-            return set;
-        };
+            let after = point(&weighed(pair, &others).0).evidence;
+            // The last of equal ones.
+            if after > evidence && best.as_ref().is_none_or(|b| after >= b.0) {
+                best = Some((after, i, others));
+            }
+        }
+        let Some((_, i, others)) = best else { return set };
         left.swap_remove(i);
         set = others;
     }
 }
 
-/// The moving parts of a set in whose place a motion could stand: it explains a share of [`REPLACED`] of
-/// what they took from its place.
+/// The moving parts of a set replaceable by a motion: it explains a share of [`REPLACED`] of their moved
+/// surface.
 fn replaced(
     pair: &MatchedPair<'_>,
     set: &[Pose],
@@ -62,8 +62,7 @@ fn replaced(
         let other = pair.surfaces.shape_costs(state, &[*motion], None);
         for ((row, label), cost) in costs[state].chunks_exact(set.len()).zip(&labels[state]).zip(other) {
             let label = usize::from(*label);
-            // Only surface that left its place counts: the static part's motion takes it into space seen
-            // empty.
+            // Only moved surface counts: the static part's motion takes it into space seen empty.
             if row[label] < EXPLAINED && row[0] >= FREE {
                 counts[label][0] += 1;
                 counts[label][1] += usize::from(cost < EXPLAINED);

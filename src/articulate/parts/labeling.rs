@@ -1,4 +1,4 @@
-//! Which motion of a set every surface sample follows.
+//! The motion of every surface sample, out of a set.
 
 use std::sync::Arc;
 
@@ -13,38 +13,37 @@ use geometry::Pose;
 /// measured: on five made cabinets the second and third mend up to 340 of 25,000 labels and spoil none
 const ROUNDS: usize = 3;
 
-/// Labels and costs of both states under a set of motions that is still sought.
+/// Labels and costs of both states under a set of motions during the search.
 pub(crate) fn label(surfaces: &SurfacePair<'_>, motions: &[Pose]) -> Arc<Labeling> {
     surfaces.labelings.get(motions.to_vec(), || label_of(surfaces, motions, Of::SomeParts))
 }
 
-/// The same under the motions of all parts: surface is of no part that was not there when its place was seen
-/// empty.
+/// The same under the motions of all parts: surface is of no part with a place seen empty.
 pub(crate) fn label_of_all(surfaces: &SurfacePair<'_>, motions: &[Pose]) -> Labeling {
     label_of(surfaces, motions, Of::AllParts)
 }
 
 fn label_of(surfaces: &SurfacePair<'_>, motions: &[Pose], of: Of) -> Labeling {
-    let costs = |s: usize, others: Option<&[u8]>| surfaces.label_costs(s, motions, others, of);
-    let labels = |costs: &[Vec<f32>; 2]| -> [Vec<u8>; 2] {
-        let one = |s: usize| surfaces.labels(s, &costs[s], motions.len(), of);
-        rayon::join(|| one(0), || one(1)).into()
-    };
-    let mut costs_of_both = [0, 1].map(|s| costs(s, None));
-    let mut found = labels(&costs_of_both);
+    let mut costs = [0, 1].map(|s| surfaces.label_costs(s, motions, None, of));
+    let mut found = labels_of_both(surfaces, &costs, motions.len(), of);
     let rounds = match of {
         Of::SomeParts => 1,
         Of::AllParts => ROUNDS,
     };
     // Again with each state's labels known to the other: a surface belongs to one part only.
     for _ in 0..rounds {
-        let bound = [0, 1].map(|s| costs(s, Some(&found[1 - s])));
+        let bound = [0, 1].map(|s| surfaces.label_costs(s, motions, Some(&found[1 - s]), of));
         // Equal costs give equal labels, and equal labels equal costs.
-        if bound == costs_of_both {
+        if bound == costs {
             break;
         }
-        costs_of_both = bound;
-        found = labels(&costs_of_both);
+        costs = bound;
+        found = labels_of_both(surfaces, &costs, motions.len(), of);
     }
-    (found, costs_of_both)
+    (found, costs)
+}
+
+fn labels_of_both(surfaces: &SurfacePair<'_>, costs: &[Vec<f32>; 2], motions: usize, of: Of) -> [Vec<u8>; 2] {
+    rayon::join(|| surfaces.labels(0, &costs[0], motions, of), || surfaces.labels(1, &costs[1], motions, of))
+        .into()
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Vector3;
 
 use crate::{
     observations::LiftedMatch,
@@ -13,10 +13,10 @@ use crate::{
 };
 use geometry::Pose;
 
-/// What sets of motions are judged by.
+/// The observations for the judgment of sets of motions.
 pub(crate) struct MatchedPair<'a> {
     pub matches: &'a [LiftedMatch],
-    /// Those of them that can speak for a motion.
+    /// The matches of use as evidence for a motion.
     pub informative: Vec<LiftedMatch>,
     /// Longest side of the object, meters.
     pub extent_m: f64,
@@ -26,7 +26,7 @@ pub(crate) struct MatchedPair<'a> {
 }
 
 impl<'a> MatchedPair<'a> {
-    /// For an object whose longest side is `extent_m`.
+    /// For an object with a longest side of `extent_m`.
     pub(crate) fn new(
         matches: &'a [LiftedMatch],
         extent_m: f64,
@@ -37,35 +37,37 @@ impl<'a> MatchedPair<'a> {
         Self { matches, informative: informative(matches, &surfaces), extent_m, gate, config, surfaces }
     }
 
-    /// The motion that every match follows.
+    /// The motion of every match; `None` for a match without one.
     pub(crate) fn match_labels(&self, motions: &[Pose]) -> Vec<Option<u8>> {
-        let one = |m: &LiftedMatch| {
-            let supports = motions.iter().enumerate().map(|(k, t)| (self.gate.support(m, t), k));
-            let (support, k) = supports.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
-            (support > 0.0).then_some(k as u8)
-        };
-        self.matches.iter().map(one).collect()
+        self.matches.iter().map(|m| self.match_label(m, motions)).collect()
     }
 
-    /// The matches that moved and follow a motion.
+    /// The motion with the most support of a match, the first of equal ones; `None` where it supports none.
+    fn match_label(&self, m: &LiftedMatch, motions: &[Pose]) -> Option<u8> {
+        let supports = motions.iter().enumerate().map(|(k, t)| (self.gate.support(m, t), k));
+        let (support, k) = supports.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
+        (support > 0.0).then_some(k as u8)
+    }
+
+    /// The moved matches of a motion.
     pub(crate) fn followers(&self, match_labels: &[Option<u8>], label: u8) -> Vec<LiftedMatch> {
-        let follows = |(m, l): &(&LiftedMatch, &Option<u8>)| **l == Some(label) && self.gate.has_moved(m);
-        self.matches.iter().zip(match_labels).filter(follows).map(|(m, _)| *m).collect()
+        let labelled = self.matches.iter().zip(match_labels).filter(|(_, l)| **l == Some(label));
+        labelled.map(|(m, _)| *m).filter(|m| self.gate.has_moved(m)).collect()
     }
 
-    /// Side of the cells in which support is counted, meters.
+    /// Side of the cells of support, meters.
     pub(crate) fn cell_m(&self) -> f64 {
         self.config.ransac.cell * self.extent_m
     }
 
-    /// Cells of the matches that follow each motion, every cell by the match that most prefers it to all
-    /// other motions; the state with fewer decides.
+    /// Cells of the matches of each motion, every cell by the match with the largest preference for it over
+    /// all other motions; the state with fewer decides.
     pub(crate) fn match_cells(&self, motions: &[Pose]) -> Vec<f64> {
         let cell_m = self.cell_m();
         let mut best: Vec<[BTreeMap<[i64; 3], f64>; 2]> =
             motions.iter().map(|_| Default::default()).collect();
         for m in self.informative.iter().filter(|m| self.gate.has_moved(m)) {
-            // A match speaks for its motion by the support that no other motion gives it.
+            // A match is evidence for its motion by its support beyond that for any other motion.
             let mut first = 0.0;
             let mut second = 0.0;
             let mut follows = 0;
@@ -82,9 +84,8 @@ impl<'a> MatchedPair<'a> {
                 *value = value.max(first - second);
             }
         }
-        let sum = |cells: &BTreeMap<[i64; 3], f64>| cells.values().sum::<f64>();
-        // Many spots of one state that match a single one of the other are one spot.
-        best.iter().map(|[a, b]| sum(a).min(sum(b))).collect()
+        // Many spots of one state with matches to a single one of the other are one spot.
+        best.iter().map(|[a, b]| a.values().sum::<f64>().min(b.values().sum::<f64>())).collect()
     }
 
     /// Cells of the surface of both states.
@@ -93,13 +94,17 @@ impl<'a> MatchedPair<'a> {
     }
 }
 
-/// The matches that can speak for a motion: not those between two places that both look in the other state as
-/// they do in their own. Equal things in a row, such as keys, match each other where none has moved.
+/// The matches of use as evidence for a motion: without matches between two unchanged places. Equal things in
+/// a row, such as keys, match each other where none has moved.
 fn informative(matches: &[LiftedMatch], surfaces: &SurfacePair<'_>) -> Vec<LiftedMatch> {
     let costs = [0, 1].map(|s| surfaces.costs(s, &[Pose::identity()], None));
-    let stands = |s: usize, p: &Point3<f64>| {
+    let mut informative = matches.to_vec();
+    informative.retain(|m| {
         // A match has no normal: a zero one is as far from all.
-        surfaces.indices[s].nearest(p, &Vector3::zeros()).is_some_and(|i| costs[s][i] < EXPLAINED)
-    };
-    matches.iter().filter(|m| !(stands(0, &m.point0) && stands(1, &m.point1))).copied().collect()
+        let are_static = [(0, m.point0), (1, m.point1)].into_iter().all(|(s, p)| {
+            surfaces.indices[s].nearest(&p, &Vector3::zeros()).is_some_and(|i| costs[s][i] < EXPLAINED)
+        });
+        !are_static
+    });
+    informative
 }

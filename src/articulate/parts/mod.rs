@@ -1,4 +1,4 @@
-//! Which motions are parts, and which surface follows which.
+//! Parts among the proposed motions, and their surface.
 
 pub(crate) mod config;
 pub(crate) mod difference;

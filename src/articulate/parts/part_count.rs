@@ -1,5 +1,5 @@
-//! Which of the proposed motions are parts: each must explain what no other does, measured on what it was not
-//! fitted to.
+//! Parts among the proposed motions: each must explain surface beyond all others, measured on samples outside
+//! its fit.
 
 use serde::{Deserialize, Serialize};
 
@@ -18,7 +18,7 @@ use geometry::Pose;
 /// Motions with less evidence than this many times the least are said to rest on little of it.
 /// tuned: shared/bags
 pub(crate) const LITTLE: f64 = 1.5;
-/// Share of the surface that must stand still before it is said that nothing moved.
+/// Least static share of the surface for the note of an object without moved parts.
 /// chosen: the majority
 const MAJORITY: f64 = 0.5;
 
@@ -31,8 +31,8 @@ pub(crate) struct PartCount {
     pub warnings: Vec<Note>,
 }
 
-/// The most motions of which each has the evidence that a part needs and none splits a part; not more
-/// than make `parts` parts, where that is given.
+/// The largest set of motions with enough evidence each and without split parts; of at most `parts` parts,
+/// where given.
 pub(crate) fn choose(
     pair: &MatchedPair<'_>,
     steps: &[Step],
@@ -41,9 +41,9 @@ pub(crate) fn choose(
     let least = pair.config.least_score;
     let curve: Vec<EvidencePoint> = steps.iter().map(|s| s.point.clone()).collect();
     let standing = standing(pair, steps, &curve);
-    let allowed = |s: &&&Step| parts.is_none_or(|p| s.motions.len() <= p);
     let most = standing.iter().max_by_key(|s| s.motions.len());
-    let Some(chosen) = standing.iter().filter(allowed).max_by_key(|s| s.motions.len()) else {
+    let allowed = standing.iter().filter(|s| parts.is_none_or(|p| s.motions.len() <= p));
+    let Some(chosen) = allowed.max_by_key(|s| s.motions.len()) else {
         return Err(RegisterError::NoOverlap { static_percent: 0.0 });
     };
     let mut notes = Vec::new();
@@ -74,7 +74,7 @@ pub(crate) fn choose(
     Ok(PartCount { motions: chosen.motions.clone(), curve, notes, warnings })
 }
 
-/// Refuses what the motions that are left do not explain.
+/// Refuses sets of motions with too much unexplained surface.
 fn check(
     pair: &MatchedPair<'_>,
     motions: &[Pose],
@@ -99,13 +99,14 @@ fn check(
         }
         _ => {
             let moved = Unexplained::of(&pair.surfaces, motions).moved;
-            let of = |s: usize| moved[s].iter().filter(|m| **m).count() as f64 / moved[s].len().max(1) as f64;
-            let moved_percent = 100.0 * of(0).max(of(1));
-            // In both states: surface that is missing in one only was hidden, or never seen.
-            if one && of(0).min(of(1)) > ASTRAY {
+            let [share0, share1] =
+                moved.map(|m| m.iter().filter(|m| **m).count() as f64 / m.len().max(1) as f64);
+            let moved_percent = 100.0 * share0.max(share1);
+            // In both states: surface missing in one only was hidden, or never seen.
+            if one && share0.min(share1) > ASTRAY {
                 return Err(RegisterError::Unexplained { moved_percent });
             }
-            // Whether something moved is known of what both states show: most of it must be known.
+            // Whether something moved is known of surface seen in both states: most of it must be known.
             if one && shares[0] < MAJORITY {
                 return Err(RegisterError::LittleShared { static_percent, moved_percent });
             }
@@ -123,13 +124,13 @@ fn check(
     }
 }
 
-/// Says that fewer parts were asked for than there is evidence for.
+/// The note of fewer wanted parts than the evidence is for.
 pub(crate) fn more_than_asked(evident: usize, asked: usize) -> Note {
     let text = format!("the evidence is for {evident} parts, {asked} were asked for");
     Note::new(NoteCode::MorePartsEvident, text)
 }
 
-/// Says that the weakest of some parts has little more evidence than the least.
+/// The note of little evidence for the weakest of some parts.
 pub(crate) fn little_evidence(parts: usize, weakest: f64, least: f64) -> Note {
     let text = format!(
         "one of the {parts} parts rests on little evidence: {weakest:.0} cells, where {:.0} leave no doubt",

@@ -1,4 +1,4 @@
-//! What a registration of two states finds, and what supports it.
+//! The registration of two states, and the support of its motions.
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
@@ -11,16 +11,16 @@ use crate::{
 use common::note::Note;
 use geometry::Pose;
 
-/// What supports a motion.
+/// Support of a motion.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MotionSupport {
-    /// Surface samples of state 0 and of state 1 that follow the motion.
+    /// Number of its surface samples of state 0 and of state 1.
     pub samples: [usize; 2],
-    /// Lifted matches that follow it.
+    /// Number of its lifted matches.
     pub matches: usize,
     /// Root mean square distance of these matches after the motion, meters; 0 without matches.
     pub match_rms_m: f64,
-    /// Share of all samples that only this motion explains.
+    /// Share of all samples explained by this motion only.
     pub share: f64,
 }
 
@@ -39,9 +39,9 @@ pub struct Registration {
     pub proposals: Vec<Proposal>,
     /// Scores by number of parts, most parts first.
     pub curve: Vec<EvidencePoint>,
-    /// Sentences about what was chosen.
+    /// Sentences about the choice.
     pub notes: Vec<Note>,
-    /// Sentences about evidence that the result leaves unexplained.
+    /// Sentences about unexplained evidence.
     pub warnings: Vec<Note>,
 }
 
@@ -83,7 +83,7 @@ pub(crate) fn checked_extent_m(
     }
 }
 
-/// What supports a motion of a registration.
+/// Support of a motion of a registration.
 pub(crate) fn support(
     pair: &MatchedPair<'_>,
     motion: &Pose,

@@ -1,6 +1,6 @@
 //! The search for the parts and motions of an object in two states: proposals from lifted matches, a choice
-//! among them by what they explain of the surfaces, then labels and motions in turn (docs/method.md 6.10).
-//! Step by step, so that who runs it can stop between two and go on later.
+//! among them by their evidence on the surfaces, then labels and motions in turn (docs/method.md 6.10). Step
+//! by step: the caller can stop between two steps and go on later.
 
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};
@@ -31,20 +31,21 @@ use crate::{
 };
 use geometry::Pose;
 
-/// Motions that matches propose where the number of parts is to be found, beside the spare ones.
+/// Motions proposed by matches where the number of parts is to be found, beside the spare ones.
 const PROPOSED: usize = 8;
-/// Rounds in which the surface that is left over proposes motions.
+/// Rounds of motions proposed by unexplained surface.
 const RESIDUAL_ROUNDS: usize = 2;
 /// Steps before the last rounds: proposals, residual rounds, the number of parts, hinges.
 const SEARCH_STEPS: usize = 1 + RESIDUAL_ROUNDS + 2;
 
-/// Everything that changes: continuing from it gives bit for bit what an uninterrupted search gives.
+/// The changing state of the search: a continued search gives the same result bit for bit as an uninterrupted
+/// one.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct RegistrarCheckpoint {
     done: usize,
     proposals: Vec<Proposal>,
     motions: Vec<Pose>,
-    /// Motions that could all be parts; their surface proposes more.
+    /// Possible parts; unexplained surface proposes more motions on them.
     likely: Vec<Pose>,
     /// Sets of motions from many to none.
     tried: Option<Vec<Step>>,
@@ -76,7 +77,7 @@ impl<'a> Registrar<'a> {
     ) -> Result<Self, RegisterError> {
         let extent_m = checked_extent_m(&samples, parts)?;
         let wanted = parts.map_or(PROPOSED, |p| p - 1);
-        // Motions by matches, on a reach that forgives rough ones (docs/method.md 6.10).
+        // Motions by matches, on a reach wide enough for rough ones (docs/method.md 6.10).
         let coarse = SurfacePair::new(samples, free, reach_m(samples, config.first_reach * extent_m));
         let pair = MatchedPair::new(matches, extent_m, config, coarse);
         let proposals = propose(&pair.informative, wanted, extent_m, &config.ransac, rng);
@@ -115,8 +116,7 @@ impl<'a> Registrar<'a> {
     /// The next step of the search.
     ///
     /// # Errors
-    /// [`RegisterError`]: no motion, no overlap, fewer motions than asked for, or movement that no motion
-    /// explains.
+    /// [`RegisterError`]: no motion, no overlap, fewer motions than asked for, or unexplained movement.
     pub fn step(&mut self) -> Result<(), RegisterError> {
         let mut next = self.state.done + 1;
         match self.state.done {
@@ -128,7 +128,7 @@ impl<'a> Registrar<'a> {
             }
             n if n == RESIDUAL_ROUNDS + 1 => self.count_parts()?,
             n if n == RESIDUAL_ROUNDS + 2 => {
-                // Parts turned end for end: what their surface leaves open, a hinge decides.
+                // Parts turned end for end: a hinge decides where their surface does not.
                 self.state.motions = hinged(&self.pair, std::mem::take(&mut self.state.motions));
                 self.shorten_reach();
             }
@@ -138,7 +138,7 @@ impl<'a> Registrar<'a> {
         Ok(())
     }
 
-    /// What was found, once all steps are done.
+    /// The result, once all steps are done.
     #[must_use]
     pub fn registration(self) -> Registration {
         let Self { pair, state, .. } = self;
@@ -153,7 +153,7 @@ impl<'a> Registrar<'a> {
         Registration { motions, labels, match_labels, support, proposals, curve, notes, warnings }
     }
 
-    /// Motions of matches come first: surface that they explain proposes nothing.
+    /// Motions of matches come first: surface explained by them proposes nothing.
     fn settle_proposals(&mut self) {
         let mut motions = std::mem::take(&mut self.state.motions);
         for _ in 0..2 {
@@ -163,10 +163,10 @@ impl<'a> Registrar<'a> {
         self.state.likely.clone_from(&self.state.motions);
     }
 
-    /// Motions by geometry, of the surface that is left over; whether there were any.
+    /// Motions by geometry, of the unexplained surface; whether there were any.
     fn propose_more(&mut self) -> bool {
         let Self { pair, state, .. } = self;
-        // Surface that a motion explains which is likely no part's may propose another.
+        // Surface of an unlikely motion may propose another.
         let more = propose_from_residual(&pair.surfaces, &state.likely, pair.extent_m);
         if more.is_empty() {
             return false;
@@ -180,8 +180,8 @@ impl<'a> Registrar<'a> {
         true
     }
 
-    /// Round parts, whose turn the rounds before could not find; division, once every motion that could be a
-    /// part's is there; the number of parts.
+    /// Turns of round parts (the rounds before could not find them); division, once every possible motion is
+    /// there; the number of parts.
     fn count_parts(&mut self) -> Result<(), RegisterError> {
         let Self { pair, state, parts, .. } = self;
         if let Some(turned) = turned_round(pair, &state.likely) {
@@ -195,7 +195,7 @@ impl<'a> Registrar<'a> {
         Ok(())
     }
 
-    /// The last rounds are at a short reach, which leaves out partners that only seem to fit.
+    /// The last rounds are at a short reach, without partners of a merely apparent fit.
     fn shorten_reach(&mut self) {
         let SurfacePair { samples, free, .. } = self.pair.surfaces;
         let last_m = self.pair.config.last_reach * self.pair.extent_m;

@@ -7,8 +7,7 @@ use crate::{
 };
 use geometry::Pose;
 
-/// The motions, those of round parts that no matches fix after the turn that explains most; `None` where that
-/// changes none.
+/// The motions, with the best turn of each round part not fixed by matches; `None` where no motion changes.
 pub(crate) fn turned_round(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<Vec<Pose>> {
     let mut all = motions.to_vec();
     let mut changed = false;
@@ -16,7 +15,7 @@ pub(crate) fn turned_round(pair: &MatchedPair<'_>, motions: &[Pose]) -> Option<V
         if is_matched(pair, &all, k) {
             continue;
         }
-        // The others stay as they are, so that the part may turn only by surface that is left to it.
+        // The others stay as they are: only unexplained surface turns the part.
         let others = without(&all, k);
         if let Some(turned) = round_turn(&Search::new(&pair.surfaces, &others, pair.extent_m), &all[k]) {
             (all[k], changed) = (turned, true);

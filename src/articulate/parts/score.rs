@@ -1,4 +1,4 @@
-//! What speaks for each of a set of motions and no other.
+//! Evidence for each of a set of motions and no other.
 
 use std::collections::BTreeSet;
 
@@ -18,7 +18,7 @@ use geometry::Pose;
 /// tuned: shared/bags
 pub(crate) const SURFACE_WEIGHT: f64 = 0.16;
 
-/// Evidence of each motion and share of the surface that it explains and no other, each surface belonging
+/// Evidence of each motion, and the share of the surface explained by it and no other, each surface belonging
 /// to one part.
 pub(crate) fn weighed(pair: &MatchedPair<'_>, motions: &[Pose]) -> (Vec<f64>, Vec<f64>) {
     weighed_as(pair, motions, &label(&pair.surfaces, motions).0)
@@ -35,9 +35,9 @@ pub(crate) fn weighed_as(
     (scores, shares(&costs, motions.len()))
 }
 
-/// Share of the surface that speaks for each motion: segment by segment, what speaks for it rather than for
-/// the static part or a motion beside it, less what it takes into space seen empty. That a segment was
-/// hidden in the other state speaks for and against no motion. See docs/method.md (7.3).
+/// Share of the surface in favor of each motion: segment by segment, the evidence for it over the static part
+/// and each motion beside it, less the samples taken into space seen empty. A segment hidden in the other
+/// state is no evidence for or against a motion. See docs/method.md (7.3).
 fn preferred(
     pair: &MatchedPair<'_>,
     motions: &[Pose],
@@ -60,8 +60,8 @@ fn preferred(
     gains.into_iter().map(|g| g / count.max(1) as f64).collect()
 }
 
-/// Adds what the samples of one state say for each motion, patch by patch. They have `costs` for every
-/// state that they reproject to.
+/// Adds the evidence of the samples of one state for each motion, patch by patch. They have `costs` for every
+/// state of their reprojections.
 pub(crate) fn prefer(
     pair: &MatchedPair<'_>,
     state: usize,
@@ -75,8 +75,8 @@ pub(crate) fn prefer(
     }
 }
 
-/// What samples of one state say for their own motion rather than for the static part and each motion
-/// beside them.
+/// Evidence of samples of one state for their own motion over the static part and each motion beside them, by
+/// the number of the rival.
 fn ratios(
     pair: &MatchedPair<'_>,
     state: usize,
@@ -86,16 +86,21 @@ fn ratios(
     labels: &[u8],
     motions: usize,
 ) -> Vec<(usize, f64)> {
-    // Rivals are the static part and what touches the segment: some motion elsewhere would fit a flat patch
+    // Rivals are the static part and parts beside the segment: some motion elsewhere would fit a flat patch
     // by chance.
     let beside = samples.iter().flat_map(|&i| pair.surfaces.beside(state, i)).map(|j| usize::from(labels[j]));
     let others: BTreeSet<usize> = beside.chain([0]).filter(|k| *k != own).collect();
-    let rows = || samples.iter().flat_map(|&i| costs.iter().map(move |c| &c[i * motions..(i + 1) * motions]));
-    let count = |holds: fn(f32) -> bool| rows().filter(|c| holds(c[own])).count() as f64;
-    // Errors take some true samples into free space; only what exceeds their share speaks against.
-    let lost = CONTRADICTED * (count(|c| c >= FREE) - ASTRAY * count(|c| c < HIDDEN)).max(0.0);
-    let total = |k: usize| rows().map(|c| log_ratio(c[own], c[k])).sum::<f64>();
-    others.into_iter().map(|k| (k, (total(k) - lost).max(0.0))).collect()
+    let rows = samples.iter().flat_map(|&i| costs.iter().map(move |c| &c[i * motions..(i + 1) * motions]));
+    let free = rows.clone().filter(|c| c[own] >= FREE).count() as f64;
+    let reached = rows.clone().filter(|c| c[own] < HIDDEN).count() as f64;
+    // Errors take some true samples into free space; only the excess over their share counts against.
+    let lost = CONTRADICTED * (free - ASTRAY * reached).max(0.0);
+    let mut ratios = Vec::with_capacity(others.len());
+    for k in others {
+        let total: f64 = rows.clone().map(|c| log_ratio(c[own], c[k])).sum();
+        ratios.push((k, (total - lost).max(0.0)));
+    }
+    ratios
 }
 
 /// See [`EvidencePoint::unexplained`] and docs/method.md (7.4).
@@ -114,20 +119,16 @@ pub(crate) fn surface_evidence(pair: &MatchedPair<'_>, share: f64) -> f64 {
     SURFACE_WEIGHT * share * pair.surface_cells() as f64
 }
 
-/// What speaks for each motion and no other, in cells: those of the matches that follow it beyond chance,
-/// and the cells of surface that it explains, which weigh less because a plane explains any other.
-/// See docs/method.md (7.1).
+/// Evidence for each motion and no other, in cells: the cells of its matches beyond chance, and the cells of
+/// its surface, with less weight because a plane explains any other. See docs/method.md (7.1).
 pub(crate) fn scores(pair: &MatchedPair<'_>, motions: &[Pose], shares: &[f64]) -> Vec<f64> {
     let surface = pair.surface_cells();
-    let score = |(cells, share): (f64, &f64)| {
-        let cells = f64::max(cells - CHANCE, 0.0);
-        cells + SURFACE_WEIGHT * share * surface as f64
-    };
-    pair.match_cells(motions).into_iter().zip(shares).map(score).collect()
+    let matched = pair.match_cells(motions).into_iter().map(|cells| f64::max(cells - CHANCE, 0.0));
+    matched.zip(shares).map(|(cells, share)| cells + SURFACE_WEIGHT * share * surface as f64).collect()
 }
 
-/// Share of all samples that each motion explains and no other: the mean rise of the least cost without it,
-/// where only reaching a surface counts as an explanation.
+/// Share of all samples explained by each motion and no other: the mean rise of the least cost without it.
+/// Only a reached surface counts as an explanation.
 pub(crate) fn shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64> {
     let mut gains = vec![0.0; motions];
     for sample in costs.iter().flat_map(|c| c.chunks_exact(motions)) {
@@ -149,7 +150,7 @@ pub(crate) fn shares(costs: &[Vec<f32>; 2], motions: usize) -> Vec<f64> {
     gains.into_iter().map(|g| g / count.max(1) as f64).collect()
 }
 
-/// Whether matches fix the motion of part `k` among others that its shape allows.
+/// Whether matches fix the motion of part `k` among others allowed by its shape.
 pub(crate) fn is_matched(pair: &MatchedPair<'_>, motions: &[Pose], k: usize) -> bool {
     pair.match_cells(motions)[k] - CHANCE >= pair.config.least_score
 }

@@ -1,8 +1,8 @@
-//! Segments of surface: the flat patches of each part, those of one state joined with those of the
-//! other that they correspond to.
+//! Segments of surface: the flat patches of each part, those of one state joined with their correspondences
+//! in the other.
 //!
-//! What stands in the two states where a motion says one segment does may be two surfaces, each of which
-//! follows another motion and was hidden in one state, unless they would have had to pass through each other.
+//! A segment may be two surfaces at one place under its motion, each with another motion and hidden in one
+//! state, unless they would have had to pass through each other.
 
 use std::collections::BTreeMap;
 
@@ -29,13 +29,13 @@ impl Segment {
         let before = end.moved(&second.inverse()).height_m(&start.center);
         let after = end.height_m(&(first * start.center));
         let clear_m = CLEAR * pair.scales.plane_m;
-        let both = |test: fn(&(f64, f64)) -> bool| test(&before) && test(&after);
-        both(|h| h.1 < 1.0) && before.0.abs().min(after.0.abs()) > clear_m && before.0 * after.0 < 0.0
+        let overlap = before.1 < 1.0 && after.1 < 1.0;
+        overlap && before.0.abs().min(after.0.abs()) > clear_m && before.0 * after.0 < 0.0
     }
 }
 
 /// Surfaces this many standard deviations from a plane are on one side of it.
-/// chosen: beyond three lie 0.3 % of what is within the plane
+/// chosen: beyond three lie 0.3 % of the samples of the plane
 const CLEAR: f64 = 3.0;
 
 /// Where a segment is in one state.
@@ -68,8 +68,7 @@ impl Facet {
     }
 }
 
-/// All samples by segment. Of the patches that correspond, those that do so most are joined, each with
-/// one.
+/// All samples by segment. Patches with the most correspondences are joined, each with one.
 pub(crate) fn segments(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Vec<u8>; 2]) -> Vec<Segment> {
     let groups = [0, 1].map(|s| groups(pair, s, &labels[s]));
     let of = [0, 1].map(|s| {
@@ -89,7 +88,7 @@ pub(crate) fn segments(pair: &SurfacePair<'_>, motions: &[Pose], labels: &[Vec<u
         }
     }
     let mut pairs: Vec<([usize; 2], usize)> = shared.into_iter().collect();
-    // Most first, and equal ones by number, so that the joining depends on nothing else.
+    // Most first, and equal ones by number: the joining depends on nothing else.
     pairs.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(&b.0)));
     let mut partner = [0, 1].map(|s| vec![None; groups[s].len()]);
     for ([a, b], _) in pairs {

@@ -7,15 +7,14 @@ use crate::{
 };
 use geometry::Pose;
 
-/// Rounds, at most, before motions that could all be parts are judged: surface has then gone over to the
-/// motion that it follows.
+/// Rounds, at most, before possible parts are judged: surface has then gone over to its motion.
 const ROUNDS: usize = 8;
-/// Samples by which the change of a motion is measured.
+/// Samples in the measure of a motion's change.
 const SAMPLES: usize = 200;
 
 /// One round: labels, then every moving part's motion.
 pub(crate) fn round(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
-    // Labels of the old motions hold for the whole round, so that the order of the parts does not matter.
+    // Labels of the old motions hold for the whole round: the order of the parts does not matter.
     let found = label(&pair.surfaces, motions);
     let (labels, _) = &*found;
     let match_labels = pair.match_labels(motions);
@@ -32,10 +31,11 @@ pub(crate) fn settle(pair: &MatchedPair<'_>, motions: &mut [Pose]) {
     for _ in 0..ROUNDS {
         let before = motions.to_vec();
         round(pair, motions);
-        let change_m = |(a, b): (&Pose, &Pose)| {
-            points.iter().step_by(every).map(|p| (a * p - b * p).norm()).fold(0.0, f64::max)
-        };
-        if before.iter().zip(motions.iter()).map(change_m).all(|m| m < SETTLED * pair.surfaces.reach_m) {
+        let is_settled = before.iter().zip(motions.iter()).all(|(a, b)| {
+            let changes_m = points.iter().step_by(every).map(|p| (a * p - b * p).norm());
+            changes_m.fold(0.0, f64::max) < SETTLED * pair.surfaces.reach_m
+        });
+        if is_settled {
             break;
         }
     }

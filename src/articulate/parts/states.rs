@@ -1,10 +1,9 @@
-//! Parts of an object in several states: the common refinement of what each pair of states shows of state 0's
-//! surface. See docs/method.md 7.4.
+//! Parts of an object in several states: the common refinement of the labels of state 0's surface by all
+//! pairs of states. See docs/method.md 7.4.
 //!
 //! State 0 is registered with every other state. Two points of its surface are of one part if they are in
-//! every pair: a part that did not move in a pair is there one with what carries it. Of the parts that the
-//! pairs make together each must explain what no other does, by the rule for the parts of one pair; the rest
-//! goes to the part that explains it best.
+//! every pair: a part at rest in a pair is there one with its parent. Each of the common parts must explain
+//! surface beyond all others, by the rule for the parts of one pair; the rest goes to the best other part.
 
 use std::collections::BTreeMap;
 
@@ -36,17 +35,17 @@ use crate::{
 use common::note::{Note, NoteCode};
 use geometry::{Pose, Screw};
 
-/// Most parts that are looked at.
+/// Most parts.
 const MOST: usize = 32;
 /// Rounds of labels and motions in turn once the parts are known.
 const ROUNDS: usize = 2;
-/// A motion that a pair missed is looked for along the line of the part's largest one, to so many times its
-/// amount either way.
+/// Range of the search for a missed motion along the line of the part's largest one, in amounts of the
+/// largest, either way.
 /// tuned: shared/bags
 const BEYOND: f64 = 1.5;
-/// In so many steps.
+/// Steps of the search either way.
 const STEPS: i32 = 30;
-/// Samples that are looked at in every step.
+/// Samples in every step.
 const TRIED: usize = 800;
 
 /// State 0 and another one.
@@ -70,13 +69,13 @@ pub struct United {
     pub labels: Vec<Vec<u8>>,
     /// Evidence by number of parts, most parts first.
     pub curve: Vec<EvidencePoint>,
-    /// Sentences about what was chosen.
+    /// Sentences about the choice.
     pub notes: Vec<Note>,
     /// Sentences about weak evidence.
     pub warnings: Vec<Note>,
 }
 
-/// A part as the pairs see it.
+/// A part in all pairs.
 #[derive(Clone, Debug)]
 struct Class {
     /// Its label in each pair; [`FOUND`] where its motion was found later.
@@ -85,10 +84,10 @@ struct Class {
     motions: Vec<Pose>,
 }
 
-/// Marks a motion that no pair found by itself.
+/// Marks a motion found by no pair alone.
 const FOUND: u8 = u8::MAX;
 
-/// The labels that points have in all labelings together, with the number of points: all zero first, then by
+/// The combinations of labels of points in all labelings, with the number of points: all zero first, then by
 /// number.
 #[must_use]
 pub(crate) fn common_refinement(labelings: &[&[u8]]) -> Vec<(Vec<u8>, usize)> {
@@ -103,40 +102,39 @@ pub(crate) fn common_refinement(labelings: &[&[u8]]) -> Vec<(Vec<u8>, usize)> {
     classes
 }
 
-/// Parts and motions of all states from those of the pairs. `parts` is their number, where it is given.
+/// Parts and motions of all states from those of the pairs. `surface` and `free` are the samples and the
+/// empty space of state 0, `parts` is the number of parts, where given.
 ///
 /// # Errors
 /// Fewer parts than asked for.
 pub fn unite<'a>(
-    (surface, free): (&'a SurfaceSamples, Option<FreeSpace<'a>>),
+    surface: &'a SurfaceSamples,
+    free: Option<FreeSpace<'a>>,
     pairs: &[StatePair<'a>],
     parts: Option<usize>,
     config: &'a RegisterConfig,
 ) -> Result<United, RegisterError> {
     let all: Vec<&SurfaceSamples> = std::iter::once(surface).chain(pairs.iter().map(|p| p.surface)).collect();
     let extent_m = checked_extent_m(&all, parts)?;
-    // The pairs' motions are refined already: the last reach.
-    let run = |pair: &StatePair<'a>| {
+    let mut runs = Vec::with_capacity(pairs.len());
+    for pair in pairs {
         let both = [surface, pair.surface];
+        // The pairs' motions are refined already: the last reach.
         let reach_m = reach_m(both, config.last_reach * extent_m);
         let surfaces = SurfacePair::new(both, [free, pair.free], reach_m);
-        MatchedPair::new(pair.matches, extent_m, config, surfaces)
-    };
-    let states = States { runs: pairs.iter().map(run).collect() };
+        runs.push(MatchedPair::new(pair.matches, extent_m, config, surfaces));
+    }
+    let states = States { runs };
     let sets = states.sets(classes(pairs, surface.points.len()));
     // Sets of parts stand by the rule of a pair.
-    let curve: Vec<EvidencePoint> = sets.iter().map(|s| point(&s.1)).collect();
-    let standing: Vec<&(Vec<Class>, Vec<f64>)> = sets
-        .iter()
-        .zip(&curve)
-        .filter(|(_, p)| stands(p, &curve, config.least_score))
-        .map(|(s, _)| s)
-        .collect();
-    let evident = standing.iter().map(|s| s.0.len()).max();
-    let allowed = |s: &&&(Vec<Class>, Vec<f64>)| parts.is_none_or(|p| s.0.len() <= p);
-    let Some((mut classes, scores)) = standing.iter().find(allowed).map(|s| (*s).clone()) else {
+    let curve: Vec<EvidencePoint> = sets.iter().map(|s| point(&s.scores)).collect();
+    let standing = sets.iter().zip(&curve).filter(|(_, p)| stands(p, &curve, config.least_score));
+    let evident = standing.clone().map(|(s, _)| s.classes.len()).max();
+    let mut standing = standing.map(|(s, _)| s);
+    let Some(chosen) = standing.find(|s| parts.is_none_or(|p| s.classes.len() <= p)) else {
         return Err(RegisterError::NoOverlap { static_percent: 0.0 });
     };
+    let ClassSet { mut classes, scores } = chosen.clone();
     let mut notes = Vec::new();
     let mut warnings = Vec::new();
     if let Some(evident) = evident.filter(|e| *e > classes.len()) {
@@ -151,11 +149,11 @@ pub fn unite<'a>(
             support,
         });
     }
-    let weak = |s: &&f64| parts.is_none() && **s < LITTLE * config.least_score;
-    if let Some(score) = scores[1..].iter().filter(weak).copied().reduce(f64::min) {
+    let weakest = scores[1..].iter().copied().reduce(f64::min);
+    if let Some(score) = weakest.filter(|s| parts.is_none() && *s < LITTLE * config.least_score) {
         warnings.push(little_evidence(classes.len(), score, config.least_score));
     }
-    // A motion that a pair missed is looked for where a part stands.
+    // Missed motions are looked for where a part seems at rest.
     states.seek_missed(&mut classes, &mut notes);
     for _ in 0..ROUNDS {
         states.round(&mut classes);
@@ -165,21 +163,30 @@ pub fn unite<'a>(
     Ok(United { motions, labels, curve, notes, warnings })
 }
 
-/// The parts that all pairs make together, but for those too small to stand.
+/// The common parts of all pairs, without those too small to stand.
 fn classes(pairs: &[StatePair], samples: usize) -> Vec<Class> {
     let labelings: Vec<&[u8]> = pairs.iter().map(|p| p.found.labels[0].as_slice()).collect();
     let least = LEAST_SHARE * samples as f64;
-    let large = |(labels, count): &(Vec<u8>, usize)| labels.iter().all(|l| *l == 0) || *count as f64 >= least;
-    let class = |(labels, _): (Vec<u8>, usize)| {
+    let mut refinement = common_refinement(&labelings);
+    refinement.retain(|(labels, count)| labels.iter().all(|l| *l == 0) || *count as f64 >= least);
+    let mut classes = Vec::new();
+    for (labels, _) in refinement.into_iter().take(MOST) {
         let motions = labels.iter().zip(pairs).map(|(l, p)| p.found.motions[usize::from(*l)]).collect();
-        Class { labels, motions }
-    };
-    common_refinement(&labelings).into_iter().filter(large).take(MOST).map(class).collect()
+        classes.push(Class { labels, motions });
+    }
+    classes
 }
 
 /// Motions of all parts in a pair.
 fn motions(classes: &[Class], pair: usize) -> Vec<Pose> {
     classes.iter().map(|c| c.motions[pair]).collect()
+}
+
+/// A set of parts with the evidence for each, in cells.
+#[derive(Clone)]
+struct ClassSet {
+    classes: Vec<Class>,
+    scores: Vec<f64>,
 }
 
 /// All pairs of states, prepared for search.
@@ -188,7 +195,7 @@ struct States<'a> {
 }
 
 impl States<'_> {
-    /// Part of every surface sample of each state. A sample of state 0 is where all pairs together say.
+    /// Part of every surface sample of each state; of state 0, by the evidence of all pairs together.
     fn labels(&self, classes: &[Class], of: Of) -> Vec<Vec<u8>> {
         let first = self.labels_0(classes, None, of);
         let mut others = self.other_labels(classes, &first, of);
@@ -201,68 +208,58 @@ impl States<'_> {
     fn labels_0(&self, classes: &[Class], others: Option<&[Vec<u8>]>, of: Of) -> Vec<u8> {
         let mut sum: Vec<f32> = Vec::new();
         for (k, run) in self.runs.iter().enumerate() {
-            // Costs that rule out are of one pair: they do not add up.
+            // Costs of ruled out labels are of one pair: they do not add up.
             let costs = run.surfaces.costs(0, &motions(classes, k), others.map(|o| o[k].as_slice()));
-            // Pairs are independent observations of the sample, so that their log likelihoods add up.
+            // Pairs are independent observations of the sample: their log likelihoods add up.
             if sum.is_empty() { sum = costs } else { sum.iter_mut().zip(costs).for_each(|(s, c)| *s += c) }
         }
         self.runs.first().map_or_else(Vec::new, |run| run.surfaces.labels(0, &sum, classes.len(), of))
     }
 
-    /// Labels of the other states. Parts that one motion moves in a pair are distinguished by where they are
-    /// in state 0.
+    /// Labels of the other states. Parts of one motion in a pair are distinguished by their place in state 0.
     fn other_labels(&self, classes: &[Class], zero: &[u8], of: Of) -> Vec<Vec<u8>> {
-        let one = |(k, run): (usize, &MatchedPair<'_>)| {
+        let mut labels = Vec::with_capacity(self.runs.len());
+        for (k, run) in self.runs.iter().enumerate() {
             let costs = run.surfaces.label_costs(1, &motions(classes, k), Some(zero), of);
-            run.surfaces.labels(1, &costs, classes.len(), of)
-        };
-        self.runs.iter().enumerate().map(one).collect()
+            labels.push(run.surfaces.labels(1, &costs, classes.len(), of));
+        }
+        labels
     }
 
-    /// Sets of parts, each without the part of the least evidence in the one before, down to the static part,
-    /// with what speaks for each part.
-    fn sets(&self, mut classes: Vec<Class>) -> Vec<(Vec<Class>, Vec<f64>)> {
+    /// Sets of parts, each without the part of the least evidence in the one before, down to the static part.
+    fn sets(&self, mut classes: Vec<Class>) -> Vec<ClassSet> {
         let mut sets = Vec::new();
         loop {
             let scores = self.weighed(&classes);
-            // Of equal ones the later goes, which has fewer samples.
+            // Of equal ones the later goes: it has fewer samples.
             let weakest = (1..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b]).then(b.cmp(&a)));
-            sets.push((classes.clone(), scores));
+            sets.push(ClassSet { classes: classes.clone(), scores });
             let Some(k) = weakest else { return sets };
             classes.remove(k);
         }
     }
 
-    /// What speaks for each part and no other, in cells: its matches beyond chance and its surface, over all
+    /// Evidence for each part and no other, in cells: its matches beyond chance and its surface, over all
     /// pairs.
     fn weighed(&self, classes: &[Class]) -> Vec<f64> {
         let labels = self.labels(classes, Of::SomeParts);
-        let count = classes.len();
-        let mut scores = vec![0.0; count];
-        let mut add = |run: &MatchedPair<'_>, state: usize, costs: &[&[f32]], labels: &[u8]| {
-            let mut gains = vec![0.0; count];
-            prefer(run, state, costs, labels, &mut gains);
-            let points = &run.surfaces.samples[state].points;
-            let cells = occupied_cells(points, run.cell_m()) as f64;
-            scores
-                .iter_mut()
-                .zip(&gains)
-                .for_each(|(s, g)| *s += SURFACE_WEIGHT * g / points.len().max(1) as f64 * cells);
-        };
+        let mut scores = vec![0.0; classes.len()];
         let mut zero: Vec<Vec<f32>> = Vec::new();
         for (k, run) in self.runs.iter().enumerate() {
             let motions = motions(classes, k);
-            let costs = |s: usize, others: &[u8]| {
-                let mut costs = run.surfaces.shape_costs(s, &motions, Some(others));
-                // Otherwise a pair in which two parts moved as one would speak against both.
-                share_alike(&mut costs, &motions);
-                costs
-            };
-            zero.push(costs(0, &labels[k + 1]));
-            add(run, 1, &[&costs(1, &labels[0])], &labels[k + 1]);
+            let mut costs = [0, 1].map(|s| {
+                let others = if s == 0 { &labels[k + 1] } else { &labels[0] };
+                run.surfaces.shape_costs(s, &motions, Some(others))
+            });
+            // Otherwise a pair with a common motion of two parts would be evidence against both.
+            costs.iter_mut().for_each(|c| share_alike(c, &motions));
+            let [first, second] = costs;
+            zero.push(first);
+            add_surface_evidence(run, 1, &[&second], &labels[k + 1], &mut scores);
         }
         if let Some(run) = self.runs.first() {
-            add(run, 0, &zero.iter().map(Vec::as_slice).collect::<Vec<_>>(), &labels[0]);
+            let costs: Vec<&[f32]> = zero.iter().map(Vec::as_slice).collect();
+            add_surface_evidence(run, 0, &costs, &labels[0], &mut scores);
         }
         for (k, run) in self.runs.iter().enumerate() {
             let cells = run.match_cells(&motions(classes, k));
@@ -273,15 +270,15 @@ impl States<'_> {
         scores
     }
 
-    /// One round: labels, then every motion that is a part's own.
+    /// One round: labels, then every part's own motion.
     fn round(&self, classes: &mut [Class]) {
         let labels = self.labels(classes, Of::SomeParts);
         for (k, run) in self.runs.iter().enumerate() {
             let all = motions(classes, k);
             let followed = run.match_labels(&all);
             for (c, class) in classes.iter_mut().enumerate().skip(1) {
-                // A part at rest keeps the static part's motion; parts that share one would be refined apart
-                // by noise.
+                // A part at rest keeps the static part's motion; noise would refine parts of one motion
+                // apart.
                 let own = class.labels[k] != 0 && all.iter().enumerate().all(|(i, m)| i == c || *m != all[c]);
                 if !own {
                     continue;
@@ -298,7 +295,7 @@ impl States<'_> {
         }
     }
 
-    /// Where a pair found a part at rest, looks for a motion along the line on which another pair moved it.
+    /// Where a pair found a part at rest, looks for a motion along the line of its motion in another pair.
     fn seek_missed(&self, classes: &mut [Class], notes: &mut Vec<Note>) {
         let labels = self.labels(classes, Of::SomeParts);
         for (c, class) in classes.iter_mut().enumerate().skip(1) {
@@ -322,32 +319,50 @@ impl States<'_> {
     }
 }
 
+/// Adds the evidence of the surface of one state, with `costs` for every state of its reprojections.
+fn add_surface_evidence(
+    run: &MatchedPair<'_>,
+    state: usize,
+    costs: &[&[f32]],
+    labels: &[u8],
+    scores: &mut [f64],
+) {
+    let mut gains = vec![0.0; scores.len()];
+    prefer(run, state, costs, labels, &mut gains);
+    let points = &run.surfaces.samples[state].points;
+    let cells = occupied_cells(points, run.cell_m()) as f64;
+    for (s, g) in scores.iter_mut().zip(&gains) {
+        *s += SURFACE_WEIGHT * g / points.len().max(1) as f64 * cells;
+    }
+}
+
 /// The motion of a part in a pair along the line of its largest motion in others, where its samples of state
-/// 0 prefer that to rest by what a part needs.
+/// 0 prefer the motion to rest by the least evidence of a part.
 fn missed(run: &MatchedPair<'_>, own: &[usize], others: &[Pose]) -> Option<Pose> {
     let samples = run.surfaces.samples[0];
-    // The whole part is not needed to find a step of the search; what is gained is scaled up below.
+    // Some samples suffice to find a step of the search; the gain is scaled up below.
     let some: Vec<usize> = own.iter().copied().step_by(own.len().div_ceil(TRIED).max(1)).collect();
-    let shift =
-        |m: &Pose| some.iter().map(|&i| (m * samples.points[i] - samples.points[i]).norm()).sum::<f64>();
-    let largest = others.iter().max_by(|a, b| shift(a).total_cmp(&shift(b)))?;
+    let shift_m =
+        |m: &Pose| -> f64 { some.iter().map(|&i| (m * samples.points[i] - samples.points[i]).norm()).sum() };
+    let largest = others.iter().max_by(|a, b| shift_m(a).total_cmp(&shift_m(b)))?;
     let screw = Screw::of(largest)?;
     let cost = |i: usize, motion: &Pose| run.surfaces.shape_cost(0, i, motion).0;
     let still: Vec<f32> = some.iter().map(|&i| cost(i, &Pose::identity())).collect();
-    let gain =
-        |motion: &Pose| some.iter().zip(&still).map(|(&i, s)| log_ratio(cost(i, motion), *s)).sum::<f64>();
-    let step = |n: i32| BEYOND * f64::from(n) / f64::from(STEPS);
-    let tried = (-STEPS..=STEPS)
-        .filter(|n| *n != 0)
-        .map(|n| screw.motion_by(step(n) * screw.angle_rad, step(n) * screw.advance_m));
-    let (best, motion) = tried.map(|m| (gain(&m), m)).reduce(|a, b| if b.0 > a.0 { b } else { a })?;
+    let mut tried = Vec::new();
+    for n in (-STEPS..=STEPS).filter(|n| *n != 0) {
+        let step = BEYOND * f64::from(n) / f64::from(STEPS);
+        let motion = screw.motion_by(step * screw.angle_rad, step * screw.advance_m);
+        let gain: f64 = some.iter().zip(&still).map(|(&i, s)| log_ratio(cost(i, &motion), *s)).sum();
+        tried.push((gain, motion));
+    }
+    let (best, motion) = tried.into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a })?;
     let cells = occupied_cells(&samples.points, run.cell_m()) as f64;
     let of_all = own.len() as f64 / some.len().max(1) as f64 / samples.points.len().max(1) as f64;
     // The gain of all samples of the part as a share of the surface, in cells: docs/method.md (7.1).
     (SURFACE_WEIGHT * best * of_all * cells >= run.config.least_score).then_some(motion)
 }
 
-/// Gives parts that one motion moves the same costs: their pair says nothing of which of them a sample is.
+/// Gives parts of one motion the same costs: their pair does not distinguish them.
 fn share_alike(costs: &mut [f32], motions: &[Pose]) {
     let first: Vec<usize> =
         motions.iter().map(|m| motions.iter().position(|o| o == m).unwrap_or(0)).collect();

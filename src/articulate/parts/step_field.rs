@@ -1,5 +1,5 @@
-//! A small motion that changes over a surface, and the evidence for it: which of several ways of changing
-//! explains the distances of correspondences. See docs/method.md (6.12).
+//! A small motion as a function of the place on a surface, and the evidence for several such functions by the
+//! distances of correspondences. See docs/method.md (6.12).
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Point3, Vector6};
 
@@ -9,30 +9,30 @@ pub(crate) struct Reading {
     pub place: Point3<f64>,
     pub row: Vector6<f64>,
     pub residual_m: f64,
-    /// Of its square, such that independent errors have a variance of 1.
+    /// Of its square: independent errors have a variance of 1.
     pub weight: f64,
 }
 
-/// Derivatives of a reading's distance by the values that explain it, meters or radii by meters.
+/// Derivatives of a reading's distance by the explaining values, meters or radii by meters.
 pub(crate) type Design<'a> = dyn Fn(&Reading) -> Vec<f64> + 'a;
 
-/// Derivatives by steps that a reading has in these measures.
+/// Derivatives by a step for each measure, times the measure.
 pub(crate) fn steps(reading: &Reading, measures: &[f64]) -> Vec<f64> {
     measures.iter().flat_map(|m| reading.row.iter().map(move |x| m * x)).collect()
 }
 
-/// Readings by which steps are compared.
+/// The readings for the comparison of steps.
 pub(crate) struct StepField<'a> {
     pub readings: &'a [Reading],
-    /// Information that every value is small.
+    /// Prior information on every value.
     pub prior: f64,
     /// By how much the variance of sums of readings exceeds that of independent ones.
     pub dispersion: f64,
 }
 
 impl StepField<'_> {
-    /// Logarithm of the evidence for values that explain the distances, over that for none: the likelihood of
-    /// a linear Gaussian model with the values integrated out. `None` without readings.
+    /// Logarithm of the evidence for the values of a design, over the evidence for none: the likelihood of a
+    /// linear Gaussian model with the values integrated out. `None` without readings.
     pub(crate) fn log_evidence(&self, design: &Design<'_>) -> Option<f64> {
         let size = design(self.readings.first()?).len();
         let mut matrix = DMatrix::identity(size, size) * self.prior;
@@ -40,7 +40,7 @@ impl StepField<'_> {
         for r in self.readings {
             let row = DVector::from_vec(design(r));
             let weight = r.weight / self.dispersion;
-            // The lower half, which a factorization reads.
+            // A factorization reads the lower half.
             matrix.syger(weight, &row, &row, 1.0);
             right.axpy(-r.residual_m * weight, &row, 1.0);
         }

@@ -1,4 +1,4 @@
-//! What samples of unexplained surface say for a motion.
+//! Agreement of samples of unexplained surface with a motion.
 
 use nalgebra::Vector3;
 
@@ -12,16 +12,15 @@ use geometry::Pose;
 /// Tolerance of the distance from a plane against its scale while motions are polished.
 /// tuned: shared/bags
 const SOFT: f64 = 1.5;
-/// Angle between two colors that counts as one standard deviation, radians.
+/// Standard deviation of the angle between two colors of one surface, radians.
 /// tuned: shared/bags
 const HUE_SIGMA: f64 = 0.12;
-/// Length of a color that has no hue.
+/// Largest length of a color without hue.
 /// tuned: shared/bags
 const DARK: f64 = 0.08;
 
-/// What a sample says for a motion that is a step off: 1 to 0.5 on unexplained surface of the other state,
-/// the less the farther; -1 in empty space; 0 where nothing was seen or another motion explains what is
-/// there.
+/// Agreement of a sample with a motion a step off: 1 to 0.5 on unexplained surface of the other state, the
+/// less the farther; -1 in empty space; 0 where nothing was seen or the surface there is explained.
 pub(crate) fn rough(
     pair: &SurfacePair<'_>,
     left: &Unexplained,
@@ -33,8 +32,7 @@ pub(crate) fn rough(
     let others = pair.samples[1 - state];
     let (point, nearest) = pair.carried(state, sample, other_from_this);
     match nearest {
-        // A step is most of the reach, so that a sample beside its true partner must count nearly as much as
-        // on it.
+        // A step is most of the reach: a sample beside its true partner must count nearly as much as on it.
         Some(j) if left.open[1 - state][j] => {
             let near = 1.0 - 0.5 * (point - others.points[j]).norm_squared() / pair.reach_m.powi(2);
             near * same_hue(these.colors[sample], others.colors[j])
@@ -44,7 +42,7 @@ pub(crate) fn rough(
     }
 }
 
-/// Mean of what samples say for a motion that is a step off.
+/// Mean agreement of samples with a motion a step off.
 pub(crate) fn mean_rough(
     pair: &SurfacePair<'_>,
     left: &Unexplained,
@@ -56,7 +54,7 @@ pub(crate) fn mean_rough(
         / samples.len().max(1) as f64
 }
 
-/// What a sample says while a motion is polished: up to 1 on unexplained surface within its edges,
+/// Agreement of a sample while a motion is polished: up to 1 on unexplained surface within its edges,
 /// -[`CONTRADICTED`] in empty space.
 pub(crate) fn sharp(
     pair: &SurfacePair<'_>,
@@ -75,14 +73,14 @@ pub(crate) fn sharp(
     });
     match partner {
         Some(v) if v > 0.5 => v,
-        // A partner that agrees poorly does not outweigh that the place was seen empty.
+        // A poor partner does not outweigh a place seen empty.
         _ if pair.free[1 - state].is_some_and(|f| f(&point)) => -CONTRADICTED,
         v => v.unwrap_or(0.0),
     }
 }
 
-/// What a motion explains of the unexplained samples, face by face: a face of which it takes more into empty
-/// space than onto surface counts nothing.
+/// Gain of each unexplained sample by a motion, face by face: a face with more samples taken into empty space
+/// than onto surface counts nothing.
 pub(crate) fn gains(
     pair: &SurfacePair<'_>,
     motion: &Pose,
@@ -94,20 +92,20 @@ pub(crate) fn gains(
         let mut gains = vec![0.0; left.open[s].len()];
         for face in &faces[s] {
             let open = face.iter().filter(|&&i| left.open[s][i]);
-            let of: Vec<(usize, f64)> =
+            let own: Vec<(usize, f64)> =
                 open.map(|&i| (i, gain(pair, left, s, i, &other_from_this))).collect();
-            // A face moves as a whole: a few samples on a surface by chance do not speak for a motion that
-            // takes the rest into empty space.
-            if of.iter().map(|v| v.1).sum::<f64>() > 0.0 {
-                of.iter().for_each(|(i, v)| gains[*i] = *v);
+            // A face moves as a whole: a few samples on a surface by chance are no evidence for a motion of
+            // the rest into empty space.
+            if own.iter().map(|v| v.1).sum::<f64>() > 0.0 {
+                own.iter().for_each(|(i, v)| gains[*i] = *v);
             }
         }
         gains
     })
 }
 
-/// What a sample says for a motion: 1 on a perfect partner of the same hue, -1 in empty space, 0 where
-/// nothing was seen or something else stands.
+/// Gain of a sample by a motion: 1 on a perfect partner of the same hue, -1 in empty space, 0 where nothing
+/// was seen or something else stands.
 fn gain(
     pair: &SurfacePair<'_>,
     left: &Unexplained,
@@ -132,10 +130,10 @@ fn likeness(pair: &SurfacePair<'_>, left: &Unexplained, state: usize, sample: us
     same_hue(pair.samples[state].colors[sample], pair.samples[1 - state].colors[partner])
 }
 
-/// How well two colors could be one surface in different light, which scales all channels alike: 1 to 0 by
-/// the angle between them.
+/// Likeness of two colors of one surface in different light (light scales all channels alike): 1 to 0 by the
+/// angle between them.
 fn same_hue(a: [f32; 3], b: [f32; 3]) -> f64 {
     let [a, b] = [a, b].map(|c| Vector3::from(c).cast::<f64>());
-    // The angle of a dark color is that of its noise.
+    // The angle of a dark color is noise.
     if a.norm().min(b.norm()) < DARK { 1.0 } else { (-0.5 * (a.angle(&b) / HUE_SIGMA).powi(2)).exp() }
 }

@@ -1,4 +1,4 @@
-//! Motions that parts may have made: by matches, and by surface that was left or reached.
+//! Possible motions of parts: by matches, and by surface left or reached.
 
 pub(crate) mod agreement;
 pub(crate) mod patch;

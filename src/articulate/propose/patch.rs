@@ -33,13 +33,19 @@ impl Patch {
             half_m: self.half_m,
         }
     }
+
+    /// Half its extent along a unit direction, meters.
+    pub(crate) fn half_extent_m(&self, direction: &Vector3<f64>) -> f64 {
+        self.axes[0].dot(direction).abs() * self.half_m[0]
+            + self.axes[1].dot(direction).abs() * self.half_m[1]
+    }
 }
 
 /// Two patches of one plane are as broad as each other up to this share.
 /// tuned: shared/bags
 const SAME_BREADTH: f64 = 0.25;
 
-/// The rectangle that two patches of one plane, one beside the other, end.
+/// The rectangle between two patches of one plane, one beside the other.
 pub(crate) struct Band {
     center: Point3<f64>,
     /// Along, across and normal, unit.
@@ -60,16 +66,14 @@ impl Band {
         let along =
             if a.axes[0].dot(&apart).abs() > a.axes[1].dot(&apart).abs() { a.axes[0] } else { a.axes[1] };
         let across = normal.cross(&along);
-        let half = |p: &Patch, d: &Vector3<f64>| {
-            p.axes[0].dot(d).abs() * p.half_m[0] + p.axes[1].dot(d).abs() * p.half_m[1]
-        };
-        // A panel that slid uncovers a strip as broad as the one that it covers.
-        let [breadth_a, breadth_b] = [a, b].map(|p| half(p, &across));
+        // A slid panel uncovers a strip as broad as the covered one.
+        let [breadth_a, breadth_b] = [a, b].map(|p| p.half_extent_m(&across));
         let alike_m = SAME_BREADTH * (breadth_a + breadth_b);
         let beside = across.dot(&apart).abs() < alike_m && (breadth_a - breadth_b).abs() < alike_m;
-        // What lies between is the middle; the patches themselves are open.
-        let length_m = along.dot(&apart).abs() - half(a, &along) - half(b, &along);
-        let middle = a.center + along * (along.dot(&apart).signum() * (half(a, &along) + 0.5 * length_m));
+        // The band lies between the patches; the patches themselves are open.
+        let [half_a, half_b] = [a, b].map(|p| p.half_extent_m(&along));
+        let length_m = along.dot(&apart).abs() - half_a - half_b;
+        let middle = a.center + along * (along.dot(&apart).signum() * (half_a + 0.5 * length_m));
         (beside && length_m > 0.0).then_some(Self {
             center: middle,
             axes: [along, across, normal],
@@ -93,14 +97,14 @@ impl Band {
     }
 }
 
-/// A plane that takes in samples as it grows.
-struct Plane {
+/// The plane of the samples taken so far.
+struct GrowingPlane {
     points: Vector3<f64>,
     normals: Vector3<f64>,
     count: f64,
 }
 
-impl Plane {
+impl GrowingPlane {
     fn add(&mut self, point: &Point3<f64>, normal: &Vector3<f64>) {
         self.points += point.coords;
         self.normals += normal;
@@ -114,8 +118,7 @@ impl Plane {
     }
 }
 
-/// Patches of the faces with at least `least` samples for which `seed` holds; most such samples first, at
-/// most `most`.
+/// Patches of the faces with at least `least` seeds; most seeds first, at most `most`.
 pub(crate) fn patches(
     pair: &SurfacePair<'_>,
     state: usize,
@@ -125,16 +128,15 @@ pub(crate) fn patches(
     most: usize,
 ) -> Vec<Patch> {
     let samples = pair.samples[state];
-    let seeds = |group: &Vec<usize>| group.iter().filter(|&&i| seed[i]).count();
     let mut groups: Vec<(usize, &Vec<usize>)> =
-        faces.iter().map(|g| (seeds(g), g)).filter(|g| g.0 >= least).collect();
-    // Equal ones by their first sample, so that the order is one.
+        faces.iter().map(|g| (g.iter().filter(|&&i| seed[i]).count(), g)).filter(|g| g.0 >= least).collect();
+    // Equal ones by their first sample: the order is unique.
     groups.sort_by(|a, b| b.0.cmp(&a.0).then(a.1[0].cmp(&b.1[0])));
     groups.truncate(most);
     groups.into_iter().filter_map(|(_, g)| patch(samples, g.clone())).collect()
 }
 
-/// The samples for which `open` holds, by plane; no sample is in two.
+/// The open samples by plane; no sample is in two.
 pub(crate) fn faces(pair: &SurfacePair<'_>, state: usize, open: &[bool]) -> Vec<Vec<usize>> {
     let mut taken: Vec<bool> = open.iter().map(|o| !o).collect();
     let mut all = Vec::new();
@@ -146,10 +148,10 @@ pub(crate) fn faces(pair: &SurfacePair<'_>, state: usize, open: &[bool]) -> Vec<
     all
 }
 
-/// The samples of one plane around `first`, taken out of what is left.
+/// The samples of one plane around `first`, marked as taken.
 fn grow(pair: &SurfacePair<'_>, state: usize, first: usize, taken: &mut [bool]) -> Vec<usize> {
     let samples = pair.samples[state];
-    let mut plane = Plane { points: Vector3::zeros(), normals: Vector3::zeros(), count: 0.0 };
+    let mut plane = GrowingPlane { points: Vector3::zeros(), normals: Vector3::zeros(), count: 0.0 };
     let mut group = vec![first];
     taken[first] = true;
     plane.add(&samples.points[first], &samples.normals[first]);
@@ -194,8 +196,8 @@ fn patch(samples: &SurfaceSamples, group: Vec<usize>) -> Option<Patch> {
     Some(Patch { samples: group, center, axes: [long, short, normal], half_m })
 }
 
-/// The direction in the plane along which the box around the patch is smallest: principal directions of a
-/// square are any.
+/// The direction in the plane along which the box around the patch is smallest: a square has no principal
+/// directions.
 fn square(
     samples: &SurfaceSamples,
     group: &[usize],
@@ -204,19 +206,22 @@ fn square(
     start: Vector3<f64>,
 ) -> Vector3<f64> {
     const STEPS: usize = 30;
-    let turned = |k: usize| {
-        let angle = std::f64::consts::FRAC_PI_2 * k as f64 / STEPS as f64;
-        Rotation3::from_axis_angle(&Unit::new_unchecked(*normal), angle) * start
-    };
-    let area = |axis: &Vector3<f64>| {
-        let side = |d: &Vector3<f64>| {
-            let along = group.iter().map(|&i| d.dot(&(samples.points[i] - center)));
-            let [lo, hi] =
-                along.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], x| [lo.min(x), hi.max(x)]);
-            hi - lo
-        };
-        side(axis) * side(&normal.cross(axis))
-    };
+    let mut best = (f64::INFINITY, start);
     // A quarter of a turn shows all boxes; the other sides are the same again.
-    (0..STEPS).map(turned).min_by(|a, b| area(a).total_cmp(&area(b))).unwrap_or(start)
+    for k in 0..STEPS {
+        let angle = std::f64::consts::FRAC_PI_2 * k as f64 / STEPS as f64;
+        let axis = Rotation3::from_axis_angle(&Unit::new_unchecked(*normal), angle) * start;
+        let [length, breadth] = [axis, normal.cross(&axis)].map(|d| extent_along(samples, group, center, &d));
+        if length * breadth < best.0 {
+            best = (length * breadth, axis);
+        }
+    }
+    best.1
+}
+
+/// Length of the range of samples along a unit direction, meters.
+fn extent_along(samples: &SurfaceSamples, group: &[usize], center: &Point3<f64>, d: &Vector3<f64>) -> f64 {
+    let along = group.iter().map(|&i| d.dot(&(samples.points[i] - center)));
+    let [lo, hi] = along.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], x| [lo.min(x), hi.max(x)]);
+    hi - lo
 }

@@ -20,17 +20,16 @@ pub struct RansacConfig {
     pub gate_sigmas: f64,
     /// No match further than this share from a motion supports it, however noisy.
     pub gate: f64,
-    /// A match must have moved by more than this share, and by its gate, to speak for a motion.
+    /// A match must have moved by more than this share, and by its gate, to be evidence for a motion.
     pub moved: f64,
     /// Side of the cells in which support is counted.
     pub cell: f64,
-    /// Least support of a motion: cells, each by its best match, which counts 1 on the motion and 0 at the
-    /// gate.
+    /// Least support of a motion: cells, each by its best match (1 on the motion, 0 at the gate).
     pub least_support: f64,
-    /// A motion whose supporting matches moved by less than this many thresholds at most is slack of the
-    /// static part.
+    /// A motion is slack of the static part where its supporting matches moved by less than this many
+    /// thresholds at most.
     pub slack_thresholds: f64,
-    /// Motions proposed in excess of those asked for.
+    /// Motions proposed in excess of the wanted ones.
     pub spare: usize,
 }
 
@@ -49,13 +48,13 @@ impl Default for RansacConfig {
     }
 }
 
-/// A rigid motion that some matches support.
+/// A rigid motion supported by some matches.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proposal {
     /// The motion in the world.
     pub state1_from_state0: Pose,
-    /// Cells with a supporting match (the smaller sum of both states), each by its best match, which counts 1
-    /// on the motion and 0 at the gate.
+    /// Cells with a supporting match (the smaller sum of both states), each by its best match (1 on the
+    /// motion, 0 at the gate).
     pub support: f64,
     /// Supporting matches.
     pub matches: usize,
@@ -65,12 +64,12 @@ pub struct Proposal {
     pub displacement_m: f64,
 }
 
-/// Cells of matches that say nothing: so many of a few hundred wrong ones follow the best of all motions by
+/// Cells of matches without evidence: so many of a few hundred wrong ones follow the best of all motions by
 /// chance. Three fix the motion, and where one in a thousand is within the gate, six or seven of 300 are
 /// expected on some motion of the 300^3 / 6 (number of false alarms, Moisan and Stival 2004).
 /// tuned: shared/bags
 pub(crate) const CHANCE: f64 = 5.0;
-/// Two motions of one place that differ by less than this many gates are one.
+/// Two motions of one place with a difference of less than this many gates are one.
 /// tuned: shared/bags
 const TWIN_GATES: f64 = 2.5;
 /// A motion with this share of another's support is none found again: badly placed matches seldom agree.
@@ -83,7 +82,7 @@ const TRIPLE_RADII: [f64; 4] = [0.1, 0.2, 0.35, 0.5];
 /// tuned: shared/bags
 const TWIN_DISTANCE: f64 = 0.06;
 
-/// How far matches may lie from a motion that they support, and how far they move, in meters.
+/// How far matches may lie from a supported motion, and how far they move, in meters.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Gate {
     sigmas: f64,
@@ -92,12 +91,12 @@ pub(crate) struct Gate {
 }
 
 impl Gate {
-    /// The gate for an object whose longest side is `extent_m`.
+    /// The gate for an object with a longest side of `extent_m`.
     pub(crate) fn new(config: &RansacConfig, extent_m: f64) -> Self {
         Self { sigmas: config.gate_sigmas, most_m: config.gate * extent_m, moved_m: config.moved * extent_m }
     }
 
-    /// Largest distance of a match from a motion that it supports.
+    /// Largest distance of a match from a supported motion, meters.
     fn distance_m(&self, sigma_m: f64) -> f64 {
         (self.sigmas * sigma_m).min(self.most_m)
     }
@@ -119,9 +118,9 @@ impl Gate {
     }
 }
 
-/// Motions supported by the matches that moved, strongest first: one after the other, each with the matches
-/// that the earlier ones leave. Slack of the static part and motions already found are left out. `extent_m`
-/// is the object's longest side; at most `motions + spare` motions.
+/// Motions supported by the moved matches, strongest first: one after the other, each by the matches left by
+/// the earlier ones. Slack of the static part and motions already found are left out. `extent_m` is the
+/// object's longest side; at most `motions + spare` motions.
 pub(crate) fn propose(
     matches: &[LiftedMatch],
     motions: usize,
@@ -132,7 +131,7 @@ pub(crate) fn propose(
     let gate = Gate::new(config, extent_m);
     let mut pool: Vec<LiftedMatch> = matches.iter().filter(|m| gate.has_moved(m)).copied().collect();
     let mut proposals: Vec<Proposal> = Vec::new();
-    // Rejected motions use up an attempt too, so that the loop ends.
+    // Rejected motions use up an attempt too: the loop ends.
     for _ in 0..2 * (motions + config.spare) {
         if proposals.len() >= motions + config.spare {
             break;
@@ -142,11 +141,9 @@ pub(crate) fn propose(
         // Also where the motion is not proposed: its matches would give it again.
         pool.retain(|m| !gate.supports(m, &proposal.state1_from_state0));
         let slack = proposal.displacement_m < config.slack_thresholds * config.moved * extent_m;
-        let twin = |p: &Proposal| {
-            let weak = proposal.support < TWIN_SUPPORT * p.support;
-            weak && is_twin(&proposal.state1_from_state0, &p.state1_from_state0, matches, &gate, extent_m)
-        };
-        if !slack && !proposals.iter().any(twin) {
+        let mut stronger = proposals.iter().filter(|p| proposal.support < TWIN_SUPPORT * p.support);
+        let motion = &proposal.state1_from_state0;
+        if !slack && !stronger.any(|p| is_twin(motion, &p.state1_from_state0, matches, &gate, extent_m)) {
             proposals.push(proposal);
         }
         // The next attempt would see the same matches.
@@ -158,8 +155,7 @@ pub(crate) fn propose(
     proposals
 }
 
-/// Up to `count` motions that all matches together follow, those that stand still too, each with the matches
-/// that the earlier ones leave.
+/// Up to `count` motions of all matches, static ones too, each by the matches left by the earlier ones.
 pub(crate) fn common_motions(
     matches: &[LiftedMatch],
     count: usize,
@@ -184,13 +180,10 @@ pub(crate) fn common_motions(
 
 /// Whether the weaker of two motions is the stronger found again with badly placed matches: it differs by
 /// less than [`TWIN_GATES`] gates where it acts, and acts in the midst of the stronger's matches. (Two parts
-/// that moved alike stand side by side.)
+/// with like motions stand side by side.)
 fn is_twin(weak: &Pose, strong: &Pose, matches: &[LiftedMatch], gate: &Gate, extent_m: f64) -> bool {
-    let of = |motion: &Pose| -> Vec<&LiftedMatch> {
-        matches.iter().filter(|m| gate.supports(m, motion)).collect()
-    };
-    let followers = of(weak);
-    let others = of(strong);
+    let [followers, others]: [Vec<&LiftedMatch>; 2] =
+        [weak, strong].map(|motion| matches.iter().filter(|m| gate.supports(m, motion)).collect());
     // Where the motions act: two turns about far axes may differ much elsewhere and be one here.
     let twins = followers.iter().filter(|m| {
         let close = (weak * m.point0 - strong * m.point0).norm() < TWIN_GATES * gate.most_m;
@@ -249,7 +242,7 @@ impl CellCounter {
                 }
             }
         }
-        // Only what was touched is cleared: thousands of motions touch few cells each.
+        // Only touched cells are cleared: thousands of motions touch few cells each.
         for &i in &self.touched {
             (0..2).for_each(|s| self.best[s][self.cells[s][i]] = 0.0);
         }
@@ -279,14 +272,14 @@ fn strongest(
             best = Some((support, motion));
         }
     }
-    // Three matches carry three errors into the motion; all that follow it average them out.
+    // Three matches carry three errors into the motion; the average over all its matches lessens them.
     let mut motion = best?.1;
     for _ in 0..5 {
         motion = refit(pool, &motion, &gate)?;
     }
     let followers: Vec<&LiftedMatch> = pool.iter().filter(|m| gate.supports(m, &motion)).collect();
     let support = counter.support(pool, &motion);
-    // Three matches fit their own motion by construction: the fourth is the first that speaks for it.
+    // Three matches fit their own motion by construction: the fourth is the first evidence for it.
     if support < config.least_support || followers.len() < 4 {
         return None;
     }
@@ -302,31 +295,35 @@ fn strongest(
     })
 }
 
-/// Motion of three random matches within `radius_m` of the first, whose mutual distances agree in both
+/// Motion of three random matches within `radius_m` of the first, with the same mutual distances in both
 /// states.
 fn triple(pool: &[LiftedMatch], radius_m: f64, gate: &Gate, rng: &mut impl Rng) -> Option<Pose> {
-    let mut draw = || &pool[((rng.next_u64() >> 32) as usize * pool.len()) >> 32];
-    let a = draw();
-    let fits = |p: &LiftedMatch, q: &LiftedMatch| {
-        let l0 = (p.point0 - q.point0).norm();
-        let l1 = (p.point1 - q.point1).norm();
-        let sigma = p.sigma_m.hypot(q.sigma_m);
-        // Ends closer than their errors fix no rotation. A rigid motion keeps distances, which is cheaper to
-        // test than to fit.
-        l0 > 4.0 * sigma && (l0 - l1).abs() < gate.distance_m(sigma)
-    };
-    let mut partner = |also: Option<&LiftedMatch>| {
-        (0..24).find_map(|_| {
-            let b = draw();
+    let a = random_match(pool, rng);
+    let mut chosen = vec![a];
+    for _ in 0..2 {
+        let partner = (0..24).map(|_| random_match(pool, rng)).find(|b| {
             let near = (b.point0 - a.point0).norm() < radius_m;
-            (near && fits(a, b) && also.is_none_or(|c| fits(b, c))).then_some(b)
-        })
-    };
-    let b = partner(None)?;
-    let c = partner(Some(b))?;
-    let motion = rigid_fit([a, b, c].into_iter().map(|m| (m.point0, m.point1, 1.0)))?;
+            near && chosen.iter().all(|m| distances_agree(m, b, gate))
+        });
+        chosen.push(partner?);
+    }
+    let motion = rigid_fit(chosen.iter().map(|m| (m.point0, m.point1, 1.0)))?;
     // Three small differences of distances may add up to more than a match allows.
-    [a, b, c].iter().all(|m| gate.supports(m, &motion)).then_some(motion)
+    chosen.iter().all(|m| gate.supports(m, &motion)).then_some(motion)
+}
+
+fn random_match<'a>(pool: &'a [LiftedMatch], rng: &mut impl Rng) -> &'a LiftedMatch {
+    &pool[((rng.next_u64() >> 32) as usize * pool.len()) >> 32]
+}
+
+/// Whether two matches could be of one rigid motion: their distance is the same in both states. A rigid
+/// motion keeps distances, and these are cheaper to test than a fit.
+fn distances_agree(p: &LiftedMatch, q: &LiftedMatch, gate: &Gate) -> bool {
+    let l0 = (p.point0 - q.point0).norm();
+    let l1 = (p.point1 - q.point1).norm();
+    let sigma = p.sigma_m.hypot(q.sigma_m);
+    // Ends closer than their errors fix no rotation.
+    l0 > 4.0 * sigma && (l0 - l1).abs() < gate.distance_m(sigma)
 }
 
 /// Refitted to its support, each match weighted by its precision and its distance (Geman-McClure).

@@ -1,10 +1,9 @@
-//! Motions proposed by geometry: patches of surface that were left behind in one state and turn up in the
-//! other.
+//! Motions proposed by geometry: patches of surface left behind in one state and reached in the other.
 //!
-//! Where a surface of one state lies in space that the other state saw empty, and no known motion takes it
+//! Where a surface of one state lies in space seen empty in the other state, and no known motion takes it
 //! onto a surface, it moved by an unknown one. Patches of such surface are tried on those of the other state
-//! (`trial.rs`). The best motions are polished and taken one after the other, each with the surface that it
-//! explains, and what may hang on it is tried. Plain surfaces, which give no matches, are found so.
+//! (`trial.rs`). The best motions are polished and taken one after the other, each with the surface explained
+//! by it, and patches hanging on it are tried. Plain surfaces give no matches and are found so.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -16,12 +15,12 @@ use crate::{
 };
 use geometry::Pose;
 
-/// A slide that explains this share of what a small turn explains is as good.
+/// A slide is as good as a small turn from this share of the turn's worth on.
 /// tuned: shared/bags
 const AS_MUCH: f64 = 0.95;
 
-/// Motions from state 0 to state 1 that take unexplained patches onto unexplained surface, best first, each
-/// judged by the surface that the ones before leave.
+/// Motions of unexplained patches onto unexplained surface, from state 0 to state 1, best first, each judged
+/// by the surface left by the ones before.
 pub(crate) fn propose_from_residual(pair: &SurfacePair<'_>, motions: &[Pose], extent_m: f64) -> Vec<Pose> {
     let mut search = Search::new(pair, motions, extent_m);
     let least = LEAST_SHARE * search.left.open.iter().map(Vec::len).sum::<usize>() as f64;
@@ -38,29 +37,28 @@ pub(crate) fn propose_from_residual(pair: &SurfacePair<'_>, motions: &[Pose], ex
         };
         let motion = polished(&search, &candidates.swap_remove(best));
         search.explain(&motion);
-        // What hangs on the part that was found moves after it: a drawer in a door, a lever on a drawer.
+        // A part on the found part moves after it: a drawer in a door, a lever on a drawer.
         candidates.extend(motions_on(&search, &motion, &found));
         kept.push(motion);
     }
     kept
 }
 
-/// The motion near by that explains most, a slide rather than a small turn where it explains as much;
-/// that of a round part after any turn.
+/// The best motion near by, a slide rather than a small turn where it explains as much; for a round part, the
+/// best of all turns.
 fn polished(search: &Search<'_, '_>, motion: &Pose) -> Pose {
-    let sharp_worth = |m: &Pose| search.sharp_worth(m);
     // Point-to-plane fits leave slips open; only the search along them finds the edges.
     let Some(slips) = search.slips(motion) else { return *motion };
-    let (worth, best) = search.climbed(motion, slips, sharp_worth, |pose| search.slips(pose));
+    let (worth, best) = search.climbed(motion, slips, |m| search.sharp_worth(m), |pose| search.slips(pose));
     // Normals of a slide do not change: a large turn cannot be taken for one.
     if best.rotation.angle() > PARALLEL {
         return round_turn(search, &best).unwrap_or(best);
     }
     let center = search.center(&best);
-    // The slide that moves the middle as the turn does, so that both start at one place.
+    // The slide moves the middle as the turn does: both start at one place.
     let slide = Pose::from_parts((best * center - center).into(), UnitQuaternion::identity());
     let along = [0, 1, 2].map(|k| Slip::along(Vector3::ith(k, 1.0)));
-    let (slide_worth, slide) = search.climbed(&slide, along, sharp_worth, |_| None);
+    let (slide_worth, slide) = search.climbed(&slide, along, |m| search.sharp_worth(m), |_| None);
     let best = if slide_worth >= AS_MUCH * worth { slide } else { best };
     round_turn(search, &best).unwrap_or(best)
 }

@@ -8,16 +8,16 @@ use rayon::prelude::*;
 use crate::{propose::search::Search, samples::slip::round_axis};
 use geometry::Pose;
 
-/// Turns that are tried, all round.
+/// Tried turns, all round.
 const TURNS: usize = 72;
-/// The best of them, which are polished.
+/// Number of the best turns to polish.
 const PEAKS: usize = 4;
 /// A turn explains more than none by this share.
 /// tuned: random objects (eval/random_objects.md)
 const MORE: f64 = 0.02;
 
-/// The motion of a round part after the turn about its middle that explains most, where that is more.
-/// Such a turn needs no hinge beside the part.
+/// The motion of a round part after the best turn about its middle, if the turn explains more than none. Such
+/// a turn needs no hinge beside the part.
 pub(crate) fn round_turn(search: &Search<'_, '_>, motion: &Pose) -> Option<Pose> {
     let (points, normals) = search.moved(motion);
     let axis = round_axis(&points, &normals)?;
@@ -30,11 +30,15 @@ pub(crate) fn round_turn(search: &Search<'_, '_>, motion: &Pose) -> Option<Pose>
         .filter(|&k| totals[k] >= totals[(k + 1) % TURNS].max(totals[(k + TURNS - 1) % TURNS]))
         .collect();
     peaks.sort_by(|a, b| totals[*b].total_cmp(&totals[*a]));
-    let polished = |k: usize| {
-        Some(search.climbed(&turned[k], search.slips(&turned[k])?, total, |pose| search.slips(pose)))
-    };
-    let best =
-        peaks.into_iter().take(PEAKS).filter_map(polished).reduce(|a, b| if b.0 > a.0 { b } else { a })?;
+    let mut best: Option<(f64, Pose)> = None;
+    for start in peaks.into_iter().take(PEAKS).map(|k| &turned[k]) {
+        let Some(slips) = search.slips(start) else { continue };
+        let polished = search.climbed(start, slips, total, |pose| search.slips(pose));
+        if best.as_ref().is_none_or(|b| polished.0 > b.0) {
+            best = Some(polished);
+        }
+    }
+    let best = best?;
     // Without marks all turns explain the same but for noise, and the motion stays as it is.
     (best.0 > (1.0 + MORE) * totals[0]).then_some(best.1)
 }

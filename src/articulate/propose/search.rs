@@ -1,4 +1,4 @@
-//! What the search for motions in unexplained surface knows, and what a motion explains of it.
+//! The state of the search for motions in unexplained surface, and the worth of a motion.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -18,24 +18,24 @@ use crate::{
 };
 use geometry::Pose;
 
-/// Worth of a turn about an axis in thin air against that about a hinge: links in a chain may turn so.
+/// Worth of a turn about an axis in thin air against a turn about a hinge: links in a chain may turn so.
 /// tuned: shared/bags
 const DETACHED: f64 = 0.1;
 
-/// What the search for motions knows.
+/// The state of the search for motions.
 pub(crate) struct Search<'a, 'b> {
     pub pair: &'a SurfacePair<'b>,
     pub extent_m: f64,
     pub left: Unexplained,
     /// Unexplained samples of each state by plane.
     pub faces: [Vec<Vec<usize>>; 2],
-    /// Motions known so far, that of the static part first.
+    /// Motions known so far, the static part's first.
     pub bodies: Vec<Pose>,
 }
 
 impl<'a, 'b> Search<'a, 'b> {
     pub(crate) fn new(pair: &'a SurfacePair<'b>, motions: &[Pose], extent_m: f64) -> Self {
-        // What a panel that slid covers in both states is opened before faces are grown over it.
+        // Surface covered by a slid panel in both states is opened before faces are grown over it.
         let mut left = Unexplained::of(pair, motions);
         join_slid(&mut left, pair);
         let faces = [0, 1].map(|s| faces(pair, s, &left.open[s]));
@@ -44,8 +44,8 @@ impl<'a, 'b> Search<'a, 'b> {
 }
 
 impl Search<'_, '_> {
-    /// What a motion explains, weighed by what speaks for a hinge, and unweighed, in samples.
-    /// See docs/method.md (6.10).
+    /// Samples explained by a motion, weighed by the score of a hinge, and unweighed. See docs/method.md
+    /// (6.10).
     pub(crate) fn worth(&self, motion: &Pose) -> (f64, f64) {
         let gains = gains(self.pair, motion, &self.left, &self.faces);
         let total: f64 = gains.iter().flatten().sum();
@@ -55,14 +55,16 @@ impl Search<'_, '_> {
         )
     }
 
-    /// The same by some of the samples and for a motion that is a step off.
+    /// The same by some of the samples and for a motion a step off.
     pub(crate) fn rough_worth(&self, motion: &Pose) -> f64 {
-        self.weighed(motion, self.total_by(motion, 7, |s, i, t| rough(self.pair, &self.left, s, i, t)))
+        let (total, gains) = self.total_by(motion, 7, |s, i, t| rough(self.pair, &self.left, s, i, t));
+        self.weighed(motion, total, &gains)
     }
 
     /// The same by some of the samples, where beyond an edge there is no surface.
     pub(crate) fn sharp_worth(&self, motion: &Pose) -> f64 {
-        self.weighed(motion, self.sharp_total(motion))
+        let (total, gains) = self.sharp_total(motion);
+        self.weighed(motion, total, &gains)
     }
 
     /// The same unweighed, with the share of every sample of state 0.
@@ -70,13 +72,12 @@ impl Search<'_, '_> {
         self.total_by(motion, 5, |s, i, t| sharp(self.pair, &self.left, s, i, t))
     }
 
-    /// What a motion explains, with the share of every sample of state 0, weighed by what speaks for a hinge.
-    fn weighed(&self, motion: &Pose, (total, gains): (f64, Vec<f64>)) -> f64 {
-        total * attachment(self.pair, motion, &self.bodies, &gains, &self.left.open[0], self.extent_m)
+    /// A total with the share of every sample of state 0, weighed by the score of a hinge.
+    fn weighed(&self, motion: &Pose, total: f64, gains: &[f64]) -> f64 {
+        total * attachment(self.pair, motion, &self.bodies, gains, &self.left.open[0], self.extent_m)
     }
 
-    /// What a motion explains by every so many samples of each face and what each says, with the
-    /// share of every sample of state 0.
+    /// Sum of `says` over every so many samples of each face, with the share of every sample of state 0.
     fn total_by(
         &self,
         motion: &Pose,
@@ -91,7 +92,7 @@ impl Search<'_, '_> {
                 let values: Vec<(usize, f64)> =
                     face.iter().step_by(every).map(|&i| (i, says(s, i, &other_from_this))).collect();
                 let sum: f64 = values.iter().map(|v| v.1).sum();
-                // A face that contradicts the motion belongs to something else, and counts nothing.
+                // A face in contradiction to the motion belongs to something else, and counts nothing.
                 total += sum.max(0.0);
                 if s == 0 && sum > 0.0 {
                     values.iter().for_each(|(i, v)| gains[*i] = *v);
@@ -101,9 +102,9 @@ impl Search<'_, '_> {
         (total, gains)
     }
 
-    /// The motion that explains most of those that steps along slips lead to, with its worth. What a
-    /// point-to-plane fit leaves free (slips of the surface in itself: Gelfand and Guibas 2004) shows at
-    /// edges alone: steps are halved where none helps.
+    /// The best motion reached by steps along slips, with its worth. A point-to-plane fit leaves slips of the
+    /// surface in itself free (Gelfand and Guibas 2004); they show at edges alone: steps are halved where
+    /// none helps.
     pub(crate) fn climbed(
         &self,
         motion: &Pose,
@@ -125,14 +126,14 @@ impl Search<'_, '_> {
                 (worth, best) = (next, pose);
             } else {
                 step_m *= 0.5;
-                // Other surface may be explained by now, which slips along other twists.
+                // Other surface may be explained by now, with other slips.
                 slips = anew(&best).unwrap_or(slips);
             }
         }
         (worth, best)
     }
 
-    /// Middle of the surface of state 0 that a motion explains.
+    /// Middle of the explained surface of state 0.
     pub(crate) fn center(&self, motion: &Pose) -> Point3<f64> {
         let explained = self.explained(motion);
         let points = &self.pair.samples[0].points;
@@ -141,13 +142,13 @@ impl Search<'_, '_> {
         )
     }
 
-    /// Samples of state 0 that a motion explains.
+    /// Samples of state 0 explained by a motion.
     fn explained(&self, motion: &Pose) -> Vec<usize> {
         let [gains, _] = gains(self.pair, motion, &self.left, &self.faces);
         (0..gains.len()).filter(|&i| gains[i] > 0.0).collect()
     }
 
-    /// What a motion explains, points and normals, where it goes.
+    /// Points and normals of the surface explained by a motion, moved by it.
     pub(crate) fn moved(&self, motion: &Pose) -> (Vec<Point3<f64>>, Vec<Vector3<f64>>) {
         let samples = self.pair.samples[0];
         self.explained(motion)
@@ -156,13 +157,13 @@ impl Search<'_, '_> {
             .unzip()
     }
 
-    /// Slips of what a motion explains, where it goes.
+    /// Slips of the surface explained by a motion, moved by it.
     pub(crate) fn slips(&self, motion: &Pose) -> Option<[Slip; 3]> {
         let (points, normals) = self.moved(motion);
         slips(&points, &normals)
     }
 
-    /// Takes what a motion explains out of what is left.
+    /// Takes the samples explained by a motion out of the unexplained ones.
     pub(crate) fn explain(&mut self, motion: &Pose) {
         let explained = gains(self.pair, motion, &self.left, &self.faces);
         for s in 0..2 {
@@ -171,14 +172,14 @@ impl Search<'_, '_> {
                 self.left.moved[s][i] = false;
             }
         }
-        // The motion is a body that others may hang on.
+        // The motion is a body, and others may hang on it.
         self.bodies.push(*motion);
     }
 }
 
-/// How well a turn about its axis could be that of a hinge, from [`DETACHED`] to 1: its axis, relative to one
-/// of the `bodies`, runs close by both the surface that moves (of positive `gains`) and surface that other
-/// motions explain. Slides could be any.
+/// How well a turn could be that of a hinge, from [`DETACHED`] to 1: its axis, relative to one of the
+/// `bodies`, runs close by both the moving surface (of positive `gains`) and surface explained by other
+/// motions. 1 for slides.
 fn attachment(
     pair: &SurfacePair<'_>,
     motion: &Pose,
@@ -193,11 +194,14 @@ fn attachment(
         points.iter().zip(gains).filter(|(_, g)| **g > 0.0).map(|(p, _)| *p).collect();
     let others: Vec<Point3<f64>> =
         points.iter().zip(open).filter(|(_, o)| !**o).map(|(p, _)| *p).step_by(EVERY).collect();
-    let of = |body: &Pose| {
-        let Some(screw) = axis_of_turn(&(body.inverse() * motion)) else { return 1.0 };
-        let off_m = axis_off_m((&screw.point, &screw.direction), &moving, &others);
-        DETACHED + (1.0 - DETACHED) * hinge_score(off_m, extent_m)
-    };
-    // The body that suits it best: a part hangs on one.
-    bodies.iter().map(of).fold(0.0, f64::max)
+    // The best of the bodies: a part hangs on one.
+    let mut best = 0.0;
+    for body in bodies {
+        let score = axis_of_turn(&(body.inverse() * motion)).map_or(1.0, |screw| {
+            let off_m = axis_off_m(&screw.point, &screw.direction, &moving, &others);
+            DETACHED + (1.0 - DETACHED) * hinge_score(off_m, extent_m)
+        });
+        best = f64::max(best, score);
+    }
+    best
 }

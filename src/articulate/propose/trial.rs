@@ -1,7 +1,6 @@
-//! Motions that a patch of surface could have made to the other state, by itself or after that of the body
-//! that it hangs on: slid along its normal and edges, turned about its edges, and turned into the plane of
-//! each patch there, which leaves one shift unknown where the axis lies in both planes' directions.
-//! See docs/method.md 6.5.
+//! Possible motions of a patch of surface to the other state, by itself or after the motion of the body under
+//! it: slid along its normal and edges, turned about its edges, and turned into the plane of each patch there
+//! (with one shift unknown where the axis lies in both planes' directions). See docs/method.md 6.5.
 
 use nalgebra::{Point3, Rotation3, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -15,12 +14,12 @@ use crate::{
 };
 use geometry::{Pose, Screw};
 
-/// Points of a patch that a trial looks at.
+/// Points of a patch in a trial.
 const TRIAL_POINTS: usize = 60;
-/// Points of a body's surface that are looked at for a patch by it; one in so many for an axis by it.
+/// Points of a body's surface in the search for patches by it; one in so many for an axis by it.
 const SURFACE_POINTS: usize = 600;
 const EVERY: usize = 4;
-/// Trials of each kind of which the worth for all unexplained surface is measured, per patch.
+/// Trials of each kind with a measured worth for all unexplained surface, per patch.
 const DISTINCT: usize = 16;
 /// Trials refined per patch.
 const REFINED: usize = 4;
@@ -30,33 +29,33 @@ const ROUNDS: usize = 5;
 /// space.
 /// tuned: shared/bags
 const AGREEMENT: f64 = 0.35;
-/// The same of what hangs on a part that moves: it is tried in more places.
+/// The same of a patch on a moving part: it is tried in more places.
 /// tuned: shared/bags
 const FIRM_AGREEMENT: f64 = 0.6;
 /// Distance between two trials, as a share of the reach.
-/// chosen: below the reach, so that some trial comes near enough for partners to be found
+/// chosen: below the reach: some trial comes near enough for partners to be found
 const STEP: f64 = 0.7;
-/// Samples that may be the part of a patch lie within so many times half its diagonal, and the reach.
+/// Possible samples of a patch's part lie within so many times half its diagonal, and the reach.
 /// chosen: patches miss their rims
 const ABOUT: f64 = 1.2;
 
-/// What a patch may hang on, in one state.
-struct Body {
+/// A part under a patch, in one state.
+struct CarryingPart {
     /// Its motion to the other state.
     carried: Pose,
-    /// Points that it takes onto a surface there and that do not stand still; none for the static part.
+    /// Its points, taken onto a surface there and not at rest; none for the static part.
     surface: Option<Vec<Point3<f64>>>,
 }
 
-impl Body {
+impl CarryingPart {
     fn new(search: &Search<'_, '_>, state: usize, motion: &Pose) -> Self {
         let carried = if state == 0 { *motion } else { motion.inverse() };
         let still = search.bodies[0];
         let surface = (*motion != still).then(|| {
             let costs = search.pair.shape_costs(state, &[still, *motion], None);
-            let moves = |row: &[f32]| row[0] >= EXPLAINED && row[1] < EXPLAINED;
             let points = costs.chunks_exact(2).zip(&search.pair.samples[state].points);
-            let all: Vec<Point3<f64>> = points.filter(|(row, _)| moves(row)).map(|(_, p)| *p).collect();
+            let moved = points.filter(|(row, _)| row[0] >= EXPLAINED && row[1] < EXPLAINED);
+            let all: Vec<Point3<f64>> = moved.map(|(_, p)| *p).collect();
             all.iter().copied().step_by(all.len().div_ceil(SURFACE_POINTS).max(1)).collect()
         });
         Self { carried, surface }
@@ -68,17 +67,17 @@ impl Body {
         some_of(patch).iter().any(|&i| surface.iter().any(|p| (p - points[i]).norm() < near_m))
     }
 
-    /// Those motions of what it carried that are a slide or turn about an axis by its surface, after its own.
-    fn followed_by(&self, trials: Vec<Pose>, near_m: f64) -> Vec<Pose> {
-        let there: Option<Vec<Point3<f64>>> =
-            self.surface.as_ref().map(|s| s.iter().step_by(EVERY).map(|p| self.carried * p).collect());
-        let hangs = |t: &Pose| {
-            let Some((there, axis)) = there.as_ref().zip(axis_of_turn(t)) else {
-                return true;
-            };
-            there.iter().any(|p| (p - axis.point).cross(&axis.direction).norm() < near_m)
-        };
-        trials.into_iter().filter(hangs).map(|t| t * self.carried).collect()
+    /// The slides among the trials and the turns about an axis by its surface, each after its own motion.
+    fn followed_by(&self, mut trials: Vec<Pose>, near_m: f64) -> Vec<Pose> {
+        if let Some(surface) = &self.surface {
+            let there: Vec<Point3<f64>> = surface.iter().step_by(EVERY).map(|p| self.carried * p).collect();
+            trials.retain(|t| {
+                axis_of_turn(t).is_none_or(|axis| {
+                    there.iter().any(|p| (p - axis.point).cross(&axis.direction).norm() < near_m)
+                })
+            });
+        }
+        trials.into_iter().map(|t| t * self.carried).collect()
     }
 
     /// Least agreement of a patch with a motion.
@@ -92,13 +91,13 @@ pub(crate) fn motions_on(search: &Search<'_, '_>, motion: &Pose, patches: &[Vec<
     let near_m = HINGE * search.extent_m;
     let mut all = Vec::new();
     for state in [0, 1] {
-        let body = Body::new(search, state, motion);
+        let body = CarryingPart::new(search, state, motion);
         let points = &search.pair.samples[state].points;
-        let is_left = |p: &&Patch| {
-            2 * p.samples.iter().filter(|&&i| search.left.open[state][i]).count() > p.samples.len()
-        };
-        for patch in patches[state].iter().filter(is_left).filter(|p| body.touches(points, p, near_m)) {
-            all.extend(motions_of(search, state, patch, &body, &patches[1 - state]));
+        for patch in &patches[state] {
+            let left = patch.samples.iter().filter(|&&i| search.left.open[state][i]).count();
+            if 2 * left > patch.samples.len() && body.touches(points, patch, near_m) {
+                all.extend(motions_of(search, state, patch, &body, &patches[1 - state]));
+            }
         }
     }
     all
@@ -114,7 +113,7 @@ fn motions_of(
     search: &Search<'_, '_>,
     state: usize,
     patch: &Patch,
-    body: &Body,
+    body: &CarryingPart,
     onto: &[Patch],
 ) -> Vec<Pose> {
     let pair = search.pair;
@@ -130,19 +129,22 @@ fn motions_of(
         kinds.iter().flat_map(|t| distinct_trials(search, state, &some, t)).collect();
     best.sort_by(|a, b| b.0.total_cmp(&a.0));
     let labels = near_labels(pair, state, patch, left);
-    let refined = |&(_, start): &(f64, Pose)| {
+    let mut refined = Vec::new();
+    for &(_, start) in best.iter().take(REFINED) {
         let mut motion = start;
         // By the patch's own surroundings alone; surface of other parts would pull the trial to itself.
         for _ in 0..ROUNDS {
             motion = refine(pair, [&labels[0], &labels[1]], &[], &motion, 1);
         }
         let there = if state == 0 { motion } else { motion.inverse() };
-        (mean_rough(pair, left, state, &patch.samples, &there) > body.agreement()).then_some(motion)
-    };
-    best.iter().take(REFINED).filter_map(refined).collect()
+        if mean_rough(pair, left, state, &patch.samples, &there) > body.agreement() {
+            refined.push(motion);
+        }
+    }
+    refined
 }
 
-/// Motions that a patch could have made by itself, to the other state: slides and turns.
+/// Possible motions of a patch by itself, to the other state: slides and turns.
 fn own_trials(patch: &Patch, step_m: f64, extent_m: f64) -> [Vec<Pose>; 2] {
     let steps = (extent_m / step_m) as i64;
     let slides = patch.axes.iter().flat_map(|axis| {
@@ -165,9 +167,9 @@ fn own_trials(patch: &Patch, step_m: f64, extent_m: f64) -> [Vec<Pose>; 2] {
         (n, b * hb),
         (n, -b * hb),
     ];
-    // A step at which the far side moves by one step of a slide.
+    // The far side moves by one step of a slide.
     let turn_step = step_m / (2.0 * ha.max(hb)).max(step_m);
-    // Half a turn takes a patch to its own plane, end for end: that is not decided here.
+    // Half a turn takes a patch to its own plane, end for end: `end_for_end.rs` decides it.
     let turns = ((std::f64::consts::PI - 2.0 * PARALLEL) / turn_step) as i64;
     let turned = lines.into_iter().flat_map(move |(direction, offset)| {
         let screw = Screw {
@@ -181,14 +183,14 @@ fn own_trials(patch: &Patch, step_m: f64, extent_m: f64) -> [Vec<Pose>; 2] {
     [slides.collect(), turned.collect()]
 }
 
-/// Motions that take a patch into the plane of another about a line parallel to both planes: one shift across
-/// that line is unknown and tried in steps.
+/// Motions of a patch into the plane of another about a line parallel to both planes: one shift across the
+/// line is unknown and tried in steps.
 fn plane_trials(patch: &Patch, onto: &Patch, step_m: f64) -> Vec<Pose> {
     let n0 = patch.axes[2];
     let n1 = onto.axes[2];
     let angle = n0.angle(&n1);
     // Parallel planes fix the shift along the normal and leave the rest open; opposite ones leave the axis
-    // open, which is tried along both edges.
+    // open: both edges are tried.
     let directions = if angle < PARALLEL {
         let there = onto.center - patch.center;
         return vec![Pose::from_parts((n0 * n0.dot(&there)).into(), UnitQuaternion::identity())];
@@ -197,9 +199,6 @@ fn plane_trials(patch: &Patch, onto: &Patch, step_m: f64) -> Vec<Pose> {
     } else {
         vec![n0.cross(&n1).normalize()]
     };
-    let side = |p: &Patch, v: &Vector3<f64>| {
-        p.axes[0].dot(v).abs() * p.half_m[0] + p.axes[1].dot(v).abs() * p.half_m[1]
-    };
     let mut all = Vec::new();
     for u in directions {
         let rotation = Rotation3::from_axis_angle(&Unit::new_normalize(u), angle);
@@ -207,7 +206,7 @@ fn plane_trials(patch: &Patch, onto: &Patch, step_m: f64) -> Vec<Pose> {
         let v = n1.cross(&u);
         let to_plane = n1 * n1.dot(&(onto.center - center));
         // From where the patches begin to overlap to where they end.
-        let range_m = side(onto, &v) + side(patch, &(rotation.inverse() * v));
+        let range_m = onto.half_extent_m(&v) + patch.half_extent_m(&(rotation.inverse() * v));
         let steps = (range_m / step_m) as i64;
         let middle = v.dot(&(onto.center - center));
         all.extend((-steps..=steps).map(|k| {
@@ -218,8 +217,8 @@ fn plane_trials(patch: &Patch, onto: &Patch, step_m: f64) -> Vec<Pose> {
     all
 }
 
-/// The trials that agree best with a patch and differ from each other, from state 0 to state 1, each with its
-/// worth for all unexplained surface.
+/// The best trials of a patch, different from each other, from state 0 to state 1, each with its worth for
+/// all unexplained surface.
 fn distinct_trials(
     search: &Search<'_, '_>,
     state: usize,
@@ -234,28 +233,33 @@ fn distinct_trials(
         .collect();
     scored.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     let points = &pair.samples[state].points;
-    let near =
-        |a: &Pose, b: &Pose| some.iter().all(|&j| (a * points[j] - b * points[j]).norm() < pair.reach_m);
     let mut best: Vec<Pose> = Vec::new();
     for &(_, i) in scored.iter().take_while(|s| s.0 > 0.5 * AGREEMENT) {
         if best.len() >= DISTINCT {
             break;
         }
         // Trials beside the best one agree nearly as well, and would be refined to the same motion.
-        if best.iter().all(|b| !near(b, &trials[i])) {
+        let is_known = best
+            .iter()
+            .any(|b| some.iter().all(|&j| (b * points[j] - trials[i] * points[j]).norm() < pair.reach_m));
+        if !is_known {
             best.push(trials[i]);
         }
     }
-    let forward = |t: Pose| if state == 0 { t } else { t.inverse() };
-    best.into_par_iter().map(forward).map(|m| (search.rough_worth(&m), m)).collect()
+    best.into_par_iter()
+        .map(|t| if state == 0 { t } else { t.inverse() })
+        .map(|m| (search.rough_worth(&m), m))
+        .collect()
 }
 
-/// Label 1 for the unexplained samples that may be the part of a patch: those about it, and all of the other
-/// state.
+/// Label 1 for the unexplained samples about a patch, and for all unexplained samples of the other state:
+/// they may be of its part.
 fn near_labels(pair: &SurfacePair<'_>, state: usize, patch: &Patch, left: &Unexplained) -> [Vec<u8>; 2] {
     let radius_m = ABOUT * patch.half_m[0].hypot(patch.half_m[1]) + pair.reach_m;
     [0, 1].map(|s| {
-        let near = |p: &Point3<f64>| s != state || (p - patch.center).norm() < radius_m;
-        pair.samples[s].points.iter().zip(&left.open[s]).map(|(p, open)| u8::from(*open && near(p))).collect()
+        let samples = pair.samples[s].points.iter().zip(&left.open[s]);
+        samples
+            .map(|(p, open)| u8::from(*open && (s != state || (p - patch.center).norm() < radius_m)))
+            .collect()
     })
 }

@@ -4,23 +4,17 @@ use std::collections::VecDeque;
 
 use nalgebra::Vector3;
 
-/// Number of the flat patch that every sample is on. `beside` gives a sample's neighbors on its surface,
-/// `in_plane` whether two neighbors lie in one plane. A patch takes what lies in one plane with a sample of
-/// it and whose normal is less than `bend` off its mean normal: what only follows from neighbor to neighbor
-/// goes around every rounded edge.
+/// Number of the flat patch of every sample. `beside` gives a sample's neighbors on its surface, `in_plane`
+/// whether two neighbors lie in one plane. A patch takes a neighbor in one plane with a sample of it if the
+/// neighbor's normal is less than `bend` off the patch's mean normal. Without that mean, patches would go
+/// around every rounded edge.
 pub(crate) fn flat_patches<I: Iterator<Item = usize>>(
     normals: &[Vector3<f64>],
     bend: f64,
     beside: impl Fn(usize) -> I,
     in_plane: impl Fn(usize, usize) -> bool,
 ) -> Vec<u32> {
-    let bent = |i: usize| {
-        let bends = beside(i).map(|j| (normals[j] - normals[i]).norm_squared());
-        let (sum, count) = bends.fold((0.0, 0), |(sum, count), b| (sum + b, count + 1));
-        // A sample without neighbors is its own patch, whenever that is found.
-        if count > 0 { sum / f64::from(count) } else { f64::INFINITY }
-    };
-    let bends: Vec<f64> = (0..normals.len()).map(bent).collect();
+    let bends: Vec<f64> = (0..normals.len()).map(|i| mean_bend(normals, i, beside(i))).collect();
     let mut seeds: Vec<usize> = (0..normals.len()).collect();
     seeds.sort_by(|a, b| bends[*a].total_cmp(&bends[*b]).then(a.cmp(b)));
     let mut patches: Vec<Option<u32>> = vec![None; normals.len()];
@@ -34,8 +28,7 @@ pub(crate) fn flat_patches<I: Iterator<Item = usize>>(
         let mut border = VecDeque::from([seed]);
         while let Some(i) = border.pop_front() {
             for j in beside(i) {
-                let off = || (normals[j] - sum.normalize()).norm();
-                if patches[j].is_none() && in_plane(i, j) && off() < bend {
+                if patches[j].is_none() && in_plane(i, j) && (normals[j] - sum.normalize()).norm() < bend {
                     patches[j] = Some(count);
                     sum += normals[j];
                     border.push_back(j);
@@ -45,6 +38,14 @@ pub(crate) fn flat_patches<I: Iterator<Item = usize>>(
         count += 1;
     }
     patches.into_iter().flatten().collect()
+}
+
+/// Mean squared change of the normal from a sample to its neighbors; infinite without neighbors, so such a
+/// sample comes last and is a patch by itself.
+fn mean_bend(normals: &[Vector3<f64>], sample: usize, neighbors: impl Iterator<Item = usize>) -> f64 {
+    let bends = neighbors.map(|j| (normals[j] - normals[sample]).norm_squared());
+    let (sum, count) = bends.fold((0.0, 0), |(sum, count), b| (sum + b, count + 1));
+    if count > 0 { sum / f64::from(count) } else { f64::INFINITY }
 }
 
 #[cfg(test)]

@@ -1,11 +1,11 @@
-//! Where a hinge is: on both of the parts that it joins.
+//! Where a hinge is: on both of its parts.
 
 use nalgebra::{Point3, Unit, Vector3};
 
 use geometry::{Pose, Screw};
 
-/// Distance of an axis from both surfaces that it joins at which half of what speaks for a hinge is lost, as
-/// a share of the object's longest side.
+/// Distance of an axis from the surfaces of both parts at which the score of a hinge is one half, as a share
+/// of the object's longest side.
 /// tuned: shared/bags
 pub(crate) const HINGE: f64 = 0.05;
 /// A turn by less is no hinge's, and planes at a smaller angle are parallel, radians.
@@ -18,37 +18,39 @@ pub(crate) fn hinge_score(off_m: f64, extent_m: f64) -> f64 {
     1.0 / (1.0 + (off_m / (HINGE * extent_m)).powi(2))
 }
 
-/// The axis of a motion that turns.
+/// The axis of a turning motion.
 pub(crate) fn axis_of_turn(motion: &Pose) -> Option<Screw> {
     Screw::of(motion).filter(|s| s.angle_rad.abs() > PARALLEL)
 }
 
 /// Sum of the distances of an axis from the surfaces of two parts, the second's beside the first alone,
-/// meters. A hinge runs by both; the axis of a turn that is none may lie in thin air.
+/// meters. A hinge runs by both; the axis of another turn may lie in thin air.
 pub(crate) fn axis_off_m(
-    axis: (&Point3<f64>, &Unit<Vector3<f64>>),
+    point: &Point3<f64>,
+    direction: &Unit<Vector3<f64>>,
     part: &[Point3<f64>],
     parent: &[Point3<f64>],
 ) -> f64 {
-    let (point, direction) = axis;
     let along = |p: &Point3<f64>| direction.dot(&(p - point));
     let distance_m = |p: &Point3<f64>| ((p - point) - direction.into_inner() * along(p)).norm();
     let [low, high] =
         part.iter().map(along).fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], x| [lo.min(x), hi.max(x)]);
     // The parent must be near the axis where the part is: somewhere on its line it nearly always is.
-    let beside = |p: &&Point3<f64>| (low..=high).contains(&along(p));
+    let beside = parent.iter().filter(|p| (low..=high).contains(&along(p)));
     let own_m = part.iter().map(distance_m).fold(f64::INFINITY, f64::min);
-    own_m + parent.iter().filter(beside).map(distance_m).fold(f64::INFINITY, f64::min)
+    own_m + beside.map(distance_m).fold(f64::INFINITY, f64::min)
 }
 
 /// Distance of some points of a surface from some of another, meters.
 pub(crate) fn touch_m(part: &[Point3<f64>], other: &[Point3<f64>]) -> f64 {
-    const SOME: usize = 500;
-    let some = |points: &[Point3<f64>]| {
-        points.iter().step_by(points.len().div_ceil(SOME).max(1)).copied().collect::<Vec<_>>()
-    };
-    let [part, other] = [some(part), some(other)];
+    let [part, other] = [every_few_points(part), every_few_points(other)];
     part.iter().flat_map(|p| other.iter().map(move |o| (p - o).norm())).fold(f64::INFINITY, f64::min)
+}
+
+/// At most 500 points, evenly taken in their order.
+fn every_few_points(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
+    const SOME: usize = 500;
+    points.iter().step_by(points.len().div_ceil(SOME).max(1)).copied().collect()
 }
 
 #[cfg(test)]
@@ -66,13 +68,13 @@ mod tests {
     fn a_hinge_runs_by_both_plates_and_other_axes_do_not() {
         let part = plate(0.01);
         let parent = plate(-0.21);
-        let off = |x: f64, y: f64| axis_off_m((&Point3::new(x, y, 5.0), &Vector3::z_axis()), &part, &parent);
+        let off = |x: f64, y: f64| axis_off_m(&Point3::new(x, y, 5.0), &Vector3::z_axis(), &part, &parent);
         assert!((off(0.0, 0.0) - 0.02).abs() < 1e-9);
         assert!((off(0.11, 0.0) - 0.12).abs() < 1e-9);
         assert!(off(0.0, 0.3) > 0.5);
         // Beside the part alone, not above it.
         let above: Vec<Point3<f64>> = parent.iter().map(|p| p + Vector3::z()).collect();
-        assert!(axis_off_m((&Point3::origin(), &Vector3::z_axis()), &part, &above).is_infinite());
+        assert!(axis_off_m(&Point3::origin(), &Vector3::z_axis(), &part, &above).is_infinite());
         assert!((touch_m(&part, &parent) - 0.02).abs() < 0.01);
     }
 }

@@ -28,22 +28,28 @@ pub fn mesh_samples(mesh: &TriangleMesh, count: usize) -> SurfaceSamples {
             // The other half of the square is folded onto the triangle.
             let [a, b] = if a + b > 1.0 { [1.0 - a, 1.0 - b] } else { [a, b] };
             let weights = [1.0 - a - b, a, b];
-            let blend = |of: &dyn Fn(usize) -> Vector3<f64>| -> Vector3<f64> {
-                corners.iter().zip(weights).map(|(&v, w)| of(v as usize) * w).sum()
-            };
-            let normal = blend(&|v| normals[v]);
+            let corners = corners.map(|v| v as usize);
+            let normal = weighted_sum(corners.map(|v| normals[v]), weights);
             if let Some(normal) = normal.try_normalize(1e-9) {
-                samples.points.push(Point3::from(blend(&|v| mesh.vertices[v].coords.cast())));
+                let point = weighted_sum(corners.map(|v| mesh.vertices[v].coords.cast()), weights);
+                samples.points.push(Point3::from(point));
                 samples.normals.push(normal);
-                let color =
-                    |v: usize| mesh.colors.get(v).map_or([0.5; 3], |c| c.map(|x| f64::from(x) / 255.0));
-                let rgb = blend(&|v| Vector3::from(color(v)));
+                let rgb = weighted_sum(corners.map(|v| vertex_color(mesh, v)), weights);
                 samples.colors.push([rgb.x as f32, rgb.y as f32, rgb.z as f32]);
             }
             next += step;
         }
     }
     samples
+}
+
+fn weighted_sum(values: [Vector3<f64>; 3], weights: [f64; 3]) -> Vector3<f64> {
+    values.into_iter().zip(weights).map(|(value, w)| value * w).sum()
+}
+
+/// Color of a vertex in `[0, 1]`; mid gray without vertex colors.
+fn vertex_color(mesh: &TriangleMesh, vertex: usize) -> Vector3<f64> {
+    Vector3::from(mesh.colors.get(vertex).map_or([0.5; 3], |c| c.map(|x| f64::from(x) / 255.0)))
 }
 
 /// The plastic number.
@@ -62,22 +68,26 @@ fn smooth_normals(mesh: &TriangleMesh) -> Vec<Vector3<f64>> {
     let mut normals = vec![Vector3::zeros(); mesh.vertices.len()];
     for (t, corners) in mesh.triangles.iter().enumerate() {
         let normal: Vector3<f64> = mesh.area_normal(t).cast();
-        // The length of the normal is twice the area, so that small triangles have little say.
+        // The length of the normal is twice the area: small triangles count little.
         corners.iter().for_each(|&v| normals[v as usize] += normal);
     }
-    let unit = |n: &mut Vector3<f64>| *n = n.try_normalize(1e-15).unwrap_or_default();
-    normals.iter_mut().for_each(unit);
+    make_unit(&mut normals);
     for _ in 0..NORMAL_ROUNDS {
-        // Marching cubes leaves steps that normals show before positions do.
+        // Marching cubes leaves steps: normals show them before positions do.
         let mut sums = normals.clone();
         for corners in &mesh.triangles {
             let sum: Vector3<f64> = corners.iter().map(|&v| normals[v as usize]).sum();
             corners.iter().for_each(|&v| sums[v as usize] += sum);
         }
         normals = sums;
-        normals.iter_mut().for_each(unit);
+        make_unit(&mut normals);
     }
     normals
+}
+
+/// Scales vectors to length 1; vectors without length become zero.
+fn make_unit(vectors: &mut [Vector3<f64>]) {
+    vectors.iter_mut().for_each(|v| *v = v.try_normalize(1e-15).unwrap_or_default());
 }
 
 #[cfg(test)]

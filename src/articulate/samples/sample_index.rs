@@ -42,9 +42,12 @@ impl<'a> SampleIndex<'a> {
         let dims = dims_of(cell_m).map(|d| d as usize);
         let no_cells = Lists::of(0, std::iter::empty());
         let index = Self { samples, origin, cell_m, reach_m, dims, cells: no_cells, points: Vec::new() };
-        let cell = |p: &Point3<f64>| index.cell_index(index.cell(p).map(|c| c as usize)) as u32;
-        let of_samples: Vec<u32> = samples.points.iter().map(cell).collect();
-        let cells = Lists::of(dims.iter().product(), of_samples.iter().copied().zip(0..));
+        let sample_cells: Vec<u32> = samples
+            .points
+            .iter()
+            .map(|p| index.cell_index(index.cell(p).map(|c| c as usize)) as u32)
+            .collect();
+        let cells = Lists::of(dims.iter().product(), sample_cells.iter().copied().zip(0..));
         let points = cells.entries().iter().map(|&i| samples.points[i as usize]).collect();
         Self { cells, points, ..index }
     }
@@ -62,22 +65,17 @@ impl<'a> SampleIndex<'a> {
     /// some beyond.
     pub(crate) fn around(&self, point: &Point3<f64>, mut visit: impl FnMut(usize, &Point3<f64>)) {
         let c = self.cell(point);
-        let range = |k: usize| {
-            let low = (c[k] - 1).max(0);
-            let high = (c[k] + 1).min(self.dims[k] as i64 - 1);
-            low..=high
-        };
-        // Cells are as wide as the reach at least, so that the 27 around a point hold all within it.
-        for z in range(2) {
-            for y in range(1) {
-                let row = range(0);
-                let first = *row.start();
-                let last = *row.end();
-                if first > last {
-                    continue;
-                }
-                let at = |x: i64| self.cell_index([x as usize, y as usize, z as usize]) as u32;
-                let row = self.cells.span(at(first), at(last));
+        let low = c.map(|c| (c - 1).max(0));
+        let high = [0, 1, 2].map(|k| (c[k] + 1).min(self.dims[k] as i64 - 1));
+        if low[0] > high[0] {
+            return;
+        }
+        // Cells are as wide as the reach at least: the 27 around a point hold all samples within it.
+        for z in low[2]..=high[2] {
+            for y in low[1]..=high[1] {
+                let [first, last] =
+                    [low[0], high[0]].map(|x| self.cell_index([x, y, z].map(|c| c as usize)) as u32);
+                let row = self.cells.span(first, last);
                 let samples = self.cells.entries()[row.clone()].iter().zip(&self.points[row]);
                 samples.for_each(|(&i, p)| visit(i as usize, p));
             }

@@ -1,4 +1,4 @@
-//! Slips: small motions that a surface makes within itself, which no distance between planes shows (Gelfand
+//! Slips: small motions of a surface within itself, without a change of the distances between planes (Gelfand
 //! and Guibas 2004).
 
 use nalgebra::{Matrix6, Point3, SymmetricEigen, Unit, UnitQuaternion, Vector3, Vector6};
@@ -6,18 +6,19 @@ use nalgebra::{Matrix6, Point3, SymmetricEigen, Unit, UnitQuaternion, Vector3, V
 use geometry::{Pose, Screw};
 use numeric::statistics::median;
 
-/// Fewer points have no slips that mean anything.
+/// Fewer points have no meaningful slips.
 const LEAST_POINTS: usize = 12;
 
-/// A round surface changes by this share of what it changes by any other twist, at most.
+/// Largest change of a round surface by the twist about its axis, as a share of the change by any other
+/// twist.
 ///
 /// tuned: random objects (eval/random_objects.md)
 const ROUND: f64 = 0.02;
-/// Least mean squared change by a unit twist that a surface does not make within itself; flat ones are below.
+/// Least mean squared change by a unit twist out of the surface; twists within a flat surface are below.
 ///
 /// tuned: random objects (eval/random_objects.md)
 const HELD: f64 = 0.01;
-/// Least turn in a unit twist that is one about an axis through the surface.
+/// Least turn in a unit twist about an axis through the surface.
 ///
 /// derived: it turns more than it shifts
 const TURNS: f64 = std::f64::consts::FRAC_1_SQRT_2;
@@ -65,12 +66,13 @@ impl Changes {
         if points.len() < LEAST_POINTS || radius_m <= 0.0 {
             return None;
         }
-        let row = |(point, normal): (&Point3<f64>, &Vector3<f64>)| {
-            // In radii, so that a unit turn moves the surface about as far as a unit shift.
+        let mut rows = Vec::with_capacity(points.len());
+        for (point, normal) in points.iter().zip(normals) {
+            // In radii: a unit turn moves the surface about as far as a unit shift.
             let turn = (point - center).cross(normal) / radius_m;
-            Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z)
-        };
-        Some(Self { rows: points.iter().zip(normals).map(row).collect(), center, radius_m })
+            rows.push(Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z));
+        }
+        Some(Self { rows, center, radius_m })
     }
 
     /// Twists in the order of their mean squared change, with it, the least first; every point by its weight.
@@ -90,8 +92,8 @@ impl Changes {
     }
 }
 
-/// The three twists that least change the distances of points with normals from their planes, the least
-/// first; `None` for too few points.
+/// The three twists with the least change of the distances of points with normals from their planes, the
+/// least first; `None` for too few points.
 pub(crate) fn slips(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Option<[Slip; 3]> {
     let changes = Changes::of(points, normals)?;
     let twists = changes.twists(|_| 1.0);

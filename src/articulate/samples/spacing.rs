@@ -23,7 +23,7 @@ pub(crate) fn spacing_m(points: &[Point3<f64>], cell_m: f64) -> f64 {
     cell_m * (occupied_cells(points, cell_m) as f64 / points.len().max(1) as f64).sqrt()
 }
 
-/// Number of cells that hold a point.
+/// Number of cells with a point.
 pub(crate) fn occupied_cells(points: &[Point3<f64>], cell_m: f64) -> usize {
     let mut cells: Vec<[i64; 3]> = points.iter().map(|p| cell_of(p, cell_m)).collect();
     cells.sort_unstable();
@@ -31,7 +31,7 @@ pub(crate) fn occupied_cells(points: &[Point3<f64>], cell_m: f64) -> usize {
     cells.len()
 }
 
-/// The cell that holds a point.
+/// The cell of a point.
 pub(crate) fn cell_of(point: &Point3<f64>, cell_m: f64) -> [i64; 3] {
     [0, 1, 2].map(|k| (point[k] / cell_m).floor() as i64)
 }

@@ -14,15 +14,15 @@ use numeric::{index_sets::IndexSets, lists::Lists};
 
 /// Neighbors of a sample.
 const NEIGHBORS: usize = 8;
-/// Labels that are worked on at once.
+/// Labels in one lane of registers.
 const LANES: usize = 4;
 /// Rounds of mean-field smoothing.
 const ROUNDS: usize = 15;
-/// A smaller change of a sample's shares is not handed on to its neighbors in that round.
+/// A smaller change of a sample's shares is not handed on to its neighbors in the same round.
 ///
 /// derived: over all rounds such changes sum to less than [`FILL_CHANGE`]
 const SMOOTHING_STEP: f32 = FILL_CHANGE / ROUNDS as f32;
-/// Cost of a neighborhood that disagrees entirely, against 1 for a missing surface.
+/// Cost of an entirely disagreeing neighborhood, against 1 for a missing surface.
 ///
 /// tuned: shared/bags
 const SMOOTHNESS: f32 = 0.8;
@@ -34,22 +34,22 @@ const TEMPERATURE: f32 = 0.12;
 ///
 /// derived: odds of two to one at the temperature of the labels
 const EVIDENCE: f32 = TEMPERATURE * std::f32::consts::LN_2;
-/// A label of this cost is out of the question where another one leaves the sample hidden at worst, whatever
-/// is around: its motion takes the sample to a place that was seen empty all around.
+/// A label of this cost is ruled out where another one leaves the sample hidden at worst, whatever is around:
+/// its motion takes the sample to a place seen empty all around.
 ///
 /// derived: the cost of such places (docs/method.md 6.2)
 const EMPTY: f32 = ALL_FREE - 1e-4;
-/// Cost of the best label up to which that holds.
+/// Cost of the best label up to which another label can be ruled out.
 ///
 /// derived: the cost of hidden places (docs/method.md 6.2)
 const HIDDEN_AT_WORST: f32 = HIDDEN + 1e-4;
-/// An island is not of a label that more than this share of its samples rules out.
+/// An island does not get a label if more than this share of its samples rules the label out.
 ///
 /// derived: where one in fifty of the label's own samples and one in two of others' makes even odds
 const RULED_OUT_SHARE: f32 = 0.17;
-/// Most rounds in which labels are handed along the surface.
+/// Most rounds of the random walk of labels along the surface.
 const FILL_ROUNDS: usize = 60;
-/// The largest change of a share at which they end.
+/// The rounds end once no share changes by more.
 ///
 /// chosen: a thousandth of a share decides no label
 const FILL_CHANGE: f32 = 1e-3;
@@ -57,7 +57,7 @@ const FILL_CHANGE: f32 = 1e-3;
 ///
 /// derived: over all rounds such changes sum to less than [`FILL_CHANGE`]
 const FILL_STEP: f32 = FILL_CHANGE / FILL_ROUNDS as f32;
-/// Pull of a sample's own evidence against that of its neighbors while filling, at a cost difference of 1.
+/// Pull of a sample's own evidence against its neighbors' while filling, at a cost difference of 1.
 ///
 /// tuned: shared/bags
 const OWN_PULL: f32 = 4.0;
@@ -67,38 +67,39 @@ const OWN_PULL: f32 = 4.0;
 /// tuned: shared/bags
 const ISLAND_SHARE: f32 = 0.02;
 
-/// Deviation of a surface's normals (length of their difference, or slope of an offset against a tangent
-/// plane) that counts as one standard deviation.
+/// Standard deviation of a surface's normals (length of their difference, or slope of an offset against a
+/// tangent plane).
 ///
 /// tuned: shared/bags
 pub(crate) const NORMAL_SIGMA: f64 = 0.35;
 /// Cosine between normals of one plane.
 ///
-/// derived: unit vectors that differ by [`NORMAL_SIGMA`]
+/// derived: unit vectors with a difference of [`NORMAL_SIGMA`]
 pub(crate) const SAME_NORMAL: f64 = 1.0 - 0.5 * NORMAL_SIGMA * NORMAL_SIGMA;
 /// Weight of the squared change of a normal between neighbors, in reaches squared.
 ///
 /// chosen: neighbors across a right angle are nearly half a reach farther
 const CREASE: f64 = 0.1;
-/// Weight of the offset from the tangent planes against that along them, squared.
+/// Weight of the offset from the tangent planes against the offset along them, squared.
 ///
 /// derived: in standard deviations of a normal, the mean over both planes
 const LIFT: f64 = 0.5 / (NORMAL_SIGMA * NORMAL_SIGMA);
-/// A face stands for one part if its evidence for all others is less than this share of that for the part.
+/// A face stands for one part if its evidence for all others is less than this share of its evidence for the
+/// part.
 ///
 /// tuned: shared/bags
 const FACE_DISSENT: f32 = 0.2;
-/// Pull of a sheet while parts are missing, whose surface would otherwise go to others in pieces.
+/// Pull of a sheet while parts are missing: their surface would otherwise go to others in pieces.
 ///
 /// chosen: as much as all neighbors of the sample together
 const SHEET_PULL: f32 = 1.0;
-/// Pull of a face on those of its samples that hold no evidence: within some three samples of evidence the
-/// walk decides, as two parts may lie in one plane.
+/// Pull of a face on its samples without evidence: within some three samples of evidence the walk decides, as
+/// two parts may lie in one plane.
 ///
 /// measured: from 0.01 to 0.1 labels of bags/drawer and of two of shared/bags are equally right
 const FACE_PULL: f32 = 0.03;
 
-/// What labels are known to be of.
+/// Which parts the labels stand for.
 #[derive(Clone, Copy)]
 pub(crate) enum Of {
     /// Parts may be missing.
@@ -109,20 +110,20 @@ pub(crate) enum Of {
 
 /// Samples of a surface and their neighbors on it.
 pub(crate) struct SurfaceGraph {
-    /// Neighbors of every sample with weights that sum to 1; unused slots point at the sample itself with
-    /// weight 0.
+    /// Neighbors of every sample with weights of sum 1; unused slots point at the sample itself with weight
+    /// 0.
     neighbors: Vec<[(u32, f32); NEIGHBORS]>,
-    /// The samples that every sample is a neighbor of.
+    /// For every sample, the samples with it as a neighbor.
     neighbor_of: Lists<u32>,
-    /// Number of the smooth sheet that every sample is on.
+    /// Number of the smooth sheet of every sample.
     sheets: Vec<u32>,
-    /// Number of the flat patch that every sample is on.
+    /// Number of the flat patch of every sample.
     patches: Vec<u32>,
 }
 
 impl SurfaceGraph {
-    /// The nearest samples within `reach_m`. Those on the same tangent plane weigh more than those beyond a
-    /// crease or on a parallel surface.
+    /// Joins every sample to the nearest ones within `reach_m`. Samples on the same tangent plane weigh more
+    /// than samples beyond a crease or on a parallel surface.
     pub(crate) fn new(samples: &SurfaceSamples, index: &SampleIndex<'_>, reach_m: f64) -> Self {
         let neighbors: Vec<_> = (0..samples.points.len())
             .into_par_iter()
@@ -139,7 +140,7 @@ impl SurfaceGraph {
         beside(&self.neighbors, sample)
     }
 
-    /// Number of the smooth sheet that a sample is on.
+    /// Number of the smooth sheet of a sample.
     pub(crate) fn sheet(&self, sample: usize) -> u32 {
         self.sheets[sample]
     }
@@ -155,10 +156,10 @@ impl SurfaceGraph {
             lanes.as_flattened_mut()[..labels].copy_from_slice(costs);
         }
         let costs = lanes;
-        // All labels alike at first, so that the first round is by costs alone.
+        // All labels alike at first: the first round is by costs alone.
         let mut beliefs = vec![[1.0 / labels as f32; LANES]; n * quads];
         let mut next = beliefs.clone();
-        // Whether each sample changed in the last round: one about which nothing did stays as it is.
+        // Whether each sample changed in the last round: a sample without changed neighbors stays as it is.
         let mut changed = vec![true; n];
         let mut changes = vec![true; n];
         for _ in 0..ROUNDS {
@@ -179,7 +180,7 @@ impl SurfaceGraph {
                     *energy = sum;
                 }
                 let energy = &mut energies.as_flattened_mut()[..labels];
-                // Against the least energy, so that no exponential underflows to a sum of zero.
+                // Against the least energy: no sum of exponentials underflows to zero.
                 let least = energy.iter().copied().fold(f32::INFINITY, f32::min);
                 energy.iter_mut().for_each(|e| *e = (-(*e - least) / TEMPERATURE).exp());
                 let sum: f32 = energy.iter().sum();
@@ -193,38 +194,38 @@ impl SurfaceGraph {
         beliefs.chunks_exact(quads).flat_map(|b| &b.as_flattened()[..labels]).copied().collect()
     }
 
-    /// Labels by a random walk to the samples that hold evidence (Grady 2006): where there is none, what is
-    /// reached first along the surface wins. See docs/method.md (6.8).
+    /// Labels by a random walk to samples with evidence (Grady 2006): a sample without evidence takes the
+    /// label of the evidence reached first along the surface. See docs/method.md (6.8).
     pub(crate) fn fill(&self, mut beliefs: Vec<f32>, costs: &[f32], labels: usize, of: Of) -> Vec<u8> {
         let n = self.neighbors.len();
         let own: Vec<f32> =
             (0..n).map(|i| OWN_PULL * evidence(&costs[i * labels..(i + 1) * labels])).collect();
-        // Faces pull before the walk: it would otherwise carry labels across one that is one part's.
+        // Faces pull before the walk: it would otherwise carry labels across a face of one part.
         let mut pull = own.clone();
         let faces: &[(&[u32], f32)] = match of {
             Of::SomeParts => &[(&self.sheets, SHEET_PULL)],
-            // A patch without evidence is of the part that the sheet about it is of.
+            // A patch without evidence is of the part of the sheet about it.
             Of::AllParts => &[(&self.patches, FACE_PULL), (&self.sheets, FACE_PULL)],
         };
         for (faces, strength) in faces {
-            pull_of_faces((faces, *strength), &own, &mut beliefs, &mut pull, labels);
+            pull_of_faces(faces, *strength, &own, &mut beliefs, &mut pull);
         }
         let quads = labels.div_ceil(LANES);
         let mut reached = vec![[0.0f32; LANES]; n * quads];
         let open = open_labels(costs, labels, quads);
-        // What every sample is pulled to by itself, and what all pulls on it sum to.
+        // The pull of every sample's own evidence by label, and the sum of all pulls on it.
         let mut own = vec![[0.0f32; LANES]; n * quads];
         for ((own, beliefs), pull) in own.chunks_exact_mut(quads).zip(beliefs.chunks_exact(labels)).zip(&pull)
         {
             own.as_flattened_mut().iter_mut().zip(beliefs).for_each(|(own, b)| *own = pull * b);
         }
         let whole: Vec<f32> = pull.iter().map(|pull| 1.0 + pull).collect();
-        // Whether something about a sample changed since it was looked at: others stay as they are.
+        // Whether a neighbor of a sample changed since its last update: others stay as they are.
         let mut stirred = vec![true; n];
         for round in 0..FILL_ROUNDS {
             let mut most = 0.0f32;
             for k in 0..n {
-                // Forth and back, so that labels cross the surface in few rounds.
+                // Forth and back: labels cross the surface in few rounds.
                 let i = if round % 2 == 0 { k } else { n - 1 - k };
                 if !std::mem::take(&mut stirred[i]) {
                     continue;
@@ -256,18 +257,18 @@ impl SurfaceGraph {
                 break;
             }
         }
-        let best = |row: &[f32]| (1..labels).fold(0, |best, k| if row[k] > row[best] { k } else { best });
-        let label = |(row, beliefs): (&[[f32; LANES]], &[f32])| {
-            let row = row.as_flattened();
-            let reached = best(row);
-            // What no label reached stays with what its neighborhood takes it for.
-            (if row[reached] > 0.0 { reached } else { best(beliefs) }) as u8
-        };
-        reached.chunks_exact(quads).zip(beliefs.chunks_exact(labels)).map(label).collect()
+        let rows = reached.chunks_exact(quads).zip(beliefs.chunks_exact(labels));
+        rows.map(|(row, beliefs)| {
+            let row = &row.as_flattened()[..labels];
+            let reached = first_largest(row);
+            // A sample without a reached label keeps the smoothed label of its neighborhood.
+            (if row[reached] > 0.0 { reached } else { first_largest(beliefs) }) as u8
+        })
+        .collect()
     }
 
-    /// Joins components of a label that are apart from its largest component and hold little evidence to the
-    /// label around them (static if nothing is) that they hold little evidence against.
+    /// Joins islands (components of a label with little evidence, apart from its largest component) to the
+    /// label around them (static if there is none), unless they hold evidence against it.
     pub(crate) fn join_islands(&self, labels: &mut [u8], costs: &[f32], motions: usize) {
         let components = components(&self.neighbors, |i, j| labels[i] == labels[j]);
         let count = components.iter().max().map_or(0, |m| *m as usize + 1);
@@ -302,35 +303,38 @@ impl SurfaceGraph {
             let l = usize::from(label[component]);
             largest[l] = largest[l].max(s);
         }
-        let joins = |component: usize| {
-            let own = label[component];
-            if strength[component] >= ISLAND_SHARE * largest[usize::from(own)] {
-                return own;
+        // The label of each component from now on.
+        let mut joined = label.clone();
+        for component in 0..count {
+            if strength[component] >= ISLAND_SHARE * largest[usize::from(label[component])] {
+                continue;
             }
             let row = component * motions..(component + 1) * motions;
             let around = &around[row.clone()];
             let against = &against[row];
-            let open = |k: &usize| against[*k] < RULED_OUT_SHARE * size[component];
-            let nearest =
-                (0..motions).filter(open).reduce(|best, k| if around[k] > around[best] { k } else { best });
-            // Where nothing of these is around, it is static, unless that is ruled out, too.
-            nearest.filter(|k| around[*k] > 0.0 || *k == 0).map_or(own, |k| k as u8)
-        };
-        let joined: Vec<u8> = (0..count).map(joins).collect();
+            let most_against = RULED_OUT_SHARE * size[component];
+            let nearest = (0..motions)
+                .filter(|k| against[*k] < most_against)
+                .reduce(|best, k| if around[k] > around[best] { k } else { best });
+            // An island without any of these around it is static, unless static is ruled out, too.
+            if let Some(k) = nearest.filter(|k| around[*k] > 0.0 || *k == 0) {
+                joined[component] = k as u8;
+            }
+        }
         labels.iter_mut().zip(&components).for_each(|(l, c)| *l = joined[*c as usize]);
     }
 }
 
-/// Samples without evidence on a face whose evidence is for one label get that label, where nothing pulls
-/// yet. `own` is the pull of each sample's own evidence, `faces` the number of the face that it is on,
+/// Index of the largest value, the first of equal ones; 0 for none.
+fn first_largest(values: &[f32]) -> usize {
+    (1..values.len()).fold(0, |best, k| if values[k] > values[best] { k } else { best })
+}
+
+/// Gives samples without evidence the label of their face, where all its evidence is for one label and
+/// nothing pulls yet. `own` is the pull of each sample's own evidence, `faces` the number of its face,
 /// `strength` the pull of faces.
-fn pull_of_faces(
-    (faces, strength): (&[u32], f32),
-    own: &[f32],
-    beliefs: &mut [f32],
-    pull: &mut [f32],
-    labels: usize,
-) {
+fn pull_of_faces(faces: &[u32], strength: f32, own: &[f32], beliefs: &mut [f32], pull: &mut [f32]) {
+    let labels = beliefs.len() / faces.len().max(1);
     let count = faces.iter().max().map_or(0, |m| *m as usize + 1);
     let mut votes = vec![0.0f32; count * labels];
     for (i, &face) in faces.iter().enumerate() {
@@ -341,7 +345,7 @@ fn pull_of_faces(
     for (i, &face) in faces.iter().enumerate() {
         let votes = &votes[face as usize * labels..(face as usize + 1) * labels];
         // Equal votes go to the smallest label; the static part is the first.
-        let top = (1..labels).fold(0, |best, k| if votes[k] > votes[best] { k } else { best });
+        let top = first_largest(votes);
         let dissent = votes.iter().sum::<f32>() - votes[top];
         if pull[i] == 0.0 && votes[top] > 0.0 && dissent < FACE_DISSENT * votes[top] {
             pull[i] = strength;
@@ -350,7 +354,7 @@ fn pull_of_faces(
     }
 }
 
-/// 1 for every label of every sample that is not out of the question, in lanes of four.
+/// 1 for every label of every sample, 0 for labels ruled out, in lanes of four.
 fn open_labels(costs: &[f32], labels: usize, quads: usize) -> Vec<[f32; LANES]> {
     let mut open = vec![[0.0f32; LANES]; costs.len() / labels * quads];
     for (row, own) in open.chunks_exact_mut(quads).zip(costs.chunks_exact(labels)) {
@@ -365,18 +369,18 @@ fn is_ruled_out(costs: &[f32], label: usize) -> bool {
     costs[label] >= EMPTY && costs.iter().any(|c| *c <= HIDDEN_AT_WORST)
 }
 
-/// Neighbors of a sample, without the slots that are unused.
+/// Neighbors of a sample, without unused slots.
 fn beside(neighbors: &[[(u32, f32); NEIGHBORS]], sample: usize) -> impl Iterator<Item = usize> + Clone {
     neighbors[sample].iter().filter(|n| n.1 > 0.0).map(|n| n.0 as usize)
 }
 
-/// The samples that every sample is a neighbor of.
+/// For every sample, the samples with it as a neighbor.
 fn neighbor_of(neighbors: &[[(u32, f32); NEIGHBORS]]) -> Lists<u32> {
     let pairs = (0..neighbors.len()).flat_map(|i| beside(neighbors, i).map(move |j| (j as u32, i as u32)));
     Lists::of(neighbors.len(), pairs)
 }
 
-/// The nearest neighbors of a sample with weights that sum to 1.
+/// The nearest neighbors of a sample with weights of sum 1.
 fn neighbors_of(
     i: usize,
     samples: &SurfaceSamples,
@@ -394,7 +398,7 @@ fn neighbors_of(
             near.push((squared + LIFT * lift + CREASE * reach_m * reach_m * bend, j as u32));
         }
     });
-    // Equal distances by index, so that the neighbors do not depend on the sort.
+    // Equal distances by index: the neighbors do not depend on the sort.
     near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut slots = [(i as u32, 0.0); NEIGHBORS];
     let weight = |squared: f64| (-2.0 * squared / (reach_m * reach_m)).exp() as f32;
@@ -413,7 +417,7 @@ fn are_in_one_plane(samples: &SurfaceSamples, i: usize, j: usize) -> bool {
     (samples.normals[j] - samples.normals[i]).norm() < NORMAL_SIGMA && lift < NORMAL_SIGMA * offset.norm()
 }
 
-/// Number of the connected component that each sample is in, over the neighbors for which `joined` holds.
+/// Number of the connected component of each sample, over pairs of neighbors with `joined`.
 fn components(neighbors: &[[(u32, f32); NEIGHBORS]], joined: impl Fn(usize, usize) -> bool) -> Vec<u32> {
     let mut sets = IndexSets::new(neighbors.len());
     for (i, slots) in neighbors.iter().enumerate() {
@@ -438,7 +442,7 @@ fn components(neighbors: &[[(u32, f32); NEIGHBORS]], joined: impl Fn(usize, usiz
     number
 }
 
-/// How much the best cost is below the second best, beyond what counts as none.
+/// How much the best cost is below the second best, less [`EVIDENCE`], from 0 to 1.
 fn evidence(costs: &[f32]) -> f32 {
     let (best, second) = costs.iter().fold((f32::INFINITY, f32::INFINITY), |(best, second), &c| {
         if c < best { (c, best) } else { (best, second.min(c)) }

@@ -8,24 +8,33 @@ use geometry::Pose;
 
 /// Of this many pixels of the object one is compared.
 const EVERY: usize = 97;
-/// Readings that differ by more than this many standard deviations are of different surfaces.
+/// Readings with a difference of more than this many standard deviations are of different surfaces.
 ///
 /// chosen: three, 0.3 % of a normal distribution
 const SAME: f64 = 3.0;
 
-/// Share of the surface seen in state 1 that a motion takes from where state 0 sees it; what no frame of
-/// state 0 could see does not count. 0 where nothing does.
+/// Share of the surface of state 1 seen by state 0 at the place it came from under a motion. Surface out of
+/// sight of state 0 does not count. 0 where nothing counts.
 #[must_use]
 pub fn standing_share(states: [&[RgbdFrame]; 2], state1_from_state0: &Pose, noise: &NoiseConfig) -> f64 {
     let back = state1_from_state0.inverse();
-    let of_frame = |frame: &RgbdFrame| {
-        let pixels = (0..frame.depth_m.len()).step_by(EVERY).filter(|&i| frame.is_object(i));
-        let stands = |i| stands(&(back * frame.world_point(i)?), frame.sigma_m(i, noise), states[0], noise);
-        pixels.filter_map(stands).fold([0usize; 2], |[still, all], s| [still + usize::from(s), all + 1])
-    };
-    let [still, all] =
-        states[1].par_iter().map(of_frame).reduce(|| [0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+    let counts = states[1].par_iter().map(|frame| standing_pixels(frame, &back, states[0], noise));
+    let [still, all] = counts.reduce(|| [0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
     still as f64 / all.max(1) as f64
+}
+
+/// Number of standing pixels of the object and of all compared ones. `back` is the motion from the frame's
+/// state to the state of `others`.
+fn standing_pixels(frame: &RgbdFrame, back: &Pose, others: &[RgbdFrame], noise: &NoiseConfig) -> [usize; 2] {
+    let mut counts = [0; 2];
+    for i in (0..frame.depth_m.len()).step_by(EVERY).filter(|&i| frame.is_object(i)) {
+        let Some(point) = frame.world_point(i) else { continue };
+        if let Some(stands) = stands(&(back * point), frame.sigma_m(i, noise), others, noise) {
+            counts[0] += usize::from(stands);
+            counts[1] += 1;
+        }
+    }
+    counts
 }
 
 /// Whether more frames see a surface at a point than see through it; `None` where none does either.
@@ -35,7 +44,7 @@ fn stands(
     frames: &[RgbdFrame],
     noise: &NoiseConfig,
 ) -> Option<bool> {
-    // A reading before the point hides it and says nothing.
+    // A reading before the point hides it and counts nothing.
     let mut seen = 0;
     let mut through = 0;
     for frame in frames {

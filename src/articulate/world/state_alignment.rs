@@ -1,9 +1,9 @@
 //! Whether both states were recorded in one world frame, and the motion between their frames where they were
 //! not. See docs/method.md 5.
 //!
-//! Some of the object and all of its surroundings should stand still. Where nothing does that no common
-//! motion would explain as well, the frames drifted apart or the object was moved as a whole: the motion of
-//! the surroundings, or without them that of the largest part, is then the motion of the world.
+//! Some of the object and all of its surroundings should stand still. Where a common motion explains all
+//! standing surface as well, the frames drifted apart or the object was moved as a whole: the motion of the
+//! surroundings, or without them of the largest part, is then the motion of the world.
 
 use rand_core::Rng;
 
@@ -13,9 +13,9 @@ use crate::{
 };
 use geometry::Pose;
 
-/// Cells of matches that a motion needs to count.
+/// Least cells of matches for a motion to count.
 ///
-/// derived: three fix a motion, beside those that wrong matches give by chance
+/// derived: three fix a motion, beside the cells of wrong matches by chance
 const LEAST_CELLS: f64 = CHANCE + 3.0;
 /// The motion of the world must be supported by this many times the cells of the next one.
 ///
@@ -28,10 +28,10 @@ const STANDING: f64 = 0.25;
 /// Motions looked for.
 const MOTIONS: usize = 4;
 
-/// What shows that the world frames differ.
+/// The evidence for different world frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AlignedBy {
-    /// What stands around the object.
+    /// The surroundings of the object.
     Surroundings,
     /// The part of the object with the most matches.
     LargestPart,
@@ -40,11 +40,11 @@ pub enum AlignedBy {
 /// A correction of state 1's world frame.
 #[derive(Clone, Debug)]
 pub struct StateAlignment {
-    /// Takes what stands still from state 0's frame to state 1's.
+    /// Motion of static surface from state 0's frame to state 1's.
     pub state1_from_state0: Pose,
-    /// What it rests on.
+    /// Its evidence.
     pub by: AlignedBy,
-    /// Cells of matches that support it.
+    /// Supporting cells of matches.
     pub cells: f64,
 }
 
@@ -66,9 +66,9 @@ pub enum AlignmentError {
 }
 
 /// The motion between the world frames of both states; `None` where they are one, or where too few matches
-/// show it. `surroundings` is asked for matches beside the object, where those on the object do not stand
-/// still, and `standing` for the share of the object's surface that lies where a motion takes it, where
-/// matches cannot decide. `extent_m` is the longest side of the object.
+/// show it. `surroundings` gives matches beside the object, where those on the object do not stand still, and
+/// `standing` the share of the object's surface at the place given by a motion, where matches cannot decide.
+/// `extent_m` is the longest side of the object.
 ///
 /// # Errors
 /// [`AlignmentError`] where two motions could be the world's.
@@ -83,14 +83,14 @@ pub fn align_states(
     let on_object = Support::new(object, extent_m, config);
     let motions = common_motions(object, MOTIONS, extent_m, config, rng);
     let still = Pose::identity();
-    // A motion whose followers stand still is none.
-    let real = |m: &&Pose| on_object.of_its_own(m, &[still]) > 0.5 * on_object.of_its_own(m, &[]);
-    let moving: Vec<Pose> = motions.iter().filter(real).copied().collect();
+    // A motion with static matches is none.
+    let mut moving = motions.clone();
+    moving.retain(|m| on_object.of_its_own(m, &[still]) > 0.5 * on_object.of_its_own(m, &[]));
     // The cases of docs/method.md 5. 1. No match moved, or enough stand still.
     if moving.is_empty() || on_object.of_its_own(&still, &moving) >= LEAST_CELLS {
         return Ok(None);
     }
-    // 2. What is beside the object, matched only here, as that takes long.
+    // 2. The surroundings of the object, matched only here, as matching takes long.
     let around = surroundings();
     let found = common_motions(&around, MOTIONS, extent_m, config, rng);
     if let Some((motion, cells)) = Support::new(&around, extent_m, config).clear(&found)? {
@@ -102,14 +102,10 @@ pub fn align_states(
         }
         // The object was moved against its surroundings as a whole.
     }
-    // A plain part that stands still has no matches.
-    let stands = || {
-        let share = standing(&Pose::identity());
-        share >= STANDING && motions.iter().all(|m| standing(m) <= CLEAR * share)
-    };
-    // 3. The object's strongest motion; 4. where two rival, surface that stands still decides.
+    // 3. The object's strongest motion; 4. where two rival, standing surface decides: a plain static part has
+    // no matches.
     let clear = match on_object.clear(&motions) {
-        Err(_) if stands() => None,
+        Err(_) if is_standing(&motions, &standing) => None,
         clear => clear?,
     };
     Ok(clear.map(|(motion, cells)| StateAlignment {
@@ -119,7 +115,13 @@ pub fn align_states(
     }))
 }
 
-/// Counts the cells of matches that support motions.
+/// Whether enough of the surface stands still and no motion explains clearly more.
+fn is_standing(motions: &[Pose], standing: impl Fn(&Pose) -> f64) -> bool {
+    let share = standing(&Pose::identity());
+    share >= STANDING && motions.iter().all(|m| standing(m) <= CLEAR * share)
+}
+
+/// Counts the cells of matches in support of motions.
 struct Support<'a> {
     matches: &'a [LiftedMatch],
     gate: Gate,
@@ -131,12 +133,10 @@ impl<'a> Support<'a> {
         Self { matches, gate: Gate::new(config, extent_m), cell_m: config.cell * extent_m }
     }
 
-    /// Cells of the matches that follow a motion and none of the others.
+    /// Cells of the matches of a motion and of none of the others.
     fn of_its_own(&self, motion: &Pose, others: &[Pose]) -> f64 {
-        let own = |m: &&LiftedMatch| {
-            self.gate.supports(m, motion) && !others.iter().any(|o| self.gate.supports(m, o))
-        };
-        let own: Vec<LiftedMatch> = self.matches.iter().filter(own).copied().collect();
+        let mut own = self.matches.to_vec();
+        own.retain(|m| self.gate.supports(m, motion) && !others.iter().any(|o| self.gate.supports(m, o)));
         CellCounter::new(&own, self.gate, self.cell_m).support(&own, motion)
     }
 
