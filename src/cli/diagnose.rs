@@ -89,7 +89,8 @@ pub(super) fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
     Ok(ended(found.verdict, &found.warnings))
 }
 
-/// Warnings for scripts, too: a file of a format stayed the twin, or numbers mean something else than assumed.
+/// Warnings for scripts, too: a file of a format stayed the twin, or numbers mean something else than
+/// assumed.
 const DEGRADING: [NoteCode; 4] = [
     NoteCode::FormatKeepsTwin,
     NoteCode::UnitsDoubtful,

@@ -19,8 +19,8 @@ use run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError};
 /// Runs the pipeline, shows its progress, prints where the results lie.
 ///
 /// # Errors
-/// If the configuration is wrong, or a run fails or is stopped, or its events cannot be written: this stops it,
-/// too. Of several objects the successful ones are there.
+/// If the configuration is wrong, or a run fails or is stopped, or its events cannot be written: this stops
+/// it, too. Of several objects the successful ones are there.
 pub(super) fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
     let stop = Arc::new(AtomicBool::new(false));
     let (progress, events) =

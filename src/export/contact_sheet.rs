@@ -18,9 +18,9 @@ const UNSEEN: [u8; 3] = [244, 214, 208];
 const LINE: [u8; 3] = [120; 3];
 const EYE: [u8; 3] = [20, 60, 160];
 
-/// A PNG: a row for each state, with some of its views, the object bright, and a disc of the directions of all
-/// views. The disc is seen from above, the front is below, its rim is the horizon and its middle the zenith;
-/// directions without a view are red.
+/// A PNG: a row for each state, with some of its views, the object bright, and a disc of the directions of
+/// all views. The disc is seen from above, the front is below, its rim is the horizon and its middle the
+/// zenith; directions without a view are red.
 #[must_use]
 pub fn contact_sheet(capture: &Capture, coverage: &[Option<Coverage>]) -> Vec<u8> {
     let width = VIEWS * (VIEW[0] + GAP) + VIEW[1] + 2 * GAP;
@@ -98,7 +98,8 @@ fn photo_pixel(frame: &RgbdFrame, [u, v]: [usize; 2]) -> [u8; 3] {
     [(gray / 4 + 30) as u8; 3]
 }
 
-/// Column or row of a photo of `size` pixels at pixel `at` of a view of `shown` pixels; `None` beside the photo.
+/// Column or row of a photo of `size` pixels at pixel `at` of a view of `shown` pixels; `None` beside the
+/// photo.
 fn photo_coordinate(at: usize, shown: usize, size: usize, scale: f64) -> Option<usize> {
     let x = (at as f64 + 0.5 - 0.5 * shown as f64) * scale + 0.5 * size as f64;
     (x >= 0.0 && x < size as f64).then_some(x as usize)
@@ -109,7 +110,8 @@ fn disc_pixel(coverage: &Coverage, [u, v]: [usize; 2]) -> [u8; 3] {
     let radius = 0.5 * VIEW[1] as f64 - 4.0;
     let [x, y] = [u, v].map(|p| p as f64 + 0.5 - 0.5 * VIEW[1] as f64);
     for [azimuth_rad, elevation_rad, _] in &coverage.eyes {
-        // In the image y points down, to the front; the right side for an observer there is the image's right.
+        // In the image y points down, to the front; the right side for an observer there is the image's
+        // right.
         let out = radius * (1.0 - elevation_rad.max(0.0) / (0.25 * TAU));
         if (out * azimuth_rad.sin() - x).hypot(out * azimuth_rad.cos() - y) < 3.5 {
             return EYE;

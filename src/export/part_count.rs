@@ -59,8 +59,8 @@ impl PartCountReport {
         Self { given, found, least_evidence, curve }
     }
 
-    /// Head and rows of a table: number of parts, evidence, weakest motion, unexplained rest; the chosen number
-    /// marked.
+    /// Head and rows of a table: number of parts, evidence, weakest motion, unexplained rest; the chosen
+    /// number marked.
     pub(super) fn table(&self) -> ([&'static str; 4], String) {
         let head = ["Parts", "Evidence of all motions", "Weakest motion", "Unexplained"];
         let mut rows = String::new();

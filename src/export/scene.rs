@@ -69,8 +69,8 @@ pub(crate) fn scene(model: &ArticulatedModel, twin_file: &str) -> String {
     )
 }
 
-/// `scene_actuated.xml`: the scene with a position actuator a joint, and a keyframe `hold0`, ... for each held
-/// state.
+/// `scene_actuated.xml`: the scene with a position actuator a joint, and a keyframe `hold0`, ... for each
+/// held state.
 #[must_use]
 pub(crate) fn actuated(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let mut text = format!(

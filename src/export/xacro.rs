@@ -47,8 +47,8 @@ pub(crate) fn macros(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     text
 }
 
-/// Places to grasp a link, as frames on it: links without mass, for `robot_state_publisher`. A simulator would
-/// give each a mass of its own, so no other URDF has them.
+/// Places to grasp a link, as frames on it: links without mass, for `robot_state_publisher`. A simulator
+/// would give each a mass of its own, so no other URDF has them.
 fn push_grasps(text: &mut String, link: &Link) {
     for (k, grasp) in link.grasps.iter().enumerate() {
         let name = escape(&grasp_name(link, k));

@@ -97,8 +97,8 @@ pub fn adapters() -> Result<Vec<Adapter>, EngineError> {
 
 /// The best adapter, opened once in a process.
 ///
-/// Refused without atomic addition of floats: burn then scatters the table's gradient in one thread. This takes
-/// seconds a step, and drivers with a cap on loops drop most of it without an error.
+/// Refused without atomic addition of floats: burn then scatters the table's gradient in one thread. This
+/// takes seconds a step, and drivers with a cap on loops drop most of it without an error.
 #[cfg(feature = "gpu")]
 pub(super) fn wgpu_device() -> Result<burn::tensor::Device, EngineError> {
     use burn::tensor::Device;

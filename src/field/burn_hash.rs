@@ -1,8 +1,9 @@
 //! Multi-resolution hash encoding (docs/method.md 12.1): own kernels on a GPU, tensor operations on the CPU
 //! device.
 //!
-//! The table is read by `gather`; its backward pass is an atomic `scatter`. `select` would be shorter, but its
-//! backward pass runs one thread per table column: slow on a GPU, and wrong on drivers with a cap on loops.
+//! The table is read by `gather`; its backward pass is an atomic `scatter`. `select` would be shorter, but
+//! its backward pass runs one thread per table column: slow on a GPU, and wrong on drivers with a cap on
+//! loops.
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
 

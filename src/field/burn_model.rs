@@ -85,8 +85,8 @@ const GROUP_ROWS: usize = 256;
 
 /// Layers with ReLU between them: `[points, inputs]` to `[points, outputs]`.
 ///
-/// The rows go in groups, and biases come as products: a gradient by a parameter is a sum over all rows. As one
-/// product or as a plain sum, few threads of a GPU would add them one after another.
+/// The rows go in groups, and biases come as products: a gradient by a parameter is a sum over all rows. As
+/// one product or as a plain sum, few threads of a GPU would add them one after another.
 fn network(x: Tensor<2>, params: &[Tensor<1>], shapes: &[[usize; 2]]) -> Tensor<2> {
     let [rows, inputs] = x.dims();
     let device = x.device();

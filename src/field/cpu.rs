@@ -142,8 +142,8 @@ impl CpuEngine {
     }
 }
 
-/// Forward and backward pass of a group of blocks; returns the losses and the layers' gradient, and writes the
-/// features' gradient block by block.
+/// Forward and backward pass of a group of blocks; returns the losses and the layers' gradient, and writes
+/// the features' gradient block by block.
 fn train_group(
     context: &StepContext<'_>,
     blocks: &[Block],

@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{EngineError, FieldParams};
 
-/// Target of the network's output `s` at one sample, in truncation distances. For a network on the residual of
-/// a known distance, `value` is less this distance.
+/// Target of the network's output `s` at one sample, in truncation distances. For a network on the residual
+/// of a known distance, `value` is less this distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SdfTarget {
     /// No supervision.

@@ -27,7 +27,8 @@ pub(super) fn sees_side(
     !near || !(slope.dot(&toward) < 0.0)
 }
 
-/// The distances in truncations, every unobserved node with the value of an observed one nearby, passed on from neighbor to neighbor; -1 without any observed node.
+/// The distances in truncations, every unobserved node with the value of an observed one nearby, passed on
+/// from neighbor to neighbor; -1 without any observed node.
 #[must_use]
 pub(super) fn extended(distance_m: &Grid3<f32>, truncation_m: f64) -> Grid3<f32> {
     let values = distance_m.values.iter().map(|d| d / truncation_m as f32).collect();

@@ -182,8 +182,8 @@ fn split<'a, T>(mut rest: &'a mut [T], sizes: &[usize]) -> Vec<&'a mut [T]> {
 
 /// Adam on the table of one level.
 ///
-/// This is dense Adam: every entry moves by its momentum in every step. Chunks never reached by a gradient have
-/// moments of 0 and would not move: they are skipped without a change of any bit.
+/// This is dense Adam: every entry moves by its momentum in every step. Chunks never reached by a gradient
+/// have moments of 0 and would not move: they are skipped without a change of any bit.
 fn update_table(
     isa: InstructionSet,
     step: AdamStep,

@@ -70,8 +70,8 @@ impl ObjectField {
             .collect();
     }
 
-    /// Signed distances in meters, cut to `+-truncation_m`, at the nodes of a grid like `template` with a world
-    /// position `inside`; `+truncation_m` at all other nodes.
+    /// Signed distances in meters, cut to `+-truncation_m`, at the nodes of a grid like `template` with a
+    /// world position `inside`; `+truncation_m` at all other nodes.
     #[must_use]
     pub fn tsdf_grid<T>(
         &self,

@@ -46,8 +46,8 @@ impl GeometryPass {
         network.geometry[1].apply(isa, inner, &mut self.outputs, cols, Epilogue::Linear);
     }
 
-    /// Adds to the layers' gradient and writes the features' gradient, `padded(2 levels)` rows: layer by layer
-    /// first the gradient of the weights, then the gradient of the layer's inputs.
+    /// Adds to the layers' gradient and writes the features' gradient, `padded(2 levels)` rows: layer by
+    /// layer first the gradient of the weights, then the gradient of the layer's inputs.
     pub(crate) fn backward(
         &mut self,
         isa: InstructionSet,

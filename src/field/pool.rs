@@ -65,8 +65,8 @@ pub(super) struct RayPool {
 }
 
 impl RayPool {
-    /// Rays of object pixels with a usable depth in an occupied cell, and of pixels beside the mask with a way
-    /// through occupied cells. Object pixels without a usable depth are dropped.
+    /// Rays of object pixels with a usable depth in an occupied cell, and of pixels beside the mask with a
+    /// way through occupied cells. Object pixels without a usable depth are dropped.
     ///
     /// # Errors
     /// [`FieldError::NoRays`], [`FieldError::TooManyFrames`].

@@ -117,8 +117,8 @@ fn further(more: usize) -> String {
     if more > 0 { format!(" (and {more} more: see `artitwin check`)") } else { String::new() }
 }
 
-/// Refuses a URDF without a meaning: broken XML, ambiguous names, links without a tree, malformed or impossible
-/// numbers. Faults for some importers alone are left out.
+/// Refuses a URDF without a meaning: broken XML, ambiguous names, links without a tree, malformed or
+/// impossible numbers. Faults for some importers alone are left out.
 ///
 /// # Errors
 /// [`UnsoundUrdf`].

@@ -1,5 +1,5 @@
-//! Rules of the tree: links and joints have names of their own and make one tree, and followers have a leading
-//! joint.
+//! Rules of the tree: links and joints have names of their own and make one tree, and followers have a
+//! leading joint.
 
 use std::collections::BTreeSet;
 
@@ -77,8 +77,8 @@ fn rings(next: &[Option<usize>]) -> Vec<Vec<usize>> {
     let mut rings = Vec::new();
     for start in 0..next.len() {
         let mut at = start;
-        // A node met again by this walk closes a ring; a node of an earlier walk was followed to its end then.
-        // Every node is visited once.
+        // A node met again by this walk closes a ring; a node of an earlier walk was followed to its end
+        // then. Every node is visited once.
         while walk_of[at].is_none() {
             walk_of[at] = Some(start);
             let Some(further) = next[at] else { break };

@@ -224,7 +224,8 @@ fn picture(
     )
 }
 
-/// Remarks beside the values: alternatives, the unexplained rest, failures of the twin, the range of the runs.
+/// Remarks beside the values: alternatives, the unexplained rest, failures of the twin, the range of the
+/// runs.
 fn remarks(joint: &JointReport) -> String {
     let d = &joint.diagnosis;
     let mut said = Vec::new();

@@ -14,8 +14,8 @@ use crate::matrix::padded;
 use crate::simd::{LevelGeometry, LevelJacobian, PointColumns};
 use geometry::Pose;
 
-/// Gradient by the half motion of a part, given the gradient of the encoded features of a group of rays, block
-/// by block.
+/// Gradient by the half motion of a part, given the gradient of the encoded features of a group of rays,
+/// block by block.
 pub(super) fn by_position(
     field: &Learner,
     points: PointColumns<'_>,

@@ -20,8 +20,8 @@ pub(crate) struct LevelGeometry {
 
 impl LevelGeometry {
     /// # Panics
-    /// If the layout is inconsistent: a dense level smaller than its nodes, a hashed one with another size than
-    /// a power of two.
+    /// If the layout is inconsistent: a dense level smaller than its nodes, a hashed one with another size
+    /// than a power of two.
     pub(crate) fn new(level: &LevelLayout) -> Self {
         let nodes = level.resolution.checked_pow(3);
         let consistent = if level.hashed {
