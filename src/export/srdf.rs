@@ -42,26 +42,32 @@ pub(crate) fn srdf(model: &ArticulatedModel, config: &ExportConfig) -> String {
         }
         text.push_str("  </group_state>\n");
     }
-    for (a, b, reason) in unchecked_pairs(model) {
-        let [a, b] = [a, b].map(|l| escape(&model.links[l].name));
+    for UncheckedPair { links, reason } in unchecked_pairs(model) {
+        let [a, b] = links.map(|l| escape(&model.links[l].name));
         writeln!(text, "  <disable_collisions link1=\"{a}\" link2=\"{b}\" reason=\"{reason}\"/>").ok();
     }
     text.push_str("</robot>\n");
     text
 }
 
-/// Pairs of links whose collisions need no check, and why.
-fn unchecked_pairs(model: &ArticulatedModel) -> Vec<(usize, usize, &'static str)> {
+/// Two links exempt from collision checks, and the reason in the words of MoveIt.
+struct UncheckedPair {
+    links: [usize; 2],
+    reason: &'static str,
+}
+
+/// All pairs of links exempt from collision checks.
+fn unchecked_pairs(model: &ArticulatedModel) -> Vec<UncheckedPair> {
     let reach: Vec<_> = (0..model.links.len()).map(|link| reach(model, link)).collect();
     let mut pairs = Vec::new();
     for a in 0..model.links.len() {
         for b in a + 1..model.links.len() {
             if model.joints.iter().any(|j| (j.parent, j.child) == (a, b) || (j.parent, j.child) == (b, a)) {
-                pairs.push((a, b, "Adjacent"));
+                pairs.push(UncheckedPair { links: [a, b], reason: "Adjacent" });
             } else if let (Some((la, ua)), Some((lb, ub))) = (reach[a], reach[b])
                 && (0..3).any(|k| ua[k] < lb[k] || ub[k] < la[k])
             {
-                pairs.push((a, b, "Never"));
+                pairs.push(UncheckedPair { links: [a, b], reason: "Never" });
             }
         }
     }
@@ -118,7 +124,7 @@ mod tests {
     use model::{JointKind, example::cabinet};
 
     fn disabled(model: &ArticulatedModel) -> Vec<(usize, usize, &'static str)> {
-        unchecked_pairs(model)
+        unchecked_pairs(model).into_iter().map(|p| (p.links[0], p.links[1], p.reason)).collect()
     }
 
     #[test]

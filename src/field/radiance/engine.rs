@@ -167,7 +167,8 @@ impl RadianceEngine {
                 }
                 for (m, by_pose) in sum.by_pose.iter_mut().enumerate() {
                     let k = m + 1;
-                    let (field, half) = (&fields[k], &halves[k]);
+                    let field = &fields[k];
+                    let half = &halves[k];
                     let moved =
                         by_position(field, points[k], pieces[k], batch, &rays, half, config.half_side);
                     by_pose.merge(&moved);
