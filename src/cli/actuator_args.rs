@@ -1,11 +1,7 @@
-//! What is known of actuators on the command line.
+//! Options on known facts of actuators.
 
+use super::wanted::Wanted;
 use gap::record::command::{EffortUnit, ToldServo};
-
-/// Wrong words.
-#[derive(Debug, thiserror::Error)]
-#[error("give {0}")]
-pub(super) struct Wanted(&'static str);
 
 fn positive(text: &str) -> Option<f64> {
     text.trim().parse().ok().filter(|x: &f64| x.is_finite() && *x > 0.0)
@@ -33,7 +29,7 @@ pub(super) fn servo(text: &str) -> Result<ToldServo, Wanted> {
     let mut servo = ToldServo { joint, ..ToldServo::default() };
     for pair in pairs.split(',').filter(|p| !p.trim().is_empty()) {
         let (key, value) = pair.split_once('=').ok_or(WANTED)?;
-        // A damping or a delay of 0 says that there is none.
+        // A damping or a delay of 0 means none.
         let is_zero = value.trim().parse() == Ok(0.0);
         let value = positive(value).or_else(|| is_zero.then_some(0.0));
         match (key.trim(), value) {

@@ -1,4 +1,4 @@
-//! What can be typed. What it means is decided in `settings.rs` and the verbs.
+//! The arguments. `settings.rs` and the verbs decide their meaning.
 
 use std::path::PathBuf;
 

@@ -31,7 +31,7 @@ pub(super) fn paper(text: &str) -> Result<Paper, &'static str> {
 /// Writes the page.
 ///
 /// # Errors
-/// A file that is there already, or one that cannot be written.
+/// The file exists already or cannot be written.
 pub(super) fn run(args: &BoardArgs) -> Result<Exit, CliError> {
     let page = board_page(&BoardLayout::of(args.paper));
     let refused = |source| CliError::Page { path: args.out.clone(), source };

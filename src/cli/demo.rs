@@ -16,8 +16,7 @@ use run::{DemonstrateRequest, demonstrate};
 /// Demonstrates a twin and prints the table of its joints.
 ///
 /// # Errors
-/// A folder without a twin, a Python that lacks something, a folder that cannot be written, a request to
-/// stop.
+/// A folder without a twin, a Python without a package, a folder without write access, a request to stop.
 pub(super) fn run(args: &DemoArgs) -> Result<Exit, CliError> {
     let OutputArgs { out, name, force, .. } = args.output.clone();
     let request = DemonstrateRequest {

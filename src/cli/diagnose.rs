@@ -19,7 +19,7 @@ use gap::{
 };
 use run::{self, DiagnoseOutcome, DiagnoseRequest, Event, Monitor, RunError};
 
-/// What is asked for.
+/// The request of the arguments.
 pub(super) fn request(args: &DiagnoseArgs) -> DiagnoseRequest {
     DiagnoseRequest {
         twin: args.twin.clone(),
@@ -89,8 +89,8 @@ pub(super) fn run(args: &DiagnoseArgs) -> Result<Exit, CliError> {
     Ok(ended(found.verdict, &found.warnings))
 }
 
-/// What a script must not miss: a file that could not be made better than the twin, and numbers that are not
-/// what they are taken for.
+/// Warnings for scripts, too: a file of a format stayed the twin, or numbers mean something else than
+/// assumed.
 const DEGRADING: [NoteCode; 4] = [
     NoteCode::FormatKeepsTwin,
     NoteCode::UnitsDoubtful,

@@ -16,10 +16,13 @@ const MEMORY_WANTED: u64 = 4 << 30;
 /// Less free disk space than this is worth a word, bytes.
 const DISK_WANTED: u64 = 2 << 30;
 
-/// Prints what the machine offers and what a run with these settings would use.
+/// Text for a value unknown to the system.
+const UNKNOWN: &str = "unknown";
+
+/// Prints the abilities of the machine, and those used by a run with these settings.
 ///
 /// # Errors
-/// If the configuration is wrong, or asks for an engine that cannot run here.
+/// If the configuration is wrong, or its engine cannot run here.
 pub(super) fn run(settings: &SettingArgs) -> Result<Exit, CliError> {
     let engine = settings.resolve()?.config.run.engine;
     let adapters = field::adapters();
@@ -31,8 +34,7 @@ pub(super) fn run(settings: &SettingArgs) -> Result<Exit, CliError> {
 }
 
 fn report(machine: &Machine, adapters: &Result<Vec<Adapter>, EngineError>) -> String {
-    let unknown = || "unknown".to_owned();
-    let threads = machine.threads.map_or_else(unknown, |n| n.to_string());
+    let threads = machine.threads.map_or_else(|| UNKNOWN.to_owned(), |n| n.to_string());
     let vectors = if machine.vector_instructions.is_empty() {
         "none known".to_owned()
     } else {
@@ -43,26 +45,19 @@ fn report(machine: &Machine, adapters: &Result<Vec<Adapter>, EngineError>) -> St
         env!("CARGO_PKG_VERSION"),
         std::env::consts::OS,
         std::env::consts::ARCH,
-        machine.processor.clone().unwrap_or_else(unknown),
+        machine.processor.as_deref().unwrap_or(UNKNOWN),
     );
-    // Said, not refused: what a run takes depends on the recording.
-    let short = |have: Option<u64>, wanted| {
-        if have.is_some_and(|h| h < wanted) { "; this may be too little" } else { "" }
-    };
-    let size = |bytes: Option<u64>| {
-        bytes.map_or_else(unknown, |b| format!("{:.1} GiB", b as f64 / (1u64 << 30) as f64))
-    };
     let lines = [
         format!(
             "memory     {} of {} available{}",
-            size(machine.memory_available),
-            size(machine.memory_total),
-            short(machine.memory_available, MEMORY_WANTED)
+            size_text(machine.memory_available),
+            size_text(machine.memory_total),
+            shortage_text(machine.memory_available, MEMORY_WANTED)
         ),
         format!(
             "disk       {} free in this folder{}",
-            size(machine.disk_free),
-            short(machine.disk_free, DISK_WANTED)
+            size_text(machine.disk_free),
+            shortage_text(machine.disk_free, DISK_WANTED)
         ),
         match adapters {
             Ok(found) if found.is_empty() => "gpu        no adapter found".to_owned(),
@@ -78,6 +73,15 @@ fn report(machine: &Machine, adapters: &Result<Vec<Adapter>, EngineError>) -> St
     text
 }
 
+fn size_text(bytes: Option<u64>) -> String {
+    bytes.map_or_else(|| UNKNOWN.to_owned(), |b| format!("{:.1} GiB", b as f64 / (1u64 << 30) as f64))
+}
+
+/// A remark on too little of something. It is no refusal: the need of a run depends on the recording.
+fn shortage_text(available: Option<u64>, wanted: u64) -> &'static str {
+    if available.is_some_and(|a| a < wanted) { "; this may be too little" } else { "" }
+}
+
 /// Why the engine of the settings cannot run here.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum EngineUnfit {
@@ -89,7 +93,7 @@ pub(super) enum EngineUnfit {
     Adapters(String),
 }
 
-/// What trains the fields, or why it cannot.
+/// Name of the engine of the fields, or why it cannot run.
 fn engine_name(engine: Engine, adapters: &Result<Vec<Adapter>, EngineError>) -> Result<String, EngineUnfit> {
     match (engine, adapters) {
         (Engine::Cpu, _) => Ok(format!("cpu, {} kernels", InstructionSet::detect().name())),

@@ -16,46 +16,47 @@ use capture::CaptureError;
 use io::{hex, name_of, sha256};
 use run::Estimate;
 
-/// The line that is printed.
+/// The printed line.
 #[derive(Serialize)]
 struct Line<'a> {
     format: &'static str,
     version: &'static str,
     /// Name of the result.
     name: &'a str,
-    /// A digest of all that beside inputs and name determines the result.
+    /// A digest of all facts behind the result, beside inputs and name.
     settings: String,
     #[serde(flatten)]
     estimate: Estimate,
 }
 
-/// Prints what a reconstruction will need.
+/// Prints the estimated cost of a reconstruction.
 ///
 /// # Errors
-/// Settings that cannot be used; inputs that are not there.
+/// Wrong settings; missing inputs.
 pub(super) fn reconstruct(args: &ReconstructArgs) -> Result<Exit, CliError> {
     let config = args.resolve()?.config;
     require(&args.bags)?;
     let mut settings = serde_json::to_value(&config).unwrap_or_default();
     if let Some(matcher) = &config.matching.onnx {
         // Its content counts, not where it lies.
-        let read = |source| CaptureError::Read { path: matcher.clone(), source };
-        settings["matching"]["onnx"] = sha256(matcher).map_err(read)?.into();
+        let digest =
+            sha256(matcher).map_err(|source| CaptureError::Read { path: matcher.clone(), source })?;
+        settings["matching"]["onnx"] = digest.into();
     }
     let name = args.output.name.clone().unwrap_or_else(|| name_of(&args.bags));
     print("reconstruct", &name, &settings, Estimate::of_reconstruction(&args.bags, &config))
 }
 
-/// Prints what a diagnosis will need.
+/// Prints the estimated cost of a diagnosis.
 ///
 /// # Errors
-/// Inputs that are not there.
+/// Missing inputs.
 pub(super) fn diagnose(args: &DiagnoseArgs) -> Result<Exit, CliError> {
     let request = request(args);
     require(&[std::slice::from_ref(&args.twin), &args.runs, &args.held_out, &args.frames].concat())?;
     let settings = json!({
         "runs": [args.runs.len(), args.held_out.len(), args.frames.len()],
-        // Held-out runs that are among the runs are read once.
+        // Held-out runs among the runs are read once.
         "held_out": args.held_out.iter().map(|h| args.runs.iter().position(|r| r == h)).collect::<Vec<_>>(),
         "gravity": request.gravity,
         "effort_hold": args.effort_hold,
@@ -69,7 +70,7 @@ pub(super) fn diagnose(args: &DiagnoseArgs) -> Result<Exit, CliError> {
     print("diagnose", name, &settings, Estimate::of_diagnosis(&request, &args.frames))
 }
 
-/// Refuses inputs that are not there.
+/// Refuses missing inputs.
 fn require(inputs: &[PathBuf]) -> Result<(), CaptureError> {
     match inputs.iter().find(|path| !path.exists()) {
         Some(path) => Err(CaptureError::Missing { path: path.clone() }),

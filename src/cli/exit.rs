@@ -44,12 +44,12 @@ pub(super) enum CliError {
     /// Trials ended.
     #[error(transparent)]
     Trials(#[from] TrialsError),
-    /// A command that another package brings.
+    /// A command of another package.
     #[error("cannot run `{}`", path.display())]
     External {
         /// The program.
         path: std::path::PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The recording cannot be read.
@@ -72,7 +72,7 @@ pub(super) enum CliError {
     Results {
         /// The folder.
         path: std::path::PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// A page cannot be written.
@@ -80,7 +80,7 @@ pub(super) enum CliError {
     Page {
         /// Where it was to go.
         path: std::path::PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The signal handler could not be set.
@@ -89,7 +89,7 @@ pub(super) enum CliError {
     /// The machine cannot do what the configuration asks.
     #[error("{0}")]
     Machine(String),
-    /// The command line asks for what does not go together.
+    /// The options of the command line contradict each other.
     #[error("{0}")]
     Usage(&'static str),
     /// Some objects of several have no result; why was reported.
@@ -115,19 +115,19 @@ pub(super) enum CliError {
     File {
         /// Its path.
         path: std::path::PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// Standard output could not be written.
     #[error("cannot write to standard output; files that the command wrote are in their place")]
     Output(#[source] std::io::Error),
-    /// Events could not be written to standard output, which stopped the run.
+    /// Events could not be written to standard output: the run was stopped.
     #[error("cannot write events to standard output; the run was stopped, unless it was done")]
     Events(#[source] std::io::Error),
 }
 
 impl CliError {
-    /// The error and what led to it, on one line.
+    /// The error and its causes, on one line.
     #[must_use]
     pub(super) fn chain(&self) -> String {
         chain(self)

@@ -1,4 +1,4 @@
-//! Commands that other packages bring: `artitwin NAME` runs `artitwin-NAME`.
+//! Commands of other packages: `artitwin NAME` runs `artitwin-NAME`.
 
 use std::{
     env,
@@ -12,15 +12,15 @@ use super::exit::{CliError, Exit};
 /// Longest name of a command.
 const MAX_NAME: usize = 64;
 
-/// The program that stands for the first of the arguments, and those that follow; `None` where there is none.
-/// It is looked for beside this program, then in the folders of `PATH`.
+/// The program for the first of the arguments, and the other arguments; `None` without such a program. It is
+/// looked for beside this program, then in the folders of `PATH`.
 pub(super) fn find(arguments: &[OsString]) -> Option<(PathBuf, &[OsString])> {
     let (name, rest) = arguments.get(1..)?.split_first()?;
     let name = name.to_str().filter(|n| is_name(n))?;
     let file = format!("artitwin-{name}{}", env::consts::EXE_SUFFIX);
     let own = env::current_exe().ok().and_then(|p| p.parent().map(Path::to_owned));
     let path = env::var_os("PATH").unwrap_or_default();
-    // An empty entry of PATH is the current folder, from which nothing is run unasked.
+    // An empty entry of PATH is the current folder: nothing is run from there unasked.
     let folders = own.into_iter().chain(env::split_paths(&path).filter(|p| p.is_absolute()));
     folders.map(|folder| folder.join(&file)).find(|p| is_program(p)).map(|program| (program, rest))
 }

@@ -28,7 +28,7 @@ pub(super) struct GalleryArgs {
 /// Writes the page of all results.
 ///
 /// # Errors
-/// A folder that cannot be read; a file that is no gallery in the page's place; one that cannot be written.
+/// An unreadable folder; a file without the gallery's mark in the page's place; a page without write access.
 pub(super) fn run(args: &GalleryArgs) -> Result<Exit, CliError> {
     let first = args.runs.first().map_or(Path::new("."), PathBuf::as_path);
     let out = args.out.clone().unwrap_or_else(|| first.join("gallery.html"));

@@ -10,7 +10,7 @@ use super::{
 use capture::{CaptureConfig, coverage};
 use export::contact_sheet;
 
-/// Prints what a recording holds; fails if `reconstruct` could not use it.
+/// Prints the contents of a recording; fails if `reconstruct` could not use it.
 ///
 /// # Errors
 /// If it cannot be read at all, or the picture cannot be written.
@@ -28,7 +28,7 @@ pub(super) fn run(args: &InspectArgs) -> Result<Exit, CliError> {
     }
 }
 
-/// Opens the images: what is the object, how its views see it, and what to record again.
+/// Opens the images: prints their coverage of the object and advice, and writes a picture of them.
 fn look(args: &InspectArgs, config: &CaptureConfig, seed: u64, picture: &Path) -> Result<Exit, CliError> {
     let capture = io::open(&args.bags, config, seed)?;
     let states = coverage(&capture);
@@ -50,8 +50,8 @@ fn look(args: &InspectArgs, config: &CaptureConfig, seed: u64, picture: &Path) -
     for advice in &advice {
         _ = writeln!(text, "to do better: {advice}");
     }
-    let file = |source| CliError::File { path: picture.to_owned(), source };
-    io::write_new(picture, &contact_sheet(&capture, &states)).map_err(file)?;
+    io::write_new(picture, &contact_sheet(&capture, &states))
+        .map_err(|source| CliError::File { path: picture.to_owned(), source })?;
     _ = writeln!(text, "picture: {}", picture.display());
     terminal::print(&text)?;
     Ok(if advice.is_empty() { Exit::Done } else { Exit::Degraded })

@@ -1,21 +1,21 @@
-//! What this machine offers.
+//! The abilities of this machine.
 
 use std::{fs, path::Path, thread};
 
 use io::free_bytes;
 
-/// What a run needs to know of the machine; `None`: the system does not say.
+/// Facts of the machine for a run; `None`: unknown to the system.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Machine {
     /// Name of the processor.
     pub processor: Option<String>,
-    /// Vector instructions that matter here and that the processor has.
+    /// Vector instructions of the processor with a use here.
     pub vector_instructions: Vec<&'static str>,
-    /// Threads that run at once.
+    /// Threads running at once.
     pub threads: Option<usize>,
     /// Memory, bytes.
     pub memory_total: Option<u64>,
-    /// Memory that can be had without swapping, bytes.
+    /// Memory available without swapping, bytes.
     pub memory_available: Option<u64>,
     /// Free space on the disk of the current folder, bytes.
     pub disk_free: Option<u64>,

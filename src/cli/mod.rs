@@ -45,7 +45,7 @@ use terminal::{print_line, written};
 /// Parses the arguments, runs the command, gives its exit code.
 #[must_use]
 pub fn main() -> ExitCode {
-    // Not `parse`, which would end the process by itself, with a code of its own.
+    // Not `parse`: it would end the process by itself, with a code of its own.
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {
@@ -76,7 +76,7 @@ fn ended(outcome: Result<Exit, CliError>) -> ExitCode {
 }
 
 fn run(command: Command) -> Result<Exit, CliError> {
-    // Not in commands that run for days: what a burst of messages took would stay.
+    // Not in commands of days: the memory of a burst of messages would stay.
     if command.ends_by_itself() {
         memory::keep_freed();
     }

@@ -1,4 +1,4 @@
-//! What a run reports, shown while it runs: a bar on a terminal, lines elsewhere, JSON lines on request.
+//! The progress of a run: a bar on a terminal, lines elsewhere, JSON lines on request.
 
 use std::{
     io::{self, IsTerminal as _, Write},
@@ -31,15 +31,15 @@ pub(super) struct Shown {
     pub verbose: bool,
 }
 
-/// A thread that shows events until [`Self::finish`].
+/// A thread to show events until [`Self::finish`].
 pub(super) struct Progress {
     done: Arc<AtomicBool>,
     thread: JoinHandle<io::Result<()>>,
 }
 
 impl Progress {
-    /// Starts listening: JSON to stdout, else a bar or lines to stderr. JSON that cannot be written sets
-    /// `stop`: events are what such a run is for, and it ends at its next step.
+    /// Starts listening: JSON to stdout, else a bar or lines to stderr. A failure to write
+    /// JSON sets `stop`: such a run serves its events, and ends at its next step.
     pub(super) fn start(shown: Shown, stop: Arc<AtomicBool>) -> (Self, Sender<Event>) {
         let (sender, receiver) = mpsc::channel();
         let done = Arc::new(AtomicBool::new(false));
@@ -62,10 +62,10 @@ impl Progress {
         (Self { done, thread }, sender)
     }
 
-    /// Shows what was sent so far and ends, though senders may be left.
+    /// Shows the events sent so far and ends, though senders may be left.
     ///
     /// # Errors
-    /// If JSON could not be written, for another reason than that its reader went away.
+    /// If JSON could not be written though its reader is there.
     pub(super) fn finish(self) -> io::Result<()> {
         self.done.store(true, Ordering::Release);
         // A panic of the listener was printed by itself and must not hide the run's own outcome.
@@ -80,7 +80,7 @@ trait Listener {
     /// Nothing was reported for a while.
     fn wait(&mut self, _at: Duration) {}
 
-    /// Shows what was kept for the end.
+    /// Shows the lines kept for the end.
     fn end(&mut self) {}
 }
 
@@ -101,7 +101,7 @@ fn listen(events: &Receiver<Event>, ended: &AtomicBool, listener: &mut dyn Liste
 /// One JSON object a line.
 struct JsonLines<W> {
     out: W,
-    /// The first line that could not be written.
+    /// The error of the first unwritten line.
     outcome: io::Result<()>,
     stop: Arc<AtomicBool>,
 }
@@ -112,7 +112,7 @@ impl<W: Write> Listener for JsonLines<W> {
             return;
         }
         let written = serde_json::to_string(event).map_err(io::Error::from);
-        // Each line at once, for whoever follows the run through a pipe.
+        // Each line at once, for readers of a pipe.
         let written = written.and_then(|line| writeln!(self.out, "{line}").and_then(|()| self.out.flush()));
         // Once the reader went away nobody is left to report to; the run goes on.
         if let Err(error) =
@@ -124,7 +124,7 @@ impl<W: Write> Listener for JsonLines<W> {
     }
 }
 
-/// What is kept for the end, where it is read.
+/// Messages kept for the end, to be read there.
 #[derive(Default)]
 struct Kept {
     /// Whether notes are shown as they come.
@@ -181,7 +181,7 @@ impl<W> Lines<W> {
         Self { out, kept, progress: RunProgress::default(), shown: Duration::ZERO }
     }
 
-    /// The time left of all that is foreseen; nothing where that is nothing.
+    /// The time left of the planned work, as text; empty without an estimate.
     fn left(&self, at: Duration) -> String {
         self.progress.at(at).map(|(_, time)| left(time)).unwrap_or_default()
     }
@@ -245,7 +245,7 @@ impl Bar {
 
     /// Draws the bar as it stands after a time.
     fn draw(&self, at: Duration) {
-        // Nothing runs: a bar would stand beside the line that says what came out.
+        // Nothing runs: a bar would stand beside the line with the result.
         let Some((stage, others)) = self.progress.stage() else { return };
         let more = if others == 0 { String::new() } else { format!(" and {others} more") };
         let doing = format!("{}{more}", printable(stage));

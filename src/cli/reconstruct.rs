@@ -13,13 +13,14 @@ use super::{
     stop::stop_on_request,
     terminal,
 };
+use config::{Config, Resolved};
 use run::{self, Event, Monitor, Outcome, ReconstructRequest, RunError};
 
 /// Runs the pipeline, shows its progress, prints where the results lie.
 ///
 /// # Errors
-/// If the configuration is wrong, or a run fails or is stopped, or its events cannot be written, which stops
-/// it too. Of several objects those that succeeded are there.
+/// If the configuration is wrong, or a run fails or is stopped, or its events cannot be written: this stops
+/// it, too. Of several objects the successful ones are there.
 pub(super) fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
     let stop = Arc::new(AtomicBool::new(false));
     let (progress, events) =
@@ -28,7 +29,7 @@ pub(super) fn run(args: &ReconstructArgs) -> Result<Exit, CliError> {
     if let Err(error) = &outcomes {
         events.send(Event::Error { message: error.chain(), exit_code: error.exit() as u8 }).ok();
     }
-    // Before anything is printed, so that no bar is drawn over it.
+    // Before anything is printed: no bar is drawn over it.
     progress.finish().map_err(CliError::Events)?;
     let outcomes = outcomes?;
     let total = outcomes.len();
@@ -58,21 +59,6 @@ fn reconstruct(
 ) -> Result<Vec<Result<Outcome, RunError>>, CliError> {
     // Before the handler is set: a wrong option ends the command at once.
     let resolved = args.resolve()?;
-    let request = |sources: Vec<PathBuf>| ReconstructRequest {
-        sources,
-        out: args.output.out.clone(),
-        name: args.output.name.clone(),
-        config: resolved.config.clone(),
-        origins: resolved.origins.clone(),
-        resume: args.resume,
-        keep: true,
-        stages: args.stages.clone(),
-        ahead: Arc::default(),
-        force: args.output.force,
-        rerun: args.rerun.clone(),
-        // Of other objects too.
-        beside: args.bags.iter().chain(&args.settings.config).cloned().collect(),
-    };
     if args.rerun.is_some() && !cfg!(feature = "rerun") {
         return Err(CliError::Usage(
             "this binary was built without rerun; build it with `cargo build --release --features rerun`",
@@ -88,13 +74,37 @@ fn reconstruct(
                  out one or the other",
             ));
         }
-        let mut request = request(args.bags.clone());
+        let mut request = request_for(args, &resolved, args.bags.clone());
         if args.follow {
             request.ahead = Arc::new(run::follow(&request, &monitor)?);
         }
-        // The error of a single run is that of the command, with its own exit code.
+        // The error of a single run is the command's, with its own exit code.
         return Ok(vec![Ok(run::reconstruct(&request, &monitor)?)]);
     };
-    let requests: Vec<ReconstructRequest> = args.bags.iter().map(|bag| request(vec![bag.clone()])).collect();
+    let requests: Vec<ReconstructRequest> =
+        args.bags.iter().map(|bag| request_for(args, &resolved, vec![bag.clone()])).collect();
     Ok(run::reconstruct_all(&requests, usize::from(jobs), &monitor)?)
+}
+
+/// The request for one object with the given recordings.
+fn request_for(
+    args: &ReconstructArgs,
+    resolved: &Resolved<Config>,
+    sources: Vec<PathBuf>,
+) -> ReconstructRequest {
+    ReconstructRequest {
+        sources,
+        out: args.output.out.clone(),
+        name: args.output.name.clone(),
+        config: resolved.config.clone(),
+        origins: resolved.origins.clone(),
+        resume: args.resume,
+        keep: true,
+        stages: args.stages.clone(),
+        ahead: Arc::default(),
+        force: args.output.force,
+        rerun: args.rerun.clone(),
+        // Of other objects too.
+        beside: args.bags.iter().chain(&args.settings.config).cloned().collect(),
+    }
 }

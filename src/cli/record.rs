@@ -6,7 +6,7 @@ use super::{
     terminal,
 };
 
-/// Records until it is asked to end; prints what was written.
+/// Records until it is asked to end; prints the number of messages.
 ///
 /// # Errors
 /// If the recorder cannot start or the disk refuses.
@@ -16,6 +16,6 @@ pub(super) fn run(args: &RecordArgs) -> Result<Exit, CliError> {
     if recorded.dropped > 0 {
         terminal::print_line(&format!("warning: {} messages were lost or dropped", recorded.dropped));
     }
-    // The bag is whole, but not all that was sent: done, but degraded.
+    // The bag is whole, but lacks messages: done, but degraded.
     Ok(if recorded.dropped > 0 { Exit::Degraded } else { Exit::Done })
 }

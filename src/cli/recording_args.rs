@@ -1,4 +1,4 @@
-//! Options that say how a recording is read, of every verb that reads one.
+//! Options on the reading of a recording, of every verb with recordings.
 
 use clap::Args;
 use serde_norway::Value;
@@ -30,8 +30,7 @@ pub(super) struct RecordingArgs {
 }
 
 impl RecordingArgs {
-    /// The settings that the options stand for: as the last layer, so that an option wins over the same key
-    /// by `--set`.
+    /// The settings of the options, as the last layer: an option wins over the same key by `--set`.
     ///
     /// # Errors
     /// If a value does not fit its key.

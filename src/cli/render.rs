@@ -7,7 +7,7 @@ use export::count;
 use model::JointKind;
 use run::{JointSummary, Outcome};
 
-/// Where the result lies, its joints, whether it is degraded, what to look at next. Warnings were shown at
+/// Path of the result, its joints, whether it is degraded, and the files to open next. Warnings were shown at
 /// the end of the run.
 pub(super) fn outcome(outcome: &Outcome) -> String {
     let mut text = format!("{}\n", outcome.folder.display());

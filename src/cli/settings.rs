@@ -1,4 +1,4 @@
-//! From what was typed to a configuration: every option that stands for a setting is the last layer.
+//! From the arguments to a configuration: every option for a setting is in the last layer.
 
 use serde_norway::Value;
 
@@ -24,13 +24,13 @@ impl SettingArgs {
 }
 
 impl ReconstructArgs {
-    /// Merges preset, file, `--set` and the options that stand for settings.
+    /// Merges preset, file, `--set` and the options for settings.
     ///
     /// # Errors
     /// If a layer is wrong or the values cannot be used.
     pub(super) fn resolve(&self) -> Result<Resolved<Config>, ConfigError> {
         let mut layers = self.settings.layers()?;
-        // The last layer, so that an option wins over the same key by --set.
+        // The last layer: an option wins over the same key by --set.
         let options = [
             ("--parts", "run.parts", self.parts.map(|n| Value::from(n as u64))),
             ("--seed", "run.seed", self.seed.map(Value::from)),
@@ -54,7 +54,7 @@ impl ReconstructArgs {
 }
 
 impl InspectArgs {
-    /// Merges preset, file, `--set` and the options that stand for settings.
+    /// Merges preset, file, `--set` and the options for settings.
     ///
     /// # Errors
     /// If a layer is wrong or the values cannot be used.

@@ -1,4 +1,4 @@
-//! `artitwin completions` and `artitwin man`: what a shell and `man` want to know of the commands.
+//! `artitwin completions` and `artitwin man`: descriptions of the commands for a shell and for `man`.
 
 use std::io::{self, Write as _};
 
@@ -13,7 +13,7 @@ use super::{
 /// Prints the completions of a shell.
 ///
 /// # Errors
-/// An output that cannot be written.
+/// The output cannot be written.
 pub(super) fn completions(args: &CompletionsArgs) -> Result<Exit, CliError> {
     let mut text = Vec::new();
     clap_complete::generate(args.shell, &mut Cli::command(), "artitwin", &mut text);
@@ -23,7 +23,7 @@ pub(super) fn completions(args: &CompletionsArgs) -> Result<Exit, CliError> {
 /// Prints a manual page (roff).
 ///
 /// # Errors
-/// A command that is none; an output that cannot be written.
+/// An unknown command; the output cannot be written.
 pub(super) fn man(args: &ManArgs) -> Result<Exit, CliError> {
     let mut all = Cli::command();
     all.build();

@@ -13,7 +13,7 @@ use run::Event;
 /// Lets the first Ctrl-C (or SIGTERM) set the flag; the second ends the process.
 pub(super) fn stop_on_request(events: Sender<Event>, stop: Arc<AtomicBool>) -> Result<(), CliError> {
     ctrlc::set_handler(move || {
-        // A step may take long: who asks twice does not want to wait.
+        // A step may take long: a second request ends it.
         if stop.swap(true, Ordering::Relaxed) {
             std::process::exit(Exit::Cancelled as i32);
         }

@@ -1,25 +1,25 @@
-//! Standard output and error: results, diagnostics, nothing that would steer a terminal.
+//! Standard output and error: results, diagnostics, no control characters.
 
 use std::io::{self, Write as _};
 
 use super::exit::CliError;
 use ::io::printable;
 
-/// Writes a result. A reader that went away is not an error.
+/// Writes a result. A closed pipe is not an error.
 pub(super) fn print(text: &str) -> Result<(), CliError> {
     written(io::stdout().write_all(lines(text).as_bytes()))
 }
 
-/// What became of writing to standard output, all the way: what is left in the buffer is written too.
+/// The outcome of writing to standard output, with the rest of the buffer written, too.
 pub(super) fn written(outcome: io::Result<()>) -> Result<(), CliError> {
-    // A full disk shows only when the buffer is written; `head` ends before us, which is no failure.
+    // A full disk shows only when the buffer is written; `head` ends before us: no failure.
     match outcome.and_then(|()| io::stdout().flush()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(CliError::Output(error)),
         _ => Ok(()),
     }
 }
 
-/// Writes a diagnostic line; there is nowhere to complain if that fails.
+/// Writes a diagnostic line; a failure has no place to be reported.
 pub(super) fn print_line(line: &str) {
     writeln!(io::stderr(), "{}", lines(line)).ok();
 }

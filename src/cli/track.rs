@@ -10,7 +10,7 @@ use super::{
 use capture::stamp_secs;
 
 /// Prints the camera's poses, a line each: stamp, place, quaternion (x, y, z, w), in the world of the twin;
-/// what is said of them goes to stderr.
+/// notes on them go to stderr.
 ///
 /// # Errors
 /// If the camera cannot be tracked.

@@ -57,13 +57,13 @@ pub(super) struct TrialsArgs {
     pub verbose: bool,
 }
 
-/// The method that is taken apart by ablations.
+/// The method of the ablations.
 const ABLATED: &str = "paper";
 
 /// Runs trials and prints their tables.
 ///
 /// # Errors
-/// Wrong settings; an object without truth; a stop request; a place that cannot be written.
+/// Wrong settings; an object without truth; a stop request; a place without write access.
 pub(super) fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
     let mut methods = Vec::new();
     for preset in &args.methods {
@@ -98,7 +98,7 @@ pub(super) fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
     Ok(if has_failed { Exit::Degraded } else { Exit::Done })
 }
 
-/// A preset, or a file of settings, with some settings under a name; what was typed wins.
+/// A preset, or a file of settings, with some settings under a name; typed settings win.
 fn method(name: &str, preset: &str, settings: &[&str], typed: &[String]) -> Result<Method, CliError> {
     let mut layers = Layers::new(&Config::default())?;
     if preset.ends_with(".yaml") {

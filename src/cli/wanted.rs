@@ -1,10 +1,10 @@
-//! What an option wants, where its value is something else.
+//! Values of options, with the wanted form if they are something else.
 
 use std::path::PathBuf;
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
 
-/// Why the value of an option cannot be used: what to give.
+/// The wanted form of the value of an option.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("give {0}")]
 pub(super) struct Wanted(pub &'static str);
@@ -18,7 +18,7 @@ pub(super) fn vector(text: &str) -> Result<[f64; 3], Wanted> {
     }
 }
 
-/// Reads a topic and the link that it is about.
+/// Reads a topic and its link.
 pub(super) fn topic_of_link(text: &str) -> Result<(String, String), Wanted> {
     match text.split_once('=') {
         Some((topic, link)) if !topic.is_empty() && !link.is_empty() => {
@@ -34,7 +34,7 @@ pub(super) fn local() -> impl TypedValueParser<Value = PathBuf> {
         .try_map(|path| if is_uri(&path.to_string_lossy()) { Err(Uri) } else { Ok(path) })
 }
 
-/// Why a URI is no path: what to do.
+/// A URI in place of a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "a URI is no path: download it and give its path, or let `artitwin fleet` of the Python package fetch \

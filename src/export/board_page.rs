@@ -9,19 +9,19 @@ use capture::{BoardLayout, Paper};
 /// Points of a PDF in a meter. derived: 72 an inch
 const POINTS: f64 = 72.0 / 0.0254;
 /// The ruler's length, and its height above the lower edge of the sheet, meters.
-/// chosen: a length that any ruler has, beside the tags
+/// chosen: a length of any ruler, beside the tags
 const RULER_M: f64 = 0.1;
 const RULER_UP_M: f64 = 0.017;
 /// From the left edge of the sheet to ruler and text, meters. chosen: a printer's border, and more
 const LEFT_M: f64 = 0.023;
 
-/// The page. Tags are black with white cells in it, a path a tag, so that no hairlines show between cells.
+/// The page. Tags are black with white cells in it, a path a tag: no hairlines show between cells.
 #[must_use]
 pub fn board_page(layout: &BoardLayout) -> Vec<u8> {
     let content = drawing(layout);
     let [width, height] = layout.sheet_m.map(|m| m * POINTS);
     let objects = [
-        // Viewers that obey it do not scale the page to the printer's margins.
+        // It asks viewers not to scale the page to the printer's margins.
         "<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>".to_owned(),
         "<< /Type /Pages /Kids [3 0 R] /Count 1 >>".to_owned(),
         format!(
@@ -48,7 +48,7 @@ pub fn board_page(layout: &BoardLayout) -> Vec<u8> {
     file.into_bytes()
 }
 
-/// What is drawn: lengths in points from the lower left corner of the sheet.
+/// The drawing commands: lengths in points from the lower left corner of the sheet.
 fn drawing(layout: &BoardLayout) -> String {
     let [low, _] = layout.sheet();
     let mut text = String::new();

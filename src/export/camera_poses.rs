@@ -1,4 +1,4 @@
-//! What a report says of the camera poses and of the depth sensor.
+//! Camera poses and depth sensor in a report.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,37 +8,38 @@ use capture::{PoseCorrection, SensorCalibration, TrackingFindings};
 /// Significant digits.
 const DIGITS: usize = 4;
 
-/// What was found of the camera poses of a state.
+/// Corrections of the camera poses of a state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CameraPosesReport {
     /// State of the object.
     pub state: usize,
-    /// Whether the poses were corrected; if not, the other values say what a correction would have done.
+    /// Whether the poses were corrected; if not, the other values are of the unused correction.
     pub corrected: bool,
     /// Root mean square length of the corrections, millimeters.
     pub correction_mm: f64,
     /// Root mean square angle of the corrections, degrees.
     pub correction_deg: f64,
-    /// Robust standard deviation of the distances between surfaces that two frames see, before and after,
-    /// millimeters; of readings that the correction was not fitted to.
+    /// Robust standard deviation of the distances between surfaces in two frames, before and after,
+    /// millimeters; of readings held out from the fit.
     pub residual_mm: [f64; 2],
 }
 
 impl CameraPosesReport {
-    /// Of the states where something was found.
+    /// Reports of the states with a correction.
     #[must_use]
     pub fn of(states: &[Option<PoseCorrection>]) -> Vec<Self> {
-        let report = |(state, found): (usize, &Option<PoseCorrection>)| {
-            let found = found.as_ref()?;
-            Some(Self {
+        let mut reports = Vec::new();
+        for (state, found) in states.iter().enumerate() {
+            let Some(found) = found else { continue };
+            reports.push(Self {
                 state,
                 corrected: found.used,
                 correction_mm: round_significant(1e3 * found.translation_rms_m, DIGITS),
                 correction_deg: round_significant(found.rotation_rms_rad.to_degrees(), DIGITS),
                 residual_mm: found.residual_m.map(|m| round_significant(1e3 * m, DIGITS)),
-            })
-        };
-        states.iter().enumerate().filter_map(report).collect()
+            });
+        }
+        reports
     }
 }
 
@@ -47,28 +48,32 @@ impl CameraPosesReport {
 pub struct CameraTrackingReport {
     /// State of the object.
     pub state: usize,
-    /// Views that were looked at.
+    /// Views of the state.
     pub views: usize,
-    /// Views whose pose was found.
+    /// Views with a found pose.
     pub tracked: usize,
-    /// First and last view of each stretch in which the camera was lost, by their numbers from 0.
+    /// First and last view of each stretch without tracking, by their numbers from 0.
     pub lost: Vec<[usize; 2]>,
-    /// Views that the others were placed by.
+    /// Views with a part in placing the others.
     pub keyframes: usize,
-    /// Pairs of them that were compared because they show the same again, beside those on the way.
+    /// Pairs of keyframes of the same place at different times, beside those on the way.
     pub loops: usize,
     /// By how much closing loops moved keyframes, root mean square, millimeters.
     pub closed_mm: f64,
-    /// Standard deviation of a keyframe's place against its neighbors in the direction that is known least,
-    /// median, millimeters.
+    /// Standard deviation of a keyframe's place against its neighbors in the least known direction, median,
+    /// millimeters.
     pub least_known_mm: f64,
 }
 
 impl CameraTrackingReport {
-    /// Of all states; none where poses were recorded.
+    /// Reports of all states; none for recorded poses.
     #[must_use]
     pub fn of(states: &[TrackingFindings]) -> Vec<Self> {
-        let report = |(state, found): (usize, &TrackingFindings)| Self {
+        states.iter().enumerate().map(|(state, found)| Self::of_state(state, found)).collect()
+    }
+
+    fn of_state(state: usize, found: &TrackingFindings) -> Self {
+        Self {
             state,
             views: found.views,
             tracked: found.tracked,
@@ -77,13 +82,12 @@ impl CameraTrackingReport {
             loops: found.pairs[1],
             closed_mm: round_significant(1e3 * found.closed_m, DIGITS),
             least_known_mm: round_significant(1e3 * found.least_known_m, DIGITS),
-        };
-        states.iter().enumerate().map(report).collect()
+        }
     }
 }
 
-/// By how much the twin's frame may be off as a whole, which joints and surfaces do not count: the world of a
-/// camera's poses is nowhere but in these.
+/// Uncertainty of the twin's frame as a whole, left out of joints and surfaces: the world of a camera's poses
+/// exists in these alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct WorldFrameReport {
     /// Root mean square displacement of the middle of the root link, millimeters.
@@ -93,7 +97,7 @@ pub struct WorldFrameReport {
 }
 
 impl WorldFrameReport {
-    /// Of meters and radians.
+    /// The report of a displacement, meters, and a turn, radians.
     #[must_use]
     pub fn of([moved_m, turned_rad]: [f64; 2]) -> Self {
         Self {
@@ -103,25 +107,24 @@ impl WorldFrameReport {
     }
 }
 
-/// What was found of the depth sensor: true depth is a reading times 1 + scale + warp.
+/// Errors of the depth sensor: true depth is a reading times 1 + scale + warp.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DepthSensorReport {
-    /// Whether depth was corrected; if not, the other values say what a correction would have done.
+    /// Whether depth was corrected; if not, the other values are of the unused correction.
     pub corrected: bool,
     /// Mean correction over the image and its standard deviation, percent of the range.
     pub scale_percent: [f64; 2],
-    /// What differs from it over the image, root mean square, percent of the range.
+    /// Deviation from it over the image, root mean square, percent of the range.
     pub warp_percent: f64,
-    /// By how much what a pixel of color shows lies off the same pixel of depth, along the image, pixels;
-    /// color was moved back.
+    /// Offset of the color image against the depth image, pixels; color was moved back.
     pub color_shift_px: [f64; 2],
     /// Their standard deviations.
     pub color_shift_std_px: [f64; 2],
     /// By how much the reported poses are older than the images, and its standard deviation, milliseconds;
     /// corrected.
     pub pose_lag_ms: [f64; 2],
-    /// Robust standard deviation of the distances between surfaces that two frames see, with corrected poses
-    /// alone and with corrected depth, millimeters; of readings that the correction was not fitted to.
+    /// Robust standard deviation of the distances between surfaces in two frames, with corrected poses alone
+    /// and with corrected depth, millimeters; of readings held out from the fit.
     pub residual_mm: [f64; 2],
     /// Pixels from one value of the cubic B-spline to the next; the first lies one step outside the image.
     pub step_px: f64,
@@ -134,7 +137,7 @@ pub struct DepthSensorReport {
 }
 
 impl DepthSensorReport {
-    /// Of what was found.
+    /// The report of a calibration.
     #[must_use]
     pub fn of(found: &SensorCalibration) -> Self {
         let percent = |share: f64| round_significant(100.0 * share, DIGITS);

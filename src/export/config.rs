@@ -1,4 +1,4 @@
-//! Choices among ways to say the same to a simulator, and what no recording shows.
+//! Choices among equivalent forms of the files, and facts beyond a recording.
 
 use serde::{Deserialize, Serialize};
 
@@ -23,7 +23,7 @@ pub struct ExportConfig {
     pub names: PartNames,
     /// License of the files, for `package.xml`; an SPDX identifier.
     pub license: String,
-    /// Who maintains them: `Name <address>`.
+    /// Their maintainer: `Name <address>`.
     pub maintainer: String,
 }
 
@@ -42,10 +42,10 @@ impl Default for ExportConfig {
 }
 
 impl ExportConfig {
-    /// Refuses what no file can hold.
+    /// Refuses values without a form in the files.
     ///
     /// # Errors
-    /// Key within the group and what is wrong with its value.
+    /// Key within the group and the fault of its value.
     pub fn check(&self) -> Result<(), (&'static str, String)> {
         let is_short_name = is_plain_name(&self.prefix) && self.prefix.len() <= MAX_PREFIX;
         if !self.prefix.is_empty() && !is_short_name {
@@ -55,16 +55,11 @@ impl ExportConfig {
             );
             return Err(("prefix", why));
         }
-        let plain = |text: &str| {
-            !text.trim().is_empty()
-                && text.chars().count() <= MAX_TEXT
-                && !text.chars().any(|c| c.is_control())
-        };
-        if !plain(&self.license) {
+        if !is_plain_line(&self.license) {
             return Err(("license", "give a line of text, such as an SPDX identifier".to_owned()));
         }
         match self.maintainer() {
-            Some(_) if plain(&self.maintainer) => Ok(()),
+            Some(_) if is_plain_line(&self.maintainer) => Ok(()),
             _ => Err(("maintainer", "give a line of the form Name <address>".to_owned())),
         }
     }
@@ -81,12 +76,16 @@ impl ExportConfig {
     }
 }
 
-/// How URDF, which has no screw joint, holds one.
+fn is_plain_line(text: &str) -> bool {
+    !text.trim().is_empty() && text.chars().count() <= MAX_TEXT && !text.chars().any(|c| c.is_control())
+}
+
+/// The form of a screw joint in URDF, a format without one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum UrdfScrew {
-    /// As a turn on a slide that it mimics, for simulators that honor `mimic`; `single_joint/NAME.urdf` holds
-    /// the nearest joint for the others.
+    /// As a slide and a turn with `mimic`; `single_joint/NAME.urdf` holds the nearest joint for simulators
+    /// without `mimic`.
     #[default]
     Pair,
     /// As the nearest joint, its pitch in an element `artitwin:thread`.

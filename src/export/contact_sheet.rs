@@ -1,4 +1,4 @@
-//! One picture of what a recording shows: the object in some views of each state, and where these stand.
+//! One picture of a recording: the object in some views of each state, and the directions of all views.
 
 use std::f64::consts::TAU;
 
@@ -18,9 +18,9 @@ const UNSEEN: [u8; 3] = [244, 214, 208];
 const LINE: [u8; 3] = [120; 3];
 const EYE: [u8; 3] = [20, 60, 160];
 
-/// A PNG: a row for each state, with some of its views, in which the object is bright, and a disc of the
-/// directions from which the views see it. The disc is seen from above, the front is below, its rim is the
-/// horizon and its middle the zenith; directions without a view are red.
+/// A PNG: a row for each state, with some of its views, the object bright, and a disc of the directions of
+/// all views. The disc is seen from above, the front is below, its rim is the horizon and its middle the
+/// zenith; directions without a view are red.
 #[must_use]
 pub fn contact_sheet(capture: &Capture, coverage: &[Option<Coverage>]) -> Vec<u8> {
     let width = VIEWS * (VIEW[0] + GAP) + VIEW[1] + 2 * GAP;
@@ -62,7 +62,7 @@ impl Sheet {
 
     fn png(&self) -> Vec<u8> {
         let mut bytes = Vec::new();
-        // Writing to memory fails only for a size that does not fit its pixels.
+        // Writing to memory fails only if size and pixels disagree.
         PngEncoder::new(&mut bytes)
             .write_image(
                 self.rgb.as_flattened(),
@@ -77,24 +77,19 @@ impl Sheet {
 
 /// Views of the first, the middle and the last part of a state.
 fn spread(frames: &[RgbdFrame]) -> Vec<&RgbdFrame> {
-    let at = |k: usize| (2 * k + 1) * frames.len() / (2 * VIEWS);
-    let mut numbers: Vec<usize> = (0..VIEWS).map(at).filter(|i| *i < frames.len()).collect();
+    let mut numbers: Vec<usize> = (0..VIEWS).map(|k| (2 * k + 1) * frames.len() / (2 * VIEWS)).collect();
+    numbers.retain(|i| *i < frames.len());
     numbers.dedup();
     numbers.into_iter().map(|i| &frames[i]).collect()
 }
 
-/// A pixel of a view that is scaled to fit, what is not the object darkened and without color.
+/// A pixel of a view scaled to fit; around the object it is dark gray.
 fn photo_pixel(frame: &RgbdFrame, [u, v]: [usize; 2]) -> [u8; 3] {
     let width = frame.intrinsics.width;
     let height = frame.intrinsics.height;
     let scale = (width as f64 / VIEW[0] as f64).max(height as f64 / VIEW[1] as f64);
-    let inside = |at: usize, size: usize, shown: usize| {
-        let x = (at as f64 + 0.5 - 0.5 * shown as f64) * scale + 0.5 * size as f64;
-        (x >= 0.0 && x < size as f64).then_some(x as usize)
-    };
-    let (Some(x), Some(y)) = (inside(u, width, VIEW[0]), inside(v, height, VIEW[1])) else {
-        return BACKGROUND;
-    };
+    let Some(x) = photo_coordinate(u, VIEW[0], width, scale) else { return BACKGROUND };
+    let Some(y) = photo_coordinate(v, VIEW[1], height, scale) else { return BACKGROUND };
     let color = frame.rgb[y * width + x];
     if frame.is_object(y * width + x) {
         return color;
@@ -103,22 +98,24 @@ fn photo_pixel(frame: &RgbdFrame, [u, v]: [usize; 2]) -> [u8; 3] {
     [(gray / 4 + 30) as u8; 3]
 }
 
+/// Column or row of a photo of `size` pixels at pixel `at` of a view of `shown` pixels; `None` beside the
+/// photo.
+fn photo_coordinate(at: usize, shown: usize, size: usize, scale: f64) -> Option<usize> {
+    let x = (at as f64 + 0.5 - 0.5 * shown as f64) * scale + 0.5 * size as f64;
+    (x >= 0.0 && x < size as f64).then_some(x as usize)
+}
+
 /// A pixel of the disc of directions.
 fn disc_pixel(coverage: &Coverage, [u, v]: [usize; 2]) -> [u8; 3] {
     let radius = 0.5 * VIEW[1] as f64 - 4.0;
     let [x, y] = [u, v].map(|p| p as f64 + 0.5 - 0.5 * VIEW[1] as f64);
-    // In the image y points down, to the front; the right of who looks at the object from there is the
-    // image's right.
-    let place = |azimuth_rad: f64, elevation_rad: f64| {
+    for [azimuth_rad, elevation_rad, _] in &coverage.eyes {
+        // In the image y points down, to the front; the right side for an observer there is the image's
+        // right.
         let out = radius * (1.0 - elevation_rad.max(0.0) / (0.25 * TAU));
-        [out * azimuth_rad.sin(), out * azimuth_rad.cos()]
-    };
-    let near = |[azimuth_rad, elevation_rad, _]: &[f64; 3]| {
-        let [a, b] = place(*azimuth_rad, *elevation_rad);
-        (a - x).hypot(b - y) < 3.5
-    };
-    if coverage.eyes.iter().any(near) {
-        return EYE;
+        if (out * azimuth_rad.sin() - x).hypot(out * azimuth_rad.cos() - y) < 3.5 {
+            return EYE;
+        }
     }
     let out = x.hypot(y);
     if out > radius {

@@ -1,4 +1,4 @@
-//! Where the cameras saw something else than the twin shows, in shares of what was compared.
+//! Differences between camera readings and the twin, as shares of the compared readings.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,13 +8,13 @@ use surface::Difference;
 
 /// Significant digits of a share.
 const DIGITS: usize = 3;
-/// A larger share, of a state or of what is seen of a link in it, is worth a warning.
+/// A larger share, of a state or of a link's readings in it, gives a warning.
 ///
-/// measured: docs/method.md 11.4, between twins that are right and those with a joint off or a part left out
+/// measured: docs/method.md 11.4, between right twins and twins with a joint off or a part left out
 const MOST: f64 = 0.05;
-/// Less of a state's readings is worth none, whatever link it is of.
+/// A smaller share of a state's readings gives none, on any link.
 ///
-/// derived: what explains less is no part (docs/method.md 7)
+/// derived: a part explains at least as much (docs/method.md 7)
 const LEAST: f64 = 0.004;
 
 /// How many readings were compared, and how many of them the twin does not explain.
@@ -36,14 +36,14 @@ impl Tally {
         self.surplus += usize::from(difference == Difference::Surplus);
     }
 
-    /// Adds what was counted elsewhere.
+    /// Adds the counts of another tally.
     pub fn add(&mut self, other: &Self) {
         self.compared += other.compared;
         self.lacks += other.lacks;
         self.surplus += other.surplus;
     }
 
-    /// Share of the readings that the twin does not explain.
+    /// Share of the readings without explanation by the twin, from 0 to 1.
     #[must_use]
     pub fn share(&self) -> f64 {
         self.of(self.lacks + self.surplus)
@@ -59,13 +59,13 @@ impl Tally {
 pub struct StateDifference {
     /// The state.
     pub state: usize,
-    /// Readings that were compared.
+    /// Compared readings.
     pub readings: usize,
-    /// Share of them that the twin does not explain.
+    /// Share of them without explanation by the twin.
     pub share: f64,
-    /// Share of them that show the object where the twin has nothing.
+    /// Share of them on the object where the twin has nothing.
     pub lacks: f64,
-    /// Share of them that saw through where the twin is.
+    /// Share of them behind the twin's surface.
     pub surplus: f64,
     /// The same by view.
     pub views: Vec<NamedShare>,
@@ -73,24 +73,25 @@ pub struct StateDifference {
     pub links: Vec<NamedShare>,
 }
 
-/// A share of what has a name.
+/// The share of a view or of a link.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct NamedShare {
     /// The name.
     pub name: String,
-    /// Readings that were compared.
+    /// Compared readings.
     pub readings: usize,
-    /// Share of them that the twin does not explain.
+    /// Share of them without explanation by the twin.
     pub share: f64,
 }
 
 impl StateDifference {
-    /// What is said where the twin differs by more than errors explain.
+    /// A warning if the twin differs by more than errors explain.
     #[must_use]
     pub fn warning(&self) -> Option<Note> {
-        let is_much =
-            |l: &&NamedShare| l.share > MOST && l.share * l.readings as f64 > LEAST * self.readings as f64;
-        let worst = self.links.iter().filter(is_much).max_by(|a, b| a.share.total_cmp(&b.share));
+        let least_readings = LEAST * self.readings as f64;
+        let differing =
+            self.links.iter().filter(|l| l.share > MOST && l.share * l.readings as f64 > least_readings);
+        let worst = differing.max_by(|a, b| a.share.total_cmp(&b.share));
         if self.share <= MOST && worst.is_none() {
             return None;
         }
@@ -105,29 +106,29 @@ impl StateDifference {
         Some(Note::new(NoteCode::TwinDiffers, text))
     }
 
-    /// Of what was counted in each view and on each link.
+    /// The differences of a state by the tallies of its views and of all links.
     #[must_use]
     pub fn new(state: usize, views: &[(String, Tally)], links: &[(String, Tally)]) -> Self {
         let mut all = Tally::default();
         views.iter().for_each(|(_, tally)| all.add(tally));
-        let named = |of: &[(String, Tally)]| {
-            let one = |(name, tally): &(String, Tally)| NamedShare {
-                name: name.clone(),
-                readings: tally.compared,
-                share: tally.share(),
-            };
-            of.iter().map(one).collect()
-        };
         Self {
             state,
             readings: all.compared,
             share: all.share(),
             lacks: all.of(all.lacks),
             surplus: all.of(all.surplus),
-            views: named(views),
-            links: named(links),
+            views: named_shares(views),
+            links: named_shares(links),
         }
     }
+}
+
+fn named_shares(tallies: &[(String, Tally)]) -> Vec<NamedShare> {
+    let mut shares = Vec::with_capacity(tallies.len());
+    for (name, tally) in tallies {
+        shares.push(NamedShare { name: name.clone(), readings: tally.compared, share: tally.share() });
+    }
+    shares
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! The meshes that draw a link: the surface that was seen of it, and walls that are assumed.
+//! The visual meshes of a link: its seen surface and its assumed walls.
 
 use std::borrow::Cow;
 
@@ -8,7 +8,7 @@ use super::look::{Look, LookConfig, look};
 use model::{ArticulatedModel, Link, identifier};
 use surface::TriangleMesh;
 
-/// A mesh that draws a link.
+/// A visual mesh of a link.
 pub struct Visual<'a> {
     /// Its name in all formats.
     pub name: String,
@@ -34,7 +34,7 @@ impl Visual<'_> {
     }
 }
 
-/// The meshes that draw a link, without empty ones.
+/// The visual meshes of a link, without empty ones.
 pub(crate) fn visuals(link: &Link) -> impl Iterator<Item = Visual<'_>> {
     let name = &link.name;
     let file = identifier(&link.name);
@@ -56,7 +56,7 @@ pub(crate) fn visuals(link: &Link) -> impl Iterator<Item = Visual<'_>> {
     [seen, assumed].into_iter().filter(|v| !v.mesh.is_empty())
 }
 
-/// A mesh that draws a link, with its texture.
+/// A visual mesh of a link, with its texture.
 pub struct Drawn<'a> {
     /// Index of the link.
     pub link: usize,
@@ -71,17 +71,18 @@ pub struct Drawn<'a> {
 /// All meshes of a model, link by link; `looks` of the seen surfaces in the order of the links.
 #[must_use]
 pub(crate) fn drawn<'a>(model: &'a ArticulatedModel, looks: &'a [Look]) -> Vec<Drawn<'a>> {
-    let of_link = |(link, (own, seen)): (usize, (&'a Link, &'a Look))| {
-        visuals(own).map(move |visual| (link, visual, seen))
-    };
-    let all: Vec<_> = model.links.iter().zip(looks).enumerate().flat_map(of_link).collect();
-    let drawn = |(link, visual, seen): (usize, Visual<'a>, &'a Look)| {
-        let look = if visual.is_assumed { Cow::Owned(plain(visual.mesh)) } else { Cow::Borrowed(seen) };
-        // Encoded once: the folder and the viewer hold the same textures.
-        let png = look.png();
-        Drawn { link, visual, look, png }
-    };
-    all.into_par_iter().map(drawn).collect()
+    let mut all = Vec::new();
+    for (number, (link, seen)) in model.links.iter().zip(looks).enumerate() {
+        all.extend(visuals(link).map(|visual| (number, visual, seen)));
+    }
+    all.into_par_iter().map(|(link, visual, seen)| drawn_visual(link, visual, seen)).collect()
+}
+
+fn drawn_visual<'a>(link: usize, visual: Visual<'a>, seen: &'a Look) -> Drawn<'a> {
+    let look = if visual.is_assumed { Cow::Owned(plain(visual.mesh)) } else { Cow::Borrowed(seen) };
+    // Encoded once: the folder and the viewer hold the same textures.
+    let png = look.png();
+    Drawn { link, visual, look, png }
 }
 
 /// Looks of links without photos: the meshes' own colors are their textures.

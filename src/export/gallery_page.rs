@@ -1,4 +1,4 @@
-//! A page of many results: of each a card with its picture, its verdict, and what there is to open.
+//! A page of many results: of each a card with its picture, its verdict, and links.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,7 @@ use base64::Engine as _;
 use super::page::{self, count, push_list};
 use model::escape_xml as escape;
 
-/// Stands in every such page, so that a later run knows that it may replace it.
+/// Mark of a gallery page: a later run may replace a page with it.
 pub const GALLERY_MARK: &str = "<!-- artitwin gallery -->";
 
 const STYLE: &str =
@@ -30,13 +30,13 @@ pub struct GalleryCard {
     pub picture: Option<Vec<u8>>,
     /// The verdict in a word or two, and whether it asks for no further look.
     pub verdict: (String, bool),
-    /// What was found, a line each.
+    /// Findings, a line each.
     pub found: Vec<String>,
-    /// What can be opened: its name, and where it lies as seen from the page, percent-encoded.
+    /// Names and paths of files to open; paths relative to the page, percent-encoded.
     pub links: Vec<(String, String)>,
 }
 
-/// The page; `unread` says which results could not be read, and why.
+/// The page; `unread` has a sentence for each unreadable result.
 #[must_use]
 pub fn gallery_page(cards: &[GalleryCard], unread: &[String]) -> String {
     let mut out = page::head("artitwin: gallery", STYLE);
@@ -63,8 +63,10 @@ fn push_card(out: &mut String, card: &GalleryCard) {
     let (word, is_good) = &card.verdict;
     let class = if *is_good { "pill" } else { "pill check" };
     let found: String = card.found.iter().map(|f| format!("<div>{}</div>\n", escape(f))).collect();
-    let link = |(name, at): &(String, String)| format!("<a href=\"{}\">{}</a>", escape(at), escape(name));
-    let links: String = card.links.iter().map(link).collect();
+    let mut links = String::new();
+    for (name, path) in &card.links {
+        write!(links, "<a href=\"{}\">{}</a>", escape(path), escape(name)).ok();
+    }
     writeln!(
         out,
         "<section class=\"card\">\n{picture}<h3>{}</h3>\n\

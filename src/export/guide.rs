@@ -1,4 +1,4 @@
-//! `README.md` of a twin's folder: which file is for what.
+//! `README.md` of a twin's folder: the purpose of each file.
 
 use std::fmt::Write as _;
 
@@ -9,14 +9,14 @@ use super::{
     xacro::macro_file,
 };
 use common::note::{Note, NoteCode};
-use model::{ArticulatedModel, identifier};
+use model::{ArticulatedModel, Joint, identifier};
 
-/// What the frames at places to grasp are.
+/// A sentence on the frames at places to grasp.
 const GRASPS: &str = "\nSites (MJCF), frames (SDF, xacro) and Xforms (USD) named `PART_grasp_K` are places \
     where a parallel gripper can take a part: the origin lies between the fingertips, x is the closing \
     direction, z the approach. Widths are in report.json.\n";
 
-/// The text.
+/// The text of `README.md`.
 #[must_use]
 pub(crate) fn guide(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let name = identifier(&model.name);
@@ -64,25 +64,26 @@ pub(crate) fn guide(model: &ArticulatedModel, config: &ExportConfig) -> String {
 #[must_use]
 pub fn screw_notes(model: &ArticulatedModel, config: &ExportConfig) -> Vec<Note> {
     let name = identifier(&model.name);
-    let of = |joint: &model::Joint| {
-        joint.kind.thread_m_per_rad()?;
-        let turn = &joint.name;
-        let advance = joint.advance_name();
-        let urdf = match config.urdf_screw {
-            UrdfScrew::Pair => format!(
-                "{name}.urdf holds it as a slide, {advance}, and the turn {turn} that mimics it; simulators \
-                 that drop mimic (PyBullet, MuJoCo before 4) get a turn without advance from \
-                 {SINGLE_JOINT}/{name}.urdf"
-            ),
-            UrdfScrew::Nearest => format!("{name}.urdf holds it as a turn without advance"),
-        };
-        let text = format!(
-            "{turn} is a screw: {urdf}; model.sdf holds the pair, for Drake, and {SCREW_SDF}, which \
-             model.config names, SDF's own screw, for Gazebo; USD holds a turn without advance"
-        );
-        Some(Note::new(NoteCode::ScrewForms, text))
+    let screws = model.joints.iter().filter(|joint| joint.kind.thread_m_per_rad().is_some());
+    screws.map(|joint| screw_note(joint, &name, config)).collect()
+}
+
+fn screw_note(joint: &Joint, name: &str, config: &ExportConfig) -> Note {
+    let turn = &joint.name;
+    let advance = joint.advance_name();
+    let urdf = match config.urdf_screw {
+        UrdfScrew::Pair => format!(
+            "{name}.urdf holds it as a slide, {advance}, and the turn {turn} that mimics it; simulators \
+             that drop mimic (PyBullet, MuJoCo before 4) get a turn without advance from \
+             {SINGLE_JOINT}/{name}.urdf"
+        ),
+        UrdfScrew::Nearest => format!("{name}.urdf holds it as a turn without advance"),
     };
-    model.joints.iter().filter_map(of).collect()
+    let text = format!(
+        "{turn} is a screw: {urdf}; model.sdf holds the pair, for Drake, and {SCREW_SDF}, which \
+         model.config names, SDF's own screw, for Gazebo; USD holds a turn without advance"
+    );
+    Note::new(NoteCode::ScrewForms, text)
 }
 
 #[cfg(test)]

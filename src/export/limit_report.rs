@@ -19,14 +19,14 @@ pub struct LimitReport {
     pub effort: f64,
     /// Largest speed, rad/s or m/s.
     pub velocity: f64,
-    /// What both bounds are: `seated`, the interval that holds the states with a margin and on the closed end
-    /// the seat; `observed`, the interval that holds the states, which the joint reaches at least; or
-    /// `swept`, as far as the collision solids let it go.
+    /// Origin of both bounds: `seated`, the interval of the states with a margin, at the closed end up to the
+    /// seat; `observed`, the interval of the states, reached at least; or `swept`, as far as the collision
+    /// solids let it go.
     pub source: String,
     /// Inner bound: lowest and highest observed position.
     #[serde(default)]
     pub observed: [f64; 2],
-    /// States that show these two.
+    /// States at these two positions.
     #[serde(default)]
     pub observed_in: [usize; 2],
     /// Outer bound: the interval without collision; none where it was not swept.
@@ -42,14 +42,14 @@ pub struct LimitReport {
 pub struct SeatReport {
     /// Position, radians or meters.
     pub position: f64,
-    /// Root mean square deviation of the cells of surface that meet there.
+    /// Root mean square deviation of the surface cells in contact there.
     pub std: f64,
-    /// Share of the part's leading surface that meets.
+    /// Share of the part's leading surface in contact.
     pub contact_share: f64,
 }
 
 impl LimitReport {
-    /// Of a joint of a model.
+    /// The limits of a joint of a model.
     #[must_use]
     pub fn of(model: &ArticulatedModel, joint: usize) -> Self {
         let l = &model.joints[joint].limit;
@@ -75,7 +75,7 @@ impl LimitReport {
     }
 }
 
-/// The first states that show the lowest and the highest position.
+/// The first states at the lowest and at the highest position.
 fn observed_in(model: &ArticulatedModel, joint: usize) -> [usize; 2] {
     // Equal bit for bit: the ends of the interval are positions of states.
     model.observed_interval(joint).map(|q| model.states.iter().position(|s| s[joint] == q).unwrap_or(0))

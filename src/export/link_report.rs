@@ -1,4 +1,4 @@
-//! What a report says of a link.
+//! A link in a report.
 
 use serde::{Deserialize, Serialize};
 
@@ -31,10 +31,10 @@ pub struct LinkReport {
     pub solids: usize,
     /// Area of the surface, square meters.
     pub area_m2: f64,
-    /// Area of it that no view saw, in small holes that were closed, square meters.
+    /// Area of it in small holes, closed without a view of them, square meters.
     #[serde(default)]
     pub assumed_area_m2: f64,
-    /// Area of walls that no view saw and that are drawn as `meshes/assumed`, square meters.
+    /// Area of unseen walls, drawn as `meshes/assumed`, square meters.
     #[serde(default)]
     pub assumed_walls_m2: f64,
     /// Vertices of the mesh.
@@ -62,15 +62,22 @@ pub struct FileTriangles {
 
 impl FileTriangles {
     fn of(link: &Link, files: &[ExportFile]) -> Self {
-        let count = |path: &str| {
-            let bytes = files.iter().find(|f| f.path == path).map_or(&[][..], |f| &f.bytes);
-            bytes.split(|b| *b == b'\n').filter(|line| line.starts_with(b"f ")).count()
-        };
-        let drawn =
-            |assumed: bool| visuals(link).filter(|v| v.is_assumed == assumed).map(|v| count(&v.path)).sum();
-        let collision = (0..link.collision.len()).map(|k| count(&solid_path(link, k))).sum();
-        Self { visual: drawn(false), assumed: drawn(true), collision }
+        let mut triangles = Self::default();
+        for visual in visuals(link) {
+            let count = if visual.is_assumed { &mut triangles.assumed } else { &mut triangles.visual };
+            *count += file_triangles(files, &visual.path);
+        }
+        for k in 0..link.collision.len() {
+            triangles.collision += file_triangles(files, &solid_path(link, k));
+        }
+        triangles
     }
+}
+
+/// Number of triangles of the OBJ file at a path; 0 without such a file.
+fn file_triangles(files: &[ExportFile], path: &str) -> usize {
+    let bytes = files.iter().find(|f| f.path == path).map_or(&[][..], |f| &f.bytes);
+    bytes.split(|b| *b == b'\n').filter(|line| line.starts_with(b"f ")).count()
 }
 
 /// A place to grasp a link.
@@ -91,7 +98,7 @@ pub struct GraspReport {
 }
 
 impl LinkReport {
-    /// Of a link and the files that hold it.
+    /// The report of a link; `files` have its meshes.
     #[must_use]
     pub fn of(l: &Link, files: &[ExportFile]) -> Self {
         Self {

@@ -28,7 +28,7 @@ const SPOTS: usize = 3000;
 /// Texels across a mesh without photos. chosen: size against what is seen
 const PLAIN_TEXELS: f64 = 400.0;
 
-/// Settings of what is exported for the eye.
+/// Settings of visual meshes and textures.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LookConfig {
@@ -46,7 +46,7 @@ impl Default for LookConfig {
     }
 }
 
-/// A corner of triangles that share a chart: its place in the texture and its normal.
+/// A corner of triangles of one chart: its place in the texture and its normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corner {
     /// Vertex of the mesh.
@@ -62,7 +62,7 @@ pub struct Corner {
 pub struct Look {
     /// The mesh.
     pub mesh: TriangleMesh,
-    /// Corners; a vertex has one in every chart that it lies in.
+    /// Corners; a vertex has one in each of its charts.
     pub corners: Vec<Corner>,
     /// Corners of every triangle of the mesh.
     pub triangles: Vec<[u32; 3]>,
@@ -93,7 +93,7 @@ impl Look {
         let mut bytes = Vec::new();
         let side = self.size_px as u32;
         let pixels = self.texture.as_flattened();
-        // Writing to memory fails only for a size that does not fit its pixels.
+        // Writing to memory fails only if size and pixels disagree.
         if PngEncoder::new(&mut bytes).write_image(pixels, side, side, ExtendedColorType::Rgb8).is_err() {
             bytes.clear();
         }
@@ -107,13 +107,12 @@ pub fn looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -
     let meshes: Vec<TriangleMesh> = model.links.par_iter().map(|l| reduced(&l.visual, config)).collect();
     let mut depths: Vec<Vec<Vec<f32>>> = Vec::new();
     for (frames, positions) in capture.states.iter().zip(&model.states) {
-        let item = |(i, mesh)| RenderItem {
-            mesh,
-            world_from_mesh: model.world_from_link(i, positions),
-            paint: Paint::Vertices,
-        };
-        // All parts together: a texel that another part hides takes no color from that photo.
-        let items: Vec<RenderItem> = meshes.iter().enumerate().map(item).collect();
+        // All parts together: a texel hidden by another part takes no color from the photo.
+        let mut items = Vec::with_capacity(meshes.len());
+        for (i, mesh) in meshes.iter().enumerate() {
+            let world_from_mesh = model.world_from_link(i, positions);
+            items.push(RenderItem { mesh, world_from_mesh, paint: Paint::Vertices });
+        }
         depths.push(
             frames
                 .par_iter()
@@ -121,17 +120,8 @@ pub fn looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -
                 .collect(),
         );
     }
-    let views_of = |(i, _): (usize, &TriangleMesh)| {
-        let mut views = Vec::new();
-        for (state, positions) in model.states.iter().enumerate().take(capture.states.len()) {
-            let world_from_mesh: Pose = model.world_from_link(i, positions);
-            let all = capture.states[state].iter().zip(&depths[state]);
-            let gain = Vector3::repeat(1.0);
-            views.extend(all.map(|(frame, depth_m)| BakeView { frame, world_from_mesh, depth_m, gain }));
-        }
-        views
-    };
-    let mut views: Vec<Vec<BakeView>> = meshes.iter().enumerate().map(views_of).collect();
+    let mut views: Vec<Vec<BakeView>> =
+        (0..meshes.len()).map(|link| views_of_link(model, capture, &depths, link)).collect();
     // Every link has the views of all states, in one order.
     let photos = views.first().map_or(0, Vec::len);
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(0);
@@ -140,6 +130,24 @@ pub fn looks(model: &ArticulatedModel, capture: &Capture, config: &LookConfig) -
     let Lighting { gains, light } = Lighting::of(&spots, photos);
     views.iter_mut().for_each(|v| v.iter_mut().zip(&gains).for_each(|(view, gain)| view.gain = *gain));
     meshes.into_par_iter().zip(views).map(|(mesh, views)| painted(mesh, &views, &light, config)).collect()
+}
+
+/// The views of a link in all states; `depths` has the rendered depth of each state's frames, meters.
+fn views_of_link<'a>(
+    model: &ArticulatedModel,
+    capture: &'a Capture,
+    depths: &'a [Vec<Vec<f32>>],
+    link: usize,
+) -> Vec<BakeView<'a>> {
+    let mut views = Vec::new();
+    for ((frames, depths), positions) in capture.states.iter().zip(depths).zip(&model.states) {
+        let world_from_mesh: Pose = model.world_from_link(link, positions);
+        let gain = Vector3::repeat(1.0);
+        for (frame, depth_m) in frames.iter().zip(depths) {
+            views.push(BakeView { frame, world_from_mesh, depth_m, gain });
+        }
+    }
+    views
 }
 
 /// The look of one mesh from some views; without any its own colors are the texture.
@@ -151,7 +159,7 @@ pub fn look(mesh: &TriangleMesh, views: &[BakeView], config: &LookConfig) -> Loo
 fn reduced(mesh: &TriangleMesh, config: &LookConfig) -> TriangleMesh {
     let whole = keep_components(mesh, MIN_COMPONENT);
     let mut small = simplify(&whole, config.max_faces, f64::INFINITY);
-    // Fewer still where that costs nothing.
+    // Fewer still at no cost.
     small = simplify(&small, 0, (0.25 * config.max_error_m).min(0.0005 * extent_m(mesh)));
     small
 }
@@ -189,13 +197,16 @@ fn painted(mesh: TriangleMesh, views: &[BakeView], light: &Light, config: &LookC
 /// Size of a texel, meters: somewhat finer than the median pixel of the photos on the mesh.
 fn texel_m(mesh: &TriangleMesh, views: &[BakeView]) -> f64 {
     let center = mesh.bounds().map(|(lo, hi)| nalgebra::center(&lo, &hi).cast::<f64>());
-    // Length that a pixel spans at the object's middle.
-    let footprint = |v: &BakeView| {
-        let depth_m = v.frame.in_camera(&(v.world_from_mesh * center?)).z;
-        (depth_m > 0.0).then(|| depth_m / v.frame.intrinsics.fx)
-    };
-    let pixel_m = median(views.iter().filter_map(footprint).collect());
-    pixel_m.map_or(extent_m(mesh) / PLAIN_TEXELS, |m| TEXEL_SHARE * m)
+    let mut pixels_m = Vec::new();
+    if let Some(center) = center {
+        for v in views {
+            let depth_m = v.frame.in_camera(&(v.world_from_mesh * center)).z;
+            if depth_m > 0.0 {
+                pixels_m.push(depth_m / v.frame.intrinsics.fx);
+            }
+        }
+    }
+    median(pixels_m).map_or(extent_m(mesh) / PLAIN_TEXELS, |m| TEXEL_SHARE * m)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 /// `value` with `places` digits after the point at most, without trailing zeros; never `-0`, never an
 /// exponent.
 ///
-/// For lengths and angles, whose noise below the last place carries no meaning.
+/// For lengths and angles: noise below the last place carries no meaning.
 #[must_use]
 pub fn decimal(value: f64, places: usize) -> String {
     let text = format!("{value:.places$}");
@@ -13,9 +13,9 @@ pub fn decimal(value: f64, places: usize) -> String {
     if short == "-0" { "0".to_owned() } else { short.to_owned() }
 }
 
-/// `value` with `digits` significant digits at most, with an exponent where that is shorter; never `-0`.
+/// `value` with `digits` significant digits at most, with an exponent where this is shorter; never `-0`.
 ///
-/// For masses and inertias, whose size is not known beforehand.
+/// For masses and inertias of unknown size.
 #[must_use]
 pub fn significant(value: f64, digits: usize) -> String {
     let rounded = round_significant(value, digits);
@@ -27,14 +27,14 @@ pub fn significant(value: f64, digits: usize) -> String {
     if exponent.len() < plain.len() { exponent } else { plain }
 }
 
-/// `value` rounded to `digits` significant digits; minus zero becomes zero. What is not finite stays.
+/// `value` rounded to `digits` significant digits; minus zero becomes zero. Infinities and NaN stay.
 #[must_use]
 pub fn round_significant(value: f64, digits: usize) -> f64 {
     if !value.is_finite() {
         return value;
     }
-    // By way of text: the double nearest to the decimal prints with these digits, which scaling by a power of
-    // ten does not ensure. Adding 0 takes the sign off a minus zero.
+    // By way of text: the double nearest to the decimal prints with these digits. Scaling by a power of ten
+    // does not ensure this. Adding 0 takes the sign off a minus zero.
     let text = format!("{value:.*e}", digits.saturating_sub(1));
     text.parse::<f64>().unwrap_or(value) + 0.0
 }

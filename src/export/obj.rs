@@ -39,7 +39,7 @@ pub fn textured_obj(look: &Look, name: &str) -> String {
     text
 }
 
-/// The material of a textured mesh: its texture and nothing that tints it.
+/// The material of a textured mesh: its texture without a tint.
 #[must_use]
 pub(crate) fn mtl(name: &str) -> String {
     // Importers multiply the texture by Kd: 1 leaves its colors as they are.
@@ -56,7 +56,7 @@ pub(crate) fn solid_obj(solid: &ConvexSolid, name: &str) -> String {
         push(&mut text, "v", &[p.x, p.y, p.z], POSITION_PLACES);
     }
     for t in 0..mesh.triangles.len() {
-        // A face without area gets some normal, so that those of the others keep their numbers.
+        // A face without area gets some normal: the others keep their numbers.
         let normal = mesh.area_normal(t).cast::<f64>().try_normalize(0.0).unwrap_or_else(Vector3::z);
         push(&mut text, "vn", normal.as_slice(), 4);
     }

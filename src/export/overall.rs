@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{difference_report::StateDifference, page::count};
 use common::note::Note;
 
-/// What can be done with a twin.
+/// Fitness of a twin for use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum OverallWord {
@@ -14,7 +14,7 @@ pub enum OverallWord {
     Usable,
     /// No warning puts a part, a joint or a shape in question ([`common::note::NoteCode::doubts_twin`]).
     UsableWithWarnings,
-    /// A warning is.
+    /// A warning does.
     LookBeforeUse,
 }
 
@@ -28,7 +28,7 @@ pub struct Overall {
 }
 
 impl Overall {
-    /// Of a twin with so many joints, by what the run found against it.
+    /// The verdict on a twin with so many joints, from the warnings and differences of its run.
     #[must_use]
     pub fn of(joints: usize, warnings: &[Note], differences: &[StateDifference]) -> Self {
         let doubts: Vec<&Note> = warnings.iter().filter(|w| w.code.doubts_twin()).collect();
@@ -64,7 +64,7 @@ impl Overall {
     }
 }
 
-/// How far the twin agrees with what the cameras saw.
+/// A sentence with the share of depth readings explained by the twin; none without readings.
 fn agreement(differences: &[StateDifference]) -> Option<String> {
     let views: usize = differences.iter().map(|d| d.views.len()).sum();
     let readings: usize = differences.iter().map(|d| d.readings).sum();

@@ -1,4 +1,4 @@
-//! The files of a model that simulators load, in one folder.
+//! The simulator files of a model, in one folder.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -41,12 +41,13 @@ pub struct ExportFile {
 pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) -> Vec<ExportFile> {
     let drawn = drawn(model, looks);
     let name = identifier(&model.name);
-    let obj = |d: &Drawn| textured_obj(&d.look, &d.visual.material);
     let ((usda, viewer), (objs, (thumbnail, turntable))) = rayon::join(
         || rayon::join(|| usda(model, &drawn, config.base), || viewer_html(model, &drawn)),
         || {
-            let pictures = || rayon::join(|| thumbnail(model), || turntable(model, &drawn));
-            rayon::join(|| drawn.par_iter().map(obj).collect::<Vec<_>>(), pictures)
+            rayon::join(
+                || drawn.par_iter().map(|d| textured_obj(&d.look, &d.visual.material)).collect::<Vec<_>>(),
+                || rayon::join(|| thumbnail(model), || turntable(model, &drawn)),
+            )
         },
     );
     let mut texts = descriptions(model, config);
@@ -75,7 +76,7 @@ pub fn package(model: &ArticulatedModel, looks: &[Look], config: &ExportConfig) 
     files
 }
 
-/// Path and text of the files that need no look.
+/// Path and text of the files without a look.
 fn descriptions(model: &ArticulatedModel, config: &ExportConfig) -> Vec<(String, String)> {
     let name = identifier(&model.name);
     let screws = config.urdf_screw;

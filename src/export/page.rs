@@ -1,4 +1,4 @@
-//! What the pages of reports share: their head and style, tables, lists, numbers.
+//! Shared elements of report pages: head and style, tables, lists, numbers.
 
 use std::fmt::Write as _;
 
@@ -9,7 +9,7 @@ const STYLE: &str = include_str!("report.css");
 /// The end of a page.
 pub(crate) const TAIL: &str = "</main>\n</body>\n</html>\n";
 
-/// A page up to its first section; `title` is escaped, `style` is added to that of all pages.
+/// A page up to its first section; `title` is escaped, `style` extends the style of all pages.
 #[must_use]
 pub(crate) fn head(title: &str, style: &str) -> String {
     // The policy admits nothing but pictures inside the page and its own style: no name out of a recording
@@ -34,14 +34,17 @@ pub(crate) fn push_list(out: &mut String, class: &str, title: &str, sentences: &
     writeln!(out, "<section class=\"{class}\">\n<h2>{title}</h2>\n<ul>\n{items}</ul>\n</section>").ok();
 }
 
-/// A row of a table under a head. On a narrow screen, where every cell has a line of its own, each but the
-/// first shows what stands above it in the head.
+/// A row of a table under a head. On a narrow screen every cell has a line of its own, and each but the first
+/// shows its column's head.
 #[must_use]
 pub(crate) fn row(head: &[&str], cells: &[String]) -> String {
-    let label = |k: usize| if k > 0 { format!(" data-label=\"{}\"", head[k]) } else { String::new() };
-    let cell = |(k, cell): (usize, &String)| format!("<td{}><div>{cell}</div></td>", label(k));
-    let cells: String = cells.iter().take(head.len()).enumerate().map(cell).collect();
-    format!("<tr>{cells}</tr>\n")
+    let mut out = "<tr>".to_owned();
+    for (k, (cell, head)) in cells.iter().zip(head).enumerate() {
+        let label = if k > 0 { format!(" data-label=\"{head}\"") } else { String::new() };
+        write!(out, "<td{label}><div>{cell}</div></td>").ok();
+    }
+    out.push_str("</tr>\n");
+    out
 }
 
 /// A section with a table of such rows; nothing without any.
@@ -71,7 +74,7 @@ pub(crate) fn unit(number: &str, unit: &str) -> String {
     format!("{}{space}<span class=\"unit\">{unit}</span>", escape(number))
 }
 
-/// So many things.
+/// A number with its noun, in the plural unless it is 1.
 #[must_use]
 pub fn count(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }

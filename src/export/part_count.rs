@@ -14,11 +14,11 @@ const DIGITS: usize = 6;
 /// How the number of parts was found.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PartCountReport {
-    /// Number of parts that was asked for; none where the evidence chose it.
+    /// Requested number of parts; none if the evidence chose it.
     pub given: Option<usize>,
     /// Number of parts of the twin, the static one included.
     pub found: usize,
-    /// Evidence that a moving part must bring, cells.
+    /// Least evidence for a moving part, cells.
     pub least_evidence: f64,
     /// Evidence by number of parts, fewest first.
     pub curve: Vec<EvidencePointReport>,
@@ -29,40 +29,48 @@ pub struct PartCountReport {
 pub struct EvidencePointReport {
     /// Number of parts, the static one included.
     pub parts: usize,
-    /// What the motions explain, each alone.
+    /// Sum of the evidence explained by each motion alone.
     pub evidence: f64,
-    /// What the weakest motion alone explains.
+    /// Evidence explained by the weakest motion alone.
     pub weakest: Option<f64>,
-    /// What no motion explains.
+    /// Evidence without an explanation.
     #[serde(default)]
     pub unexplained: f64,
 }
 
+impl EvidencePointReport {
+    fn new(point: &EvidencePoint) -> Self {
+        Self {
+            parts: point.parts,
+            evidence: round_significant(point.evidence, DIGITS),
+            weakest: point.weakest.map(|w| round_significant(w, DIGITS)),
+            unexplained: round_significant(point.unexplained, DIGITS),
+        }
+    }
+}
+
 impl PartCountReport {
-    /// Of a registration that was asked for `given` parts, or for as many as there are, and found some on a
-    /// `curve` of evidence, most parts first.
+    /// The report of a registration: the requested and the found number of parts, and the evidence by number
+    /// of parts, most parts first.
     #[must_use]
     pub fn new(given: Option<usize>, found: usize, curve: &[EvidencePoint], least_evidence: f64) -> Self {
-        let point = |p: &EvidencePoint| EvidencePointReport {
-            parts: p.parts,
-            evidence: round_significant(p.evidence, DIGITS),
-            weakest: p.weakest.map(|w| round_significant(w, DIGITS)),
-            unexplained: round_significant(p.unexplained, DIGITS),
-        };
         // The search removes motions one by one; a table reads from few to many.
-        let curve = curve.iter().rev().map(point).collect();
+        let curve = curve.iter().rev().map(EvidencePointReport::new).collect();
         Self { given, found, least_evidence, curve }
     }
 
-    /// Head and rows of a table: number of parts, evidence, weakest motion, what is left; the chosen one
-    /// marked.
+    /// Head and rows of a table: number of parts, evidence, weakest motion, unexplained rest; the chosen
+    /// number marked.
     pub(super) fn table(&self) -> ([&'static str; 4], String) {
         let head = ["Parts", "Evidence of all motions", "Weakest motion", "Unexplained"];
-        let cells = |p: &EvidencePointReport| {
+        let mut rows = String::new();
+        for p in &self.curve {
             let mark = if p.parts == self.found { " (the twin)" } else { "" };
             let weakest = p.weakest.map_or_else(|| "\u{2013}".to_owned(), |w| decimal(w, 1));
-            [format!("{}{mark}", p.parts), decimal(p.evidence, 1), weakest, decimal(p.unexplained, 1)]
-        };
-        (head, self.curve.iter().map(|p| row(&head, &cells(p))).collect())
+            let cells =
+                [format!("{}{mark}", p.parts), decimal(p.evidence, 1), weakest, decimal(p.unexplained, 1)];
+            rows.push_str(&row(&head, &cells));
+        }
+        (head, rows)
     }
 }

@@ -15,7 +15,7 @@ use model::{ArticulatedModel, Joint, JointKind};
 const JPEG_QUALITY: u8 = 85;
 /// Half length of a drawn axis as a share of the child's longest side. chosen: for the eye
 const AXIS_SHARE: f64 = 0.6;
-/// Colors of parts in drawings: the one that stays, then the movable ones in turn.
+/// Colors of parts in drawings: the static one, then the movable ones in turn.
 const PART_COLORS: [[u8; 3]; 7] = [
     [176, 182, 190],
     [46, 123, 214],
@@ -26,7 +26,7 @@ const PART_COLORS: [[u8; 3]; 7] = [
     [54, 168, 184],
 ];
 
-/// Color of a part in drawings, sRGB; part 0 is the one that stays. Colors repeat beyond the seventh part.
+/// Color of a part in drawings, sRGB; part 0 is static. Colors repeat beyond the seventh part.
 #[must_use]
 pub fn part_color(part: usize) -> [u8; 3] {
     if part == 0 { PART_COLORS[0] } else { PART_COLORS[1 + (part - 1) % (PART_COLORS.len() - 1)] }
@@ -101,25 +101,30 @@ impl Window {
         if x0 > x1 {
             return Self { x: 0, y: 0, width, height };
         }
-        // Share of the picture that holds both sides of the box and its margin.
+        // Share of the picture for both sides of the box and its margin.
         let share =
             (1.25 * ((x1 + 1 - x0) as f64 / width as f64).max((y1 + 1 - y0) as f64 / height as f64)).min(1.0);
-        let side = |first: usize, last: usize, all: usize| {
-            let size = ((share * all as f64).round() as usize).clamp(1, all);
-            let middle = (first + last) / 2;
-            // A window that would reach over a border is pushed back inside.
-            (middle.saturating_sub(size / 2).min(all - size), size)
-        };
-        let (x, w) = side(x0, x1, width);
-        let (y, h) = side(y0, y1, height);
-        Self { x, y, width: w, height: h }
+        let [shown_width, shown_height] =
+            [width, height].map(|all| ((share * all as f64).round() as usize).clamp(1, all));
+        Self {
+            x: first_of_window(x0, x1, shown_width, width),
+            y: first_of_window(y0, y1, shown_height, height),
+            width: shown_width,
+            height: shown_height,
+        }
     }
+}
+
+/// First column or row of a window of `size` around the middle of two columns or rows, inside the picture.
+fn first_of_window(first: usize, last: usize, size: usize, picture_size: usize) -> usize {
+    let middle = (first + last) / 2;
+    middle.saturating_sub(size / 2).min(picture_size - size)
 }
 
 /// Why a picture cannot be shown.
 #[derive(Debug, thiserror::Error)]
 pub enum PictureError {
-    /// The number of bytes is not that of the size.
+    /// The number of bytes does not fit the size.
     #[error("picture '{caption}' has {bytes} bytes for {width} x {height} pixels")]
     Size {
         /// Its caption.
@@ -136,7 +141,7 @@ pub enum PictureError {
     Encode {
         /// Its caption.
         caption: String,
-        /// What the encoder said.
+        /// The encoder's error.
         source: image::ImageError,
     },
 }
@@ -149,26 +154,21 @@ impl Picture {
         let y = window.y.min(self.height);
         let width = window.width.min(self.width - x);
         let height = window.height.min(self.height - y);
-        let row = |v: usize| {
-            self.rgb.get(3 * (v * self.width + x)..3 * (v * self.width + x + width)).unwrap_or_default()
-        };
+        let mut rgb = Vec::new();
+        for v in y..y + height {
+            let start = v * self.width + x;
+            rgb.extend_from_slice(self.rgb.get(3 * start..3 * (start + width)).unwrap_or_default());
+        }
         let shift = |[u, v]: [f64; 2]| [u - x as f64, v - y as f64];
         let arrows =
             self.arrows.iter().map(|a| Arrow { from: shift(a.from), to: shift(a.to), ..a.clone() }).collect();
-        Self {
-            width,
-            height,
-            rgb: (y..y + height).flat_map(row).copied().collect(),
-            arrows,
-            kind: self.kind,
-            caption: self.caption.clone(),
-        }
+        Self { width, height, rgb, arrows, kind: self.kind, caption: self.caption.clone() }
     }
 
     /// The picture as a `<figure>` with the image inside it as base64 and its arrows as SVG.
     ///
     /// # Errors
-    /// Bytes that are not those of the size; a size that cannot be encoded.
+    /// The number of bytes does not fit the size, or the encoder refuses the size.
     pub fn figure(&self) -> Result<String, PictureError> {
         let caption = escape(&self.caption);
         let data = self.data_uri()?;
@@ -216,23 +216,25 @@ impl Picture {
     }
 }
 
-/// A PNG of the pixels for which `shown` holds, the others transparent; empty for a size that is not that of
-/// the pixels.
+/// A PNG of the pixels with `shown` true for their index, the others transparent; empty if size and pixels
+/// disagree.
 #[must_use]
 pub fn cutout_png(rgb: &[[u8; 3]], width: usize, height: usize, shown: impl Fn(usize) -> bool) -> Vec<u8> {
-    let pixel = |(i, c): (usize, &[u8; 3])| if shown(i) { [c[0], c[1], c[2], 255] } else { [0; 4] };
-    let rgba: Vec<u8> = rgb.iter().enumerate().flat_map(pixel).collect();
+    let mut rgba = Vec::with_capacity(4 * rgb.len());
+    for (i, [r, g, b]) in rgb.iter().enumerate() {
+        rgba.extend(if shown(i) { [*r, *g, *b, 255] } else { [0; 4] });
+    }
     let mut bytes = Vec::new();
-    // Writing to memory fails only for a size that does not fit its pixels.
+    // Writing to memory fails only if size and pixels disagree.
     PngEncoder::new(&mut bytes)
         .write_image(&rgba, width as u32, height as u32, ExtendedColorType::Rgba8)
         .ok();
     bytes
 }
 
-/// Arrows with a white rim, so that they stand out on any ground; labels beside the heads.
+/// Arrows with a white rim, to stand out on any ground; labels beside the heads.
 fn svg(arrows: &[Arrow], width: usize, height: usize) -> String {
-    // Widths and fonts below are those of a picture of 640 pixels.
+    // Widths and fonts below are for a picture of 640 pixels.
     let size = width.max(height) as f64 / 640.0;
     let mut out = format!("<svg viewBox=\"0 0 {width} {height}\" aria-hidden=\"true\">");
     for arrow in arrows {
@@ -294,25 +296,21 @@ pub fn axis_arrows(
     world_from_camera: &Pose,
 ) -> Vec<Arrow> {
     let Some(positions) = model.states.get(state) else { return Vec::new() };
-    let draw = |joint: &Joint| {
-        let [from, to] = axis_line(model, joint)?;
+    let mut arrows = Vec::new();
+    for joint in &model.joints {
+        let Some(line) = axis_line(model, joint) else { continue };
         let world_from_link = model.world_from_link(joint.child, positions);
-        let pixel = |p: Point3<f64>| {
-            let (u, v) =
-                intrinsics.project(&world_from_camera.inverse_transform_point(&(world_from_link * p)))?;
-            Some([u, v])
-        };
-        Some(Arrow {
-            from: pixel(from)?,
-            to: pixel(to)?,
-            color: part_color(joint.child),
-            label: joint.name.clone(),
-        })
-    };
-    model.joints.iter().filter_map(draw).collect()
+        let pixels = line
+            .map(|p| intrinsics.project(&world_from_camera.inverse_transform_point(&(world_from_link * p))));
+        if let [Some(from), Some(to)] = pixels {
+            let color = part_color(joint.child);
+            arrows.push(Arrow { from: from.into(), to: to.into(), color, label: joint.name.clone() });
+        }
+    }
+    arrows
 }
 
-/// The stretch of a joint's axis that is drawn, in the frame of its child: through the middle of the part, a
+/// The drawn stretch of a joint's axis, in the frame of its child: through the middle of the part, a
 /// slider's from there towards rising positions; `None` of a part without surface.
 #[must_use]
 pub(crate) fn axis_line(model: &ArticulatedModel, joint: &Joint) -> Option<[Point3<f64>; 2]> {
@@ -321,8 +319,7 @@ pub(crate) fn axis_line(model: &ArticulatedModel, joint: &Joint) -> Option<[Poin
     let half = joint.axis.into_inner() * (AXIS_SHARE * f64::from((upper - lower).max()));
     Some(match joint.kind {
         JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
-            // The axis passes through the origin of the link frame, so that this is the point of it nearest
-            // to the middle.
+            // The axis passes through the origin of the link frame: this is its point nearest to the middle.
             let on_axis = Point3::from(joint.axis.into_inner() * middle.coords.dot(&joint.axis));
             [on_axis - half, on_axis + half]
         }

@@ -40,7 +40,7 @@ pub(crate) fn thumbnail(model: &ArticulatedModel) -> Vec<u8> {
     let rgb = view(model, &meshes, model.states.last().unwrap_or(&none), AZIMUTH_RAD, THUMBNAIL_PX);
     let mut bytes = Vec::new();
     let [w, h] = THUMBNAIL_PX.map(|x| x as u32);
-    // Writing to memory fails only for a size that does not fit its pixels.
+    // Writing to memory fails only if size and pixels disagree.
     PngEncoder::new(&mut bytes).write_image(rgb.as_flattened(), w, h, ExtendedColorType::Rgb8).ok();
     bytes
 }
@@ -49,40 +49,52 @@ pub(crate) fn thumbnail(model: &ArticulatedModel) -> Vec<u8> {
 /// and back.
 #[must_use]
 pub(crate) fn turntable(model: &ArticulatedModel, drawn: &[Drawn]) -> Vec<u8> {
-    // Of the meshes as they are exported, which have few triangles already.
-    let fewer = |d: &Drawn| (d.link, simplify(&d.look.mesh, TURNTABLE_FACES, f64::INFINITY));
-    let small: Vec<(usize, TriangleMesh)> = drawn.par_iter().map(fewer).collect();
+    // Of the exported meshes: they have few triangles already.
+    let small: Vec<(usize, TriangleMesh)> =
+        drawn.par_iter().map(|d| (d.link, simplify(&d.look.mesh, TURNTABLE_FACES, f64::INFINITY))).collect();
     let meshes: Vec<(usize, &TriangleMesh)> = small.iter().map(|(link, mesh)| (*link, mesh)).collect();
     let (Some(first), Some(last)) = (model.states.first(), model.states.last()) else { return Vec::new() };
-    let [w, h] = TURNTABLE_PX.map(|x| x as u16);
-    let picture = |k: usize| {
-        let turn = std::f64::consts::TAU * k as f64 / FRAMES as f64;
-        // Once there and back in a turn, slow at both ends, so that the loop has no jump.
-        let share = 0.5 - 0.5 * turn.cos();
-        let positions: Vec<f64> = first.iter().zip(last).map(|(a, b)| a + (b - a) * share).collect();
-        let rgb = view(model, &meshes, &positions, AZIMUTH_RAD + turn, TURNTABLE_PX);
-        let mut frame = Frame::from_rgb_speed(w, h, rgb.as_flattened(), SPEED);
-        (frame.delay, frame.dispose) = (FRAME_DELAY, DisposalMethod::Background);
-        frame.make_lzw_pre_encoded();
-        frame
-    };
-    let frames: Vec<Frame> = (0..FRAMES).into_par_iter().map(picture).collect();
-    let written = || -> Result<Vec<u8>, EncodingError> {
-        let mut encoder = Encoder::new(Vec::new(), w, h, &[])?;
-        encoder.set_repeat(Repeat::Infinite)?;
-        frames.iter().try_for_each(|frame| encoder.write_lzw_pre_encoded_frame(frame))?;
-        encoder.into_inner()
-    };
-    // Writing to memory fails only for a size that does not fit its pixels.
-    written().unwrap_or_default()
+    let frames: Vec<Frame> =
+        (0..FRAMES).into_par_iter().map(|k| turntable_frame(model, &meshes, [first, last], k)).collect();
+    // Writing to memory fails only if size and pixels disagree.
+    gif_of_frames(&frames).unwrap_or_default()
 }
 
-/// The meshes that draw a model, each with its link.
+/// A compressed frame of the turntable; the joints go from the first positions to the last and back.
+fn turntable_frame(
+    model: &ArticulatedModel,
+    meshes: &[(usize, &TriangleMesh)],
+    [first, last]: [&[f64]; 2],
+    number: usize,
+) -> Frame<'static> {
+    let turn = std::f64::consts::TAU * number as f64 / FRAMES as f64;
+    // Once there and back in a turn, slow at both ends: the loop has no jump.
+    let share = 0.5 - 0.5 * turn.cos();
+    let positions: Vec<f64> = first.iter().zip(last).map(|(a, b)| a + (b - a) * share).collect();
+    let rgb = view(model, meshes, &positions, AZIMUTH_RAD + turn, TURNTABLE_PX);
+    let [w, h] = TURNTABLE_PX.map(|x| x as u16);
+    let mut frame = Frame::from_rgb_speed(w, h, rgb.as_flattened(), SPEED);
+    frame.delay = FRAME_DELAY;
+    frame.dispose = DisposalMethod::Background;
+    frame.make_lzw_pre_encoded();
+    frame
+}
+
+/// The bytes of an animated GIF without an end.
+fn gif_of_frames(frames: &[Frame]) -> Result<Vec<u8>, EncodingError> {
+    let [w, h] = TURNTABLE_PX.map(|x| x as u16);
+    let mut encoder = Encoder::new(Vec::new(), w, h, &[])?;
+    encoder.set_repeat(Repeat::Infinite)?;
+    frames.iter().try_for_each(|frame| encoder.write_lzw_pre_encoded_frame(frame))?;
+    encoder.into_inner()
+}
+
+/// The visual meshes of a model, each with its link.
 fn meshes(model: &ArticulatedModel) -> impl Iterator<Item = (usize, &TriangleMesh)> {
     model.links.iter().enumerate().flat_map(|(link, own)| visuals(own).map(move |v| (link, v.mesh)))
 }
 
-/// The model from a camera that looks at its middle from an azimuth.
+/// The pixels of a camera at an azimuth, aimed at the middle of the model.
 fn view(
     model: &ArticulatedModel,
     meshes: &[(usize, &TriangleMesh)],
@@ -118,12 +130,11 @@ fn view(
         cx: 0.5 * (width as f64 - 1.0),
         cy: 0.5 * (height as f64 - 1.0),
     };
-    let item = |&(link, mesh)| RenderItem {
-        mesh,
-        world_from_mesh: model.world_from_link(link, positions),
-        paint: Paint::Vertices,
-    };
-    let items: Vec<RenderItem> = meshes.iter().map(item).collect();
+    let mut items = Vec::with_capacity(meshes.len());
+    for &(link, mesh) in meshes {
+        let world_from_mesh = model.world_from_link(link, positions);
+        items.push(RenderItem { mesh, world_from_mesh, paint: Paint::Vertices });
+    }
     render(&items, &intrinsics, &world_from_camera, true).rgb
 }
 

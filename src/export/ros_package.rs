@@ -1,4 +1,4 @@
-//! The files that make the folder a ROS 2 package.
+//! The files of a ROS 2 package.
 
 use std::{collections::BTreeSet, fmt::Write as _};
 

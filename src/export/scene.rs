@@ -20,10 +20,10 @@ const AWAY: f64 = 3.0;
 /// Natural frequency of a position actuator without friction, rad/s.
 /// chosen: a second to settle.
 const SERVO_RAD_S: f64 = 10.0;
-/// Share of the range by which an actuator may stay off its goal where friction or gravity holds.
+/// Largest error of an actuator against friction or gravity, as a share of the range.
 /// chosen: too little to be seen.
 const SERVO_ERROR: f64 = 0.02;
-/// Highest natural frequency that the time step of 2 ms follows, rad/s. chosen: 0.4 rad a step.
+/// Highest natural frequency for the time step of 2 ms, rad/s. chosen: 0.4 rad a step.
 const FASTEST_RAD_S: f64 = 200.0;
 
 /// `scene.xml`: the twin on a floor, with a light and a camera.
@@ -37,7 +37,6 @@ pub(crate) fn scene(model: &ArticulatedModel, twin_file: &str) -> String {
     // The camera looks along its -z; y is up in the picture.
     let right = forward.cross(&Vector3::z()).normalize();
     let up = right.cross(&forward);
-    let three = |v: &Vector3<f64>| triple(v.as_ref());
     format!(
         r#"<mujoco model="{name}_scene">
   <include file="{file}"/>
@@ -60,18 +59,18 @@ pub(crate) fn scene(model: &ArticulatedModel, twin_file: &str) -> String {
 "#,
         name = escape(&model.name),
         file = escape(twin_file),
-        center = three(&center.coords),
+        center = triple(center.coords.as_ref()),
         extent = short(2.0 * radius_m),
-        light = three(&(center.coords + Vector3::new(0.0, 0.0, AWAY * radius_m))),
-        floor = three(&Vector3::new(center.x, center.y, lower.z)),
-        eye = three(&eye.coords),
-        right = three(&right),
-        up = three(&up),
+        light = triple((center.coords + Vector3::new(0.0, 0.0, AWAY * radius_m)).as_ref()),
+        floor = triple(&[center.x, center.y, lower.z]),
+        eye = triple(eye.coords.as_ref()),
+        right = triple(right.as_ref()),
+        up = triple(up.as_ref()),
     )
 }
 
-/// `scene_actuated.xml`: the scene with a position actuator a joint, and a keyframe `hold0`, ... a state in
-/// which they hold it.
+/// `scene_actuated.xml`: the scene with a position actuator a joint, and a keyframe `hold0`, ... for each
+/// held state.
 #[must_use]
 pub(crate) fn actuated(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let mut text = format!(

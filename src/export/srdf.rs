@@ -1,4 +1,4 @@
-//! SRDF text, for MoveIt: the joints as a group, the observed states, and pairs of links that need no check.
+//! SRDF text, for MoveIt: the joints as a group, the observed states, and pairs of links exempt from checks.
 
 use std::fmt::Write as _;
 
@@ -9,13 +9,13 @@ use super::{
     urdf::short,
     xacro::commanded,
 };
-use model::{ArticulatedModel, escape_xml as escape};
+use model::{ArticulatedModel, Joint, escape_xml as escape};
 
 /// Positions looked at along a chain of one, two or three joints, each; longer chains are not looked at.
 const STEPS: [usize; 3] = [25, 12, 6];
 
-/// SRDF text of a model. Pairs are disabled where a joint joins them, and where the boxes of all places that
-/// both can reach within the limits lie apart.
+/// SRDF text of a model. A pair is disabled if a joint connects its links, or if the boxes of their reach
+/// within the limits lie apart.
 #[must_use]
 pub(crate) fn srdf(model: &ArticulatedModel, config: &ExportConfig) -> String {
     let root = model.links.first().map_or(String::new(), |l| escape(&l.name));
@@ -42,35 +42,40 @@ pub(crate) fn srdf(model: &ArticulatedModel, config: &ExportConfig) -> String {
         }
         text.push_str("  </group_state>\n");
     }
-    for (a, b, reason) in unchecked_pairs(model) {
-        let [a, b] = [a, b].map(|l| escape(&model.links[l].name));
+    for UncheckedPair { links, reason } in unchecked_pairs(model) {
+        let [a, b] = links.map(|l| escape(&model.links[l].name));
         writeln!(text, "  <disable_collisions link1=\"{a}\" link2=\"{b}\" reason=\"{reason}\"/>").ok();
     }
     text.push_str("</robot>\n");
     text
 }
 
-/// Pairs of links whose collisions need no check, and why.
-fn unchecked_pairs(model: &ArticulatedModel) -> Vec<(usize, usize, &'static str)> {
+/// Two links exempt from collision checks, and the reason in the words of MoveIt.
+struct UncheckedPair {
+    links: [usize; 2],
+    reason: &'static str,
+}
+
+/// All pairs of links exempt from collision checks.
+fn unchecked_pairs(model: &ArticulatedModel) -> Vec<UncheckedPair> {
     let reach: Vec<_> = (0..model.links.len()).map(|link| reach(model, link)).collect();
     let mut pairs = Vec::new();
     for a in 0..model.links.len() {
         for b in a + 1..model.links.len() {
-            let joined = |j: &model::Joint| (j.parent, j.child) == (a, b) || (j.parent, j.child) == (b, a);
-            if model.joints.iter().any(joined) {
-                pairs.push((a, b, "Adjacent"));
+            if model.joints.iter().any(|j| (j.parent, j.child) == (a, b) || (j.parent, j.child) == (b, a)) {
+                pairs.push(UncheckedPair { links: [a, b], reason: "Adjacent" });
             } else if let (Some((la, ua)), Some((lb, ub))) = (reach[a], reach[b])
                 && (0..3).any(|k| ua[k] < lb[k] || ub[k] < la[k])
             {
-                pairs.push((a, b, "Never"));
+                pairs.push(UncheckedPair { links: [a, b], reason: "Never" });
             }
         }
     }
     pairs
 }
 
-/// A box around all places of a link's solids within the limits of the joints that carry it; `None` where
-/// that is not known.
+/// Lower and upper corner of a box around all places of a link's solids within the limits of the joints above
+/// it, meters in the world; `None` for a link without solids or below too many joints.
 fn reach(model: &ArticulatedModel, link: usize) -> Option<(Point3<f64>, Point3<f64>)> {
     let chain: Vec<usize> = (0..model.joints.len())
         .filter(|&j| model.joints[j].child == link || model.is_below(link, model.joints[j].child))
@@ -101,18 +106,16 @@ fn reach(model: &ArticulatedModel, link: usize) -> Option<(Point3<f64>, Point3<f
     let (lower, upper) = all?;
     // Between two positions nothing goes farther from both than half of its way from one to the other.
     let lever_m = (upper - lower).norm();
-    let way = |&j: &usize| {
-        let joint = &model.joints[j];
-        let step = (joint.limit.upper - joint.limit.lower) / (steps - 1) as f64;
-        let per_step = if joint.kind.turns() {
-            lever_m + joint.kind.pitch_m_per_rad().unwrap_or(0.0).abs()
-        } else {
-            1.0
-        };
-        0.5 * step * per_step
-    };
-    let margin = Vector3::repeat(chain.iter().map(way).sum());
+    let margin = Vector3::repeat(chain.iter().map(|&j| half_step_m(&model.joints[j], steps, lever_m)).sum());
     Some((lower - margin, upper + margin))
+}
+
+/// Half of the longest way of a point between two of `steps` positions of a joint, meters.
+fn half_step_m(joint: &Joint, steps: usize, lever_m: f64) -> f64 {
+    let step = (joint.limit.upper - joint.limit.lower) / (steps - 1) as f64;
+    let per_step =
+        if joint.kind.turns() { lever_m + joint.kind.pitch_m_per_rad().unwrap_or(0.0).abs() } else { 1.0 };
+    0.5 * step * per_step
 }
 
 #[cfg(test)]
@@ -121,7 +124,7 @@ mod tests {
     use model::{JointKind, example::cabinet};
 
     fn disabled(model: &ArticulatedModel) -> Vec<(usize, usize, &'static str)> {
-        unchecked_pairs(model)
+        unchecked_pairs(model).into_iter().map(|p| (p.links[0], p.links[1], p.reason)).collect()
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Where a motion started and where it ended.
+//! Start and end of a refined motion.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,14 +6,14 @@ use geometry::Pose;
 use geometry::rotation_angle_rad;
 use model::ArticulatedModel;
 
-/// A motion that a part's refinement started from, or could have, and how far the final motion is from it.
+/// A used or possible start of a part's refinement, and its distance to the final motion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct InitialMotion {
     /// Name of the joint.
     pub joint: String,
-    /// What the start came from: `registration` or `identity`.
+    /// Source of the start: `registration` or `identity`.
     pub source: String,
-    /// Whether the refinement started from it; if not, it is what this source alone would have given.
+    /// Whether the refinement started from it; if not, it is the motion of this source alone.
     pub used: bool,
     /// Angle of the start's rotation, degrees.
     pub start_rotation_deg: f64,
@@ -33,36 +33,35 @@ pub fn compare_starts(
     used: bool,
     starts: &[Pose],
 ) -> Vec<InitialMotion> {
-    let angle_deg = |pose: &Pose| rotation_angle_rad(&pose.rotation).to_degrees();
-    let compare = |(index, start): (usize, &Pose)| {
-        let part = MovingPart::of(model, index);
-        InitialMotion {
-            joint: model.joints[index].name.clone(),
+    let mut motions = Vec::new();
+    for (j, (joint, start)) in model.joints.iter().zip(starts).enumerate() {
+        let part = MovingPart::of(model, j);
+        let end_from_start = part.state1_from_state0 * start.inverse();
+        motions.push(InitialMotion {
+            joint: joint.name.clone(),
             source: source.to_owned(),
             used,
-            start_rotation_deg: angle_deg(start),
+            start_rotation_deg: rotation_angle_rad(&start.rotation).to_degrees(),
             start_displacement_mm: 1000.0 * part.displacement_m(&Pose::identity(), start),
-            rotation_deg: angle_deg(&(part.state1_from_state0 * start.inverse())),
+            rotation_deg: rotation_angle_rad(&end_from_start.rotation).to_degrees(),
             displacement_mm: 1000.0 * part.displacement_m(start, &part.state1_from_state0),
-        }
-    };
-    starts.iter().take(model.joints.len()).enumerate().map(compare).collect()
+        });
+    }
+    motions
 }
 
 /// Motions in the order of the joints: the closest pair of joint and motion first, each used once. For
-/// motions whose order is that of another search for parts.
+/// motions in the order of another search for parts.
 #[must_use]
 pub fn nearest_starts(model: &ArticulatedModel, motions: &[Pose]) -> Vec<Pose> {
     let parts: Vec<MovingPart> = (0..model.joints.len()).map(|j| MovingPart::of(model, j)).collect();
-    let pair = |(j, part): (usize, &MovingPart)| -> Vec<(f64, usize, usize)> {
-        motions
-            .iter()
-            .enumerate()
-            .map(|(m, motion)| (part.displacement_m(motion, &part.state1_from_state0), j, m))
-            .collect()
-    };
-    let mut pairs: Vec<_> = parts.iter().enumerate().flat_map(pair).collect();
-    // Equal distances fall back on the order, so that the result is the same on every run.
+    let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+    for (j, part) in parts.iter().enumerate() {
+        for (m, motion) in motions.iter().enumerate() {
+            pairs.push((part.displacement_m(motion, &part.state1_from_state0), j, m));
+        }
+    }
+    // Equal distances fall back on the order: the result is the same on every run.
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
     let mut of_joint: Vec<Option<usize>> = vec![None; parts.len()];
     for (_, j, m) in pairs {
@@ -73,7 +72,7 @@ pub fn nearest_starts(model: &ArticulatedModel, motions: &[Pose]) -> Vec<Pose> {
     of_joint.into_iter().flatten().map(|m| motions[m]).collect()
 }
 
-/// A part that a joint moves.
+/// The part moved by a joint.
 struct MovingPart<'a> {
     vertices: &'a [nalgebra::Point3<f32>],
     world_from_link: Pose,
@@ -93,10 +92,7 @@ impl<'a> MovingPart<'a> {
 
     /// Mean distance between the part's vertices after one motion and after the other, meters.
     fn displacement_m(&self, a: &Pose, b: &Pose) -> f64 {
-        let moved = |p: &nalgebra::Point3<f32>| {
-            let p = self.world_from_link * p.cast::<f64>();
-            (b * p - a * p).norm()
-        };
-        self.vertices.iter().map(moved).sum::<f64>() / self.vertices.len().max(1) as f64
+        let in_world = self.vertices.iter().map(|p| self.world_from_link * p.cast::<f64>());
+        in_world.map(|p| (b * p - a * p).norm()).sum::<f64>() / self.vertices.len().max(1) as f64
     }
 }

@@ -62,8 +62,43 @@ struct JointData {
 /// The page with the meshes of a model. It loads nothing else.
 #[must_use]
 pub(crate) fn viewer_html(model: &ArticulatedModel, drawn: &[Drawn]) -> String {
-    let first = model.states.first();
-    let joint = |(j, joint): (usize, &model::Joint)| JointData {
+    let (center, radius) = sphere(model);
+    let data = Data {
+        center: center.into(),
+        radius,
+        links: model.links.iter().enumerate().map(|(i, link)| link_data(link, i)).collect(),
+        meshes: drawn.iter().map(mesh_data).collect(),
+        joints: (0..model.joints.len()).map(|j| joint_data(model, j)).collect(),
+    };
+    // Text and numbers always serialize.
+    let json = script_json(&serde_json::to_string(&data).unwrap_or_default());
+    // The title is put in on both sides of the data: no mark is replaced inside the data.
+    let [head, tail] = PAGE.split_once("@DATA@").map_or([PAGE, ""], |(head, tail)| [head, tail]);
+    let titled = |part: &str| part.replace("@TITLE@", &escape_xml(&model.name));
+    format!("{}{json}{}", titled(head), titled(tail))
+}
+
+fn link_data(link: &Link, part: usize) -> LinkData {
+    LinkData {
+        name: link.name.clone(),
+        color: part_color(part),
+        solids: link.collision.iter().map(|s| base64(&places(&s.mesh()))).collect(),
+    }
+}
+
+fn mesh_data(drawn: &Drawn) -> MeshData {
+    MeshData {
+        link: drawn.link,
+        assumed: drawn.visual.is_assumed,
+        corners: base64(&corners(&drawn.look)),
+        texture_png: base64(&drawn.png),
+    }
+}
+
+fn joint_data(model: &ArticulatedModel, j: usize) -> JointData {
+    let joint = &model.joints[j];
+    let first = model.states.first().and_then(|s| s.get(j)).copied();
+    JointData {
         name: joint.name.clone(),
         kind: joint.kind.nearest().name(),
         pitch: joint.kind.pitch_m_per_rad().unwrap_or(0.0),
@@ -74,33 +109,8 @@ pub(crate) fn viewer_html(model: &ArticulatedModel, drawn: &[Drawn]) -> String {
         line: axis_line(model, joint).map(|line| line.map(Into::into)),
         lower: joint.limit.lower,
         upper: joint.limit.upper,
-        start: first.and_then(|s| s.get(j)).copied().unwrap_or(joint.limit.lower),
-    };
-    let link = |(i, link): (usize, &Link)| LinkData {
-        name: link.name.clone(),
-        color: part_color(i),
-        solids: link.collision.iter().map(|s| base64(&places(&s.mesh()))).collect(),
-    };
-    let mesh = |Drawn { link, visual, look, png }: &Drawn| MeshData {
-        link: *link,
-        assumed: visual.is_assumed,
-        corners: base64(&corners(look)),
-        texture_png: base64(png),
-    };
-    let (center, radius) = sphere(model);
-    let data = Data {
-        center: center.into(),
-        radius,
-        links: model.links.iter().enumerate().map(link).collect(),
-        meshes: drawn.iter().map(mesh).collect(),
-        joints: model.joints.iter().enumerate().map(joint).collect(),
-    };
-    // Text and numbers always serialize.
-    let json = script_json(&serde_json::to_string(&data).unwrap_or_default());
-    // The title is put in on both sides of the data, so that neither is looked for in the other.
-    let [head, tail] = PAGE.split_once("@DATA@").map_or([PAGE, ""], |(head, tail)| [head, tail]);
-    let titled = |part: &str| part.replace("@TITLE@", &escape_xml(&model.name));
-    format!("{}{json}{}", titled(head), titled(tail))
+        start: first.unwrap_or(joint.limit.lower),
+    }
 }
 
 /// Floats in base64 are exact and take less room than numbers in JSON.
@@ -109,26 +119,21 @@ fn base64(bytes: &[u8]) -> String {
 }
 
 fn places(mesh: &TriangleMesh) -> Vec<u8> {
-    let place = |&i: &u32| <[f32; 3]>::from(mesh.vertices[i as usize]);
-    mesh.triangles.iter().flatten().flat_map(place).flat_map(f32::to_le_bytes).collect()
+    let places = mesh.triangles.iter().flatten().map(|&i| <[f32; 3]>::from(mesh.vertices[i as usize]));
+    places.flatten().flat_map(f32::to_le_bytes).collect()
 }
 
 fn corners(look: &Look) -> Vec<u8> {
-    let corner = |&i: &u32| {
+    let mut bytes = Vec::new();
+    for &i in look.triangles.iter().flatten() {
         let c = &look.corners[i as usize];
-        let p = look.mesh.vertices[c.vertex as usize];
-        [
-            p.x,
-            p.y,
-            p.z,
-            c.normal.x as f32,
-            c.normal.y as f32,
-            c.normal.z as f32,
-            c.uv[0] as f32,
-            c.uv[1] as f32,
-        ]
-    };
-    look.triangles.iter().flatten().flat_map(corner).flat_map(f32::to_le_bytes).collect()
+        let position = look.mesh.vertices[c.vertex as usize];
+        let [normal_x, normal_y, normal_z] = [c.normal.x as f32, c.normal.y as f32, c.normal.z as f32];
+        let [u, v] = c.uv.map(|t| t as f32);
+        let values = [position.x, position.y, position.z, normal_x, normal_y, normal_z, u, v];
+        bytes.extend(values.into_iter().flat_map(f32::to_le_bytes));
+    }
+    bytes
 }
 
 /// A sphere around the model in its first state.

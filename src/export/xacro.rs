@@ -1,4 +1,4 @@
-//! The twin as xacro macros, for robots and cells that hold it: links and joints behind a prefix, and a block
+//! The twin as xacro macros, for robots and cells: links and joints behind a prefix, and a block
 //! for `ros2_control`.
 
 use std::fmt::Write as _;
@@ -11,7 +11,7 @@ use model::{ArticulatedModel, Joint, Limit, Link, escape_xml as escape, identifi
 
 /// Xacro's namespace.
 const SPACE: &str = "xmlns:xacro=\"http://www.ros.org/wiki/xacro\"";
-/// What stands for the hardware unless another plugin is named.
+/// The default plugin of the hardware.
 const MOCK: &str = "mock_components/GenericSystem";
 
 /// Name of the file of [`macros`].
@@ -47,8 +47,8 @@ pub(crate) fn macros(model: &ArticulatedModel, screws: UrdfScrew) -> String {
     text
 }
 
-/// Places to grasp a link, as frames on it: links without mass, which `robot_state_publisher` takes. A
-/// simulator would give each a mass of its own, so no other URDF has them.
+/// Places to grasp a link, as frames on it: links without mass, for `robot_state_publisher`. A simulator
+/// would give each a mass of its own, so no other URDF has them.
 fn push_grasps(text: &mut String, link: &Link) {
     for (k, grasp) in link.grasps.iter().enumerate() {
         let name = escape(&grasp_name(link, k));
@@ -82,7 +82,7 @@ pub(crate) fn top(model: &ArticulatedModel) -> String {
     )
 }
 
-/// A joint that `ros2_control` commands: name and limits.
+/// Name and limits of the joint commanded by `ros2_control`.
 pub(super) fn commanded(joint: &Joint, screws: UrdfScrew) -> (String, Limit) {
     // Of a pair the slide leads; the turn follows it.
     match joint.kind.thread_m_per_rad().filter(|_| screws == UrdfScrew::Pair) {
@@ -123,7 +123,7 @@ fn push_control(text: &mut String, model: &ArticulatedModel, screws: UrdfScrew, 
     text.push_str("  </ros2_control>\n</xacro:macro>\n");
 }
 
-/// What is read of a joint, and the end of it.
+/// The state interfaces of a joint and its end tag.
 fn push_states(text: &mut String, start: f64) {
     writeln!(
         text,

@@ -34,7 +34,7 @@ pub(super) fn sdf_loss(s: f32, target: SdfTarget) -> (f32, f32) {
 pub(super) struct Scratch {
     geometry: GeometryPass,
     color: ColorPass,
-    /// Column in the block of every column that has color weight.
+    /// Column in the block of every column with color weight.
     columns: Vec<usize>,
 }
 
@@ -48,7 +48,7 @@ impl Scratch {
     }
 }
 
-/// What all blocks of a step share.
+/// Shared input of all blocks of a step.
 pub(super) struct StepContext<'a> {
     pub isa: InstructionSet,
     pub batch: &'a SampleBatch,
@@ -83,7 +83,7 @@ pub(super) fn train_block(
 /// TSDF terms of a block and their derivatives.
 fn sdf_losses(context: &StepContext<'_>, block: &Block, tsdf: &[f32], d_tsdf: &mut [f32]) -> f64 {
     let batch = context.batch;
-    // Of all samples: those that were left out count as zeros, so that batches are weighed alike.
+    // Of all samples: omitted ones count as zeros, and batches are weighed alike.
     let share = 1.0 / (batch.rays * batch.samples_per_ray) as f32;
     let samples = &context.plan.sample[block.start..block.start + block.len];
     let mut sum = 0.0;
@@ -114,7 +114,8 @@ fn color_losses(
         return 0.0;
     }
     let cols = color.gather(
-        (&geometry.outputs, block.cols),
+        &geometry.outputs,
+        block.cols,
         columns,
         |column| samples[column] as usize / batch.samples_per_ray,
         |ray| batch.directions[ray],
@@ -124,7 +125,7 @@ fn color_losses(
     let loss = ray_colors(context, block, columns, &color.rgb, &mut color.d_rgb, cols);
     color.backward(isa, backward, cols, gradient);
     // Columns without color weight keep a gradient of 0.
-    color.return_features(0, (columns, cols), (&mut geometry.d_outputs, block.cols));
+    color.return_features(0, columns, cols, &mut geometry.d_outputs, block.cols);
     loss
 }
 

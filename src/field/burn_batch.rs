@@ -1,5 +1,4 @@
-//! Which samples of a batch are computed, in the order that lets the color network run on a rectangle of
-//! them.
+//! The computed samples of a batch, in an order with one rectangle of them for the color network.
 
 use std::ops::Range;
 
@@ -58,7 +57,7 @@ impl Piece {
             }
             piece.lit_rays.extend((count > 0).then_some(ray));
         }
-        // Behind the samples of lit rays, which the color network takes as one rectangle.
+        // Behind the samples of lit rays: the color network takes these as one rectangle.
         for i in rest {
             piece.push(batch, i);
         }

@@ -1,4 +1,4 @@
-//! Devices for the burn engine, and what goes wrong with them.
+//! Devices for the burn engine, and their errors.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -16,15 +16,15 @@ pub enum EngineError {
          use the CPU engine"
     )]
     Unavailable {
-        /// What the driver says.
+        /// The driver's message.
         message: String,
     },
     /// The device failed at work.
     #[error("the device failed while it {doing}: {message}; use the CPU engine, or a smaller table or batch")]
     Failed {
-        /// What was being done.
+        /// The failed work.
         doing: &'static str,
-        /// What the device or burn says.
+        /// The message of the device or of burn.
         message: String,
     },
     /// Parameters or moments do not fit together.
@@ -37,7 +37,7 @@ pub(super) fn guarded<T>(
     doing: &'static str,
     work: impl FnOnce() -> Result<T, EngineError>,
 ) -> Result<T, EngineError> {
-    // An engine that failed is not asked again, so that nobody sees what a panic left half done.
+    // A failed engine is not used again: nobody reads work left half done by a panic.
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|payload| {
         let text = payload.downcast_ref::<String>().cloned();
         let text = text.or_else(|| payload.downcast_ref::<&str>().map(ToString::to_string));
@@ -48,16 +48,16 @@ pub(super) fn guarded<T>(
     })
 }
 
-/// What wgpu can open.
+/// An adapter for wgpu.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Adapter {
     /// Its name, kind, interface and driver.
     pub description: String,
-    /// Whether it is a renderer in software, which is slower than the CPU engine on the same processor.
+    /// Whether it is a renderer in software: slower than the CPU engine on the same processor.
     pub is_software: bool,
 }
 
-/// Adapters that wgpu sees.
+/// Adapters visible to wgpu.
 ///
 /// # Errors
 /// [`EngineError::NotBuilt`] without the `gpu` feature, [`EngineError::Failed`] if a driver panics.
@@ -67,25 +67,26 @@ pub fn adapters() -> Result<Vec<Adapter>, EngineError> {
     guarded("listed the adapters", || {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
         let found = read_sync(instance.enumerate_adapters(wgpu::Backends::all()));
-        let described = |adapter: &wgpu::Adapter| {
-            let i = adapter.get_info();
-            let driver = format!("{} {}", i.driver, i.driver_info);
-            Adapter {
-                description: format!(
-                    "{} ({:?}, {:?}, driver {})",
-                    i.name,
-                    i.device_type,
-                    i.backend,
-                    driver.trim()
-                ),
-                is_software: i.device_type == wgpu::DeviceType::Cpu,
-            }
-        };
-        Ok(found.iter().map(described).collect())
+        Ok(found.iter().map(|adapter| described_adapter(&adapter.get_info())).collect())
     })
 }
 
-/// Adapters that wgpu sees: this binary has no GPU support.
+#[cfg(feature = "gpu")]
+fn described_adapter(info: &burn::tensor::wgpu::wgpu::AdapterInfo) -> Adapter {
+    let driver = format!("{} {}", info.driver, info.driver_info);
+    Adapter {
+        description: format!(
+            "{} ({:?}, {:?}, driver {})",
+            info.name,
+            info.device_type,
+            info.backend,
+            driver.trim()
+        ),
+        is_software: info.device_type == burn::tensor::wgpu::wgpu::DeviceType::Cpu,
+    }
+}
+
+/// Adapters visible to wgpu: this binary has no GPU support.
 ///
 /// # Errors
 /// Always [`EngineError::NotBuilt`].
@@ -96,23 +97,24 @@ pub fn adapters() -> Result<Vec<Adapter>, EngineError> {
 
 /// The best adapter, opened once in a process.
 ///
-/// Refused without atomic addition of floats: burn then scatters the table's gradient in one thread, which
-/// takes seconds a step, and drivers that cap loops drop most of it without an error.
+/// Refused without atomic addition of floats: burn then scatters the table's gradient in one thread. This
+/// takes seconds a step, and drivers with a cap on loops drop most of it without an error.
 #[cfg(feature = "gpu")]
 pub(super) fn wgpu_device() -> Result<burn::tensor::Device, EngineError> {
-    use burn::tensor::{Device, wgpu::wgpu::Features};
+    use burn::tensor::Device;
     static DEVICE: std::sync::OnceLock<Result<Device, EngineError>> = std::sync::OnceLock::new();
-    let unavailable = |message: String| EngineError::Unavailable { message };
-    let open = || {
-        let (device, setup) =
-            Device::wgpu_options().init_with_setup().map_err(|e| unavailable(e.to_string()))?;
-        if !setup.device.features().contains(Features::SHADER_FLOAT32_ATOMIC) {
-            return Err(unavailable(format!(
-                "{} has no atomic addition of floats",
-                setup.adapter.get_info().name
-            )));
-        }
-        Ok(device)
-    };
-    DEVICE.get_or_init(|| guarded("was opened", open)).clone()
+    DEVICE.get_or_init(|| guarded("was opened", opened_device)).clone()
+}
+
+#[cfg(feature = "gpu")]
+fn opened_device() -> Result<burn::tensor::Device, EngineError> {
+    use burn::tensor::{Device, wgpu::wgpu::Features};
+    let (device, setup) = Device::wgpu_options()
+        .init_with_setup()
+        .map_err(|e| EngineError::Unavailable { message: e.to_string() })?;
+    if !setup.device.features().contains(Features::SHADER_FLOAT32_ATOMIC) {
+        let message = format!("{} has no atomic addition of floats", setup.adapter.get_info().name);
+        return Err(EngineError::Unavailable { message });
+    }
+    Ok(device)
 }

@@ -19,8 +19,8 @@ use super::{Layer, VIEW_COEFFICIENTS};
 ///
 /// A GPU sums table gradients with atomics, so repeated runs differ in the last bits; on the CPU device they
 /// do not. When the device fails in a method of [`FieldEngine`], the losses are NaN from then on,
-/// [`FieldEngine::failure`] says why, and [`FieldEngine::state`] is the last state that was read: another
-/// engine can go on from its `steps`.
+/// [`FieldEngine::failure`] returns the error, and [`FieldEngine::state`] the last state read: another engine
+/// can go on from its `steps`.
 pub struct BurnEngine {
     device: Device,
     shape: FieldShape,
@@ -290,8 +290,8 @@ fn failed(doing: &'static str, error: impl std::fmt::Display) -> EngineError {
     EngineError::Failed { doing, message: error.to_string() }
 }
 
-/// Checks what the tensors rely on: contiguous levels, hashed levels of 2^k entries, layers that fit each
-/// other, moments of the parameters' number.
+/// Checks the assumptions of the tensors: contiguous levels, hashed levels of 2^k entries, fitting layers,
+/// moments of the parameters' number.
 fn check_shape(state: &EngineState) -> Result<(), EngineError> {
     let params = &state.params;
     let err = |text: String| Err(EngineError::Shape(text));

@@ -1,8 +1,8 @@
 //! Multi-resolution hash encoding (docs/method.md 12.1): own kernels on a GPU, tensor operations on the CPU
 //! device.
 //!
-//! The table is read by `gather`, whose backward pass is an atomic `scatter`. `select` would be shorter, but
-//! its backward pass runs one thread per table column, which is slow on a GPU and wrong on drivers that cap
+//! The table is read by `gather`; its backward pass is an atomic `scatter`. `select` would be shorter, but
+//! its backward pass runs one thread per table column: slow on a GPU, and wrong on drivers with a cap on
 //! loops.
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
@@ -51,21 +51,15 @@ impl Corners {
         let fraction = position - cell.clone();
         let cell = cell.int();
 
-        // The weight 1 - f of a lower corner and f of an upper one, and the node, along one axis.
-        let weight = |axis: usize, shape: [usize; 4]| {
-            let f = fraction.clone().narrow(1, axis, 1);
-            Tensor::cat(vec![f.clone().neg() + 1.0, f], 1).reshape(shape)
-        };
-        let node = |axis: usize, shape: [usize; 4]| {
-            (cell.clone().narrow(1, axis, 1) + self.offset.clone().reshape([1, 2])).reshape(shape)
-        };
         let along_x = [n, 1, 1, 2];
         let along_y = [n, 1, 2, 1];
         let along_z = [n, 2, 1, 1];
-        let weights = weight(0, along_x) * weight(1, along_y) * weight(2, along_z);
-        let x = node(0, along_x);
-        let y = node(1, along_y);
-        let z = node(2, along_z);
+        let weights = corner_weights(&fraction, 0, along_x)
+            * corner_weights(&fraction, 1, along_y)
+            * corner_weights(&fraction, 2, along_z);
+        let x = self.nodes(&cell, 0, along_x);
+        let y = self.nodes(&cell, 1, along_y);
+        let z = self.nodes(&cell, 2, along_z);
         // docs/method.md (12.2).
         let entry = if level.hashed {
             let y = y * HASH_PRIMES[1];
@@ -81,6 +75,17 @@ impl Corners {
         let corners = table.clone().gather(0, floats.reshape([n * 8 * FEATURES])).reshape([n, 8, FEATURES]);
         (corners * weights.reshape([n, 8, 1])).sum_dim(1).reshape([n, FEATURES])
     }
+
+    /// Lower and upper node of every cell along one axis.
+    fn nodes(&self, cell: &Tensor<2, Int>, axis: usize, shape: [usize; 4]) -> Tensor<4, Int> {
+        (cell.clone().narrow(1, axis, 1) + self.offset.clone().reshape([1, 2])).reshape(shape)
+    }
+}
+
+/// The weight 1 - f of the lower corner and f of the upper one along one axis.
+fn corner_weights(fraction: &Tensor<2>, axis: usize, shape: [usize; 4]) -> Tensor<4> {
+    let f = fraction.clone().narrow(1, axis, 1);
+    Tensor::cat(vec![f.clone().neg() + 1.0, f], 1).reshape(shape)
 }
 
 /// `a ^ b` after expansion of both to one shape.

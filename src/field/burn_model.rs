@@ -9,7 +9,7 @@ use super::burn_batch::Piece;
 use super::burn_hash::hash_encode;
 use super::{FieldParams, GEOMETRY_OUTPUTS, LevelLayout, SampleBatch, VIEW_COEFFICIENTS, view_coefficients};
 
-/// What the parameter tensors mean.
+/// Layout of the parameter tensors.
 #[derive(Clone, Debug)]
 pub(super) struct FieldShape {
     pub levels: Vec<LevelLayout>,
@@ -72,21 +72,21 @@ pub(super) fn losses(
     if lit == 0 {
         return (sdf, Tensor::zeros([1], &device));
     }
-    // Lit samples come first (see `Piece`), so that the color network takes a rectangle of them.
+    // Lit samples come first (see `Piece`): the color network takes a rectangle of them.
     let appearance = outputs.narrow(0, 0, lit).narrow(1, 1, GEOMETRY_OUTPUTS - 1);
     let inputs = Tensor::cat(vec![views(batch, piece, &device), appearance], 1);
     let colors = sigmoid(network(inputs, color, color_shape));
     (sdf, color_loss(colors, batch, piece) / (3 * batch.rays) as f32)
 }
 
-/// Rows that are one product; a layer is a batch of such.
-/// derived: the square root of a batch of 65,536, so that sums within and over the groups are as long.
+/// Rows of one product; a layer is a batch of products.
+/// derived: the square root of a batch of 65,536: sums within and over the groups are equally long.
 const GROUP_ROWS: usize = 256;
 
 /// Layers with ReLU between them: `[points, inputs]` to `[points, outputs]`.
 ///
-/// The rows go in groups, and biases come as products: a gradient by a parameter is a sum over all rows,
-/// which as one product or as a plain sum few threads of a GPU would walk through one after another.
+/// The rows go in groups, and biases come as products: a gradient by a parameter is a sum over all rows. As
+/// one product or as a plain sum, few threads of a GPU would add them one after another.
 fn network(x: Tensor<2>, params: &[Tensor<1>], shapes: &[[usize; 2]]) -> Tensor<2> {
     let [rows, inputs] = x.dims();
     let device = x.device();

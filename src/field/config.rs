@@ -1,4 +1,4 @@
-//! How a field is trained, and what can be wrong with it.
+//! Settings of the training of a field, and its errors.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,19 +16,19 @@ pub struct TrainConfig {
     pub steps: usize,
     /// Rays a step.
     pub rays: usize,
-    /// Samples of a ray that are spread over the occupied cells in front of the surface.
+    /// Samples of a ray spread over the occupied cells in front of the surface.
     pub free_samples: usize,
     /// Samples of a ray within the truncation of its surface.
     pub band_samples: usize,
-    /// Share of the rays that pass the object by, where there are such rays.
+    /// Share of background rays, past the object, if there are any.
     pub background_share: f64,
-    /// How far off the object's mask such rays are taken, pixels.
+    /// Largest distance of background rays from the object's mask, pixels.
     pub background_ring_px: usize,
-    /// What rays that pass the object by ask of the TSDF.
+    /// Loss of the TSDF on background rays.
     pub background: BackgroundLoss,
     /// Learning rate of the first step.
     pub learning_rate: f64,
-    /// Factor that the learning rate has reached at the last step.
+    /// Factor on the learning rate at the last step.
     pub learning_rate_decay: f64,
     /// Weight of the empty-space term.
     pub empty_weight: f64,
@@ -38,25 +38,24 @@ pub struct TrainConfig {
     pub surface_weight: f64,
     /// Weight of the color term.
     pub color_weight: f64,
-    /// Share of the rays on the object that have a color term.
+    /// Share of the rays on the object with a color term.
     pub color_share: f64,
     /// Sharpness of the bell of color weights along a ray: `sigmoid(a q) sigmoid(-a q)`, q in truncations.
     pub color_sharpness: f64,
     /// Truncation of the signed distance, meters; `None`: [`Self::derived_truncation_m`]. Not a setting: a
-    /// run has one truncation for fields and surfaces, whose key is `surface.truncation_m`.
+    /// run has one truncation for fields and surfaces, `surface.truncation_m`.
     #[serde(skip)]
     pub truncation_m: Option<f64>,
-    /// Whether the network learns what is left of the fused distances, in place of all of the distance.
+    /// Whether the network learns a residual on the fused distances, in place of the whole distance.
     pub residual: bool,
-    /// Whether a ray teaches only the side of the fused surface that its camera sees.
+    /// Whether a ray teaches only its camera's side of the fused surface.
     pub side_test: bool,
-    /// TSDF that a fresh field starts from, in truncations (the bias of the last geometry layer). Where
+    /// Initial TSDF of a fresh field, in truncations (the bias of the last geometry layer). Where
     /// nothing was observed, the field stays near it. A residual starts from 0.
     pub initial_tsdf: f64,
-    /// Which distance the surface term asks for.
+    /// Target distance of the surface term.
     pub distance: SurfaceDistance,
-    /// Whether surface terms lose weight with depth behind the surface, so that both sides of a thin wall
-    /// survive.
+    /// Whether surface terms lose weight with depth behind the surface: both sides of a thin wall survive.
     pub behind_falloff: bool,
     /// Whether surface terms are weighted by the expected noise and the pixel's weight.
     pub noise_weights: bool,
@@ -65,13 +64,12 @@ pub struct TrainConfig {
     pub outlier_sigmas: f64,
     /// Share of the steps after which outliers are looked for.
     pub outlier_from: f64,
-    /// Depth noise. Not a setting: a run gives what it measured, whose keys are `capture.noise` and
-    /// `capture.measure_noise`.
+    /// Depth noise. Not a setting: a run gives its measurement (`capture.noise`, `capture.measure_noise`).
     #[serde(skip)]
     pub noise: NoiseConfig,
 }
 
-/// What rays that pass the object by ask of the TSDF.
+/// Loss of the TSDF on background rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BackgroundLoss {
@@ -80,11 +78,11 @@ pub enum BackgroundLoss {
     /// The empty-space term: 1 everywhere (the paper, read with an infinite depth).
     Empty,
     /// Not negative: weight 100, as the released code has it. Other than `Empty` it does not contradict
-    /// surfaces that the ray passes closely.
+    /// surfaces close to the ray.
     NonNegative,
 }
 
-/// Which distance the surface term asks for.
+/// Target distance of the surface term.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SurfaceDistance {
@@ -92,12 +90,11 @@ pub enum SurfaceDistance {
     Depth,
     /// Along the ray (the paper).
     Ray,
-    /// To the plane of the observed surface, which is nearer to the true distance on surfaces seen at an
-    /// angle.
+    /// To the plane of the observed surface: nearer to the true distance on surfaces seen at an angle.
     Plane,
 }
 
-/// Weight of the released code's term on rays that hit nothing. derived: that of the released code
+/// Weight of the term on rays without a hit. derived: the weight in the released code
 pub(super) const NON_NEGATIVE_WEIGHT: f64 = 100.0;
 
 impl Default for TrainConfig {
@@ -140,7 +137,7 @@ impl TrainConfig {
         self.truncation_m.unwrap_or_else(|| (0.02 * scene.extent_m()).max(4.0 * median_sigma_m))
     }
 
-    /// Refuses values that cannot be trained with.
+    /// Refuses values out of their ranges.
     ///
     /// # Errors
     /// [`FieldError::Config`] with the key and its range.
@@ -171,7 +168,7 @@ pub(super) fn within(key: &'static str, value: f64, low: f64, high: f64) -> Resu
     if value >= low && value <= high { Ok(()) } else { Err(FieldError::Config { key, value, low, high }) }
 }
 
-/// Refuses shapes of a field that cannot be trained.
+/// Refuses shapes of a field out of their ranges.
 pub(super) fn check_shape(f: &FieldConfig) -> Result<(), FieldError> {
     within("field.levels", f.levels as f64, 1.0, 32.0)?;
     within("field.base_resolution", f.base_resolution as f64, 2.0, 1024.0)?;
@@ -228,7 +225,7 @@ pub enum FieldError {
     /// A checkpoint belongs to other data or another configuration.
     #[error("field: the checkpoint has {found} {what}, this run {expected}; start again without it")]
     Checkpoint {
-        /// What was compared.
+        /// Name of the compared count.
         what: &'static str,
         /// In the checkpoint.
         found: usize,

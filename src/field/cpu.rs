@@ -10,14 +10,14 @@ use rayon::prelude::*;
 use super::block::{Scratch, StepContext, train_block};
 use super::learner::{FeatureGradient, Learner};
 use super::matrix::{BackwardNetwork, Network, NetworkGradient, padded};
-use super::plan::Plan;
+use super::plan::{Block, Plan};
 use super::simd::{AdamStep, Columns, InstructionSet};
 use super::{EngineState, FEATURES, FieldEngine, FieldLosses, FieldParams, SampleBatch, VIEW_COEFFICIENTS};
 
-/// What a step of [`CpuEngine`] consists of, in order.
+/// Phases of a step of [`CpuEngine`], in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StepPhase {
-    /// Samples that have a loss are put into blocks.
+    /// Samples with a loss are put into blocks.
     Plan,
     /// Features are read from the hash grid.
     Encode,
@@ -109,27 +109,21 @@ impl CpuEngine {
         }
         let context =
             StepContext { isa: self.learner.isa, batch, plan, network: &network, backward: &backward };
-        let features = &self.features;
+        let features = Columns { data: &self.features, stride: columns, rows };
         // As many buffers as threads are at work, in place of one a group.
         let pool = Mutex::new(Vec::new());
-        let run = |(group, mut own): (std::ops::Range<usize>, &mut [f32])| {
-            let scratch = pool.lock().ok().and_then(|mut p| p.pop());
-            let mut scratch = scratch.unwrap_or_else(|| Scratch::new(&network, plan.widest()));
-            let mut gradient = NetworkGradient::zeros(&network);
-            let mut losses = FieldLosses::default();
-            for block in &plan.blocks[group] {
-                let (d, others) = own.split_at_mut(block.cols * d_rows);
-                own = others;
-                let view = Columns { data: &features[block.start..], stride: columns, rows };
-                let l = train_block(&context, block, view, &mut scratch, &mut gradient, d);
-                losses = FieldLosses { sdf: losses.sdf + l.sdf, color: losses.color + l.color };
-            }
-            if let Ok(mut p) = pool.lock() {
-                p.push(scratch);
-            }
-            (losses, gradient)
-        };
-        let parts: Vec<_> = tasks.into_par_iter().map(run).collect();
+        let parts: Vec<_> = tasks
+            .into_par_iter()
+            .map(|(group, d_features)| {
+                let scratch = pool.lock().ok().and_then(|mut p| p.pop());
+                let mut scratch = scratch.unwrap_or_else(|| Scratch::new(&network, plan.widest()));
+                let part = train_group(&context, &plan.blocks[group], features, &mut scratch, d_features);
+                if let Ok(mut p) = pool.lock() {
+                    p.push(scratch);
+                }
+                part
+            })
+            .collect();
         // Summed in the order of the groups, whatever the number of threads.
         let mut losses = FieldLosses::default();
         let mut gradient = NetworkGradient::zeros(&network);
@@ -146,6 +140,29 @@ impl CpuEngine {
         let features = FeatureGradient { points: plan.points(), blocks: &blocks, data: &self.d_features };
         self.learner.scatter(features, learning);
     }
+}
+
+/// Forward and backward pass of a group of blocks; returns the losses and the layers' gradient, and writes
+/// the features' gradient block by block.
+fn train_group(
+    context: &StepContext<'_>,
+    blocks: &[Block],
+    features: Columns<'_>,
+    scratch: &mut Scratch,
+    d_features: &mut [f32],
+) -> (FieldLosses, NetworkGradient) {
+    let d_rows = padded(features.rows);
+    let mut rest = d_features;
+    let mut gradient = NetworkGradient::zeros(context.network);
+    let mut losses = FieldLosses::default();
+    for block in blocks {
+        let (d, others) = rest.split_at_mut(block.cols * d_rows);
+        rest = others;
+        let own = Columns { data: &features.data[block.start..], ..features };
+        let l = train_block(context, block, own, scratch, &mut gradient, d);
+        losses = FieldLosses { sdf: losses.sdf + l.sdf, color: losses.color + l.color };
+    }
+    (losses, gradient)
 }
 
 impl FieldEngine for CpuEngine {

@@ -1,20 +1,20 @@
-//! The interface that every engine of the field networks implements: same parameters, same samples, same
+//! The interface of all engines of the field networks: same parameters, same samples, same
 //! losses.
 
 use serde::{Deserialize, Serialize};
 
 use super::{EngineError, FieldParams};
 
-/// What the network's output `s` at one sample is asked to be, in truncation distances. Of a network that
-/// learns what is left of a known distance, that distance is taken out of the `value`.
+/// Target of the network's output `s` at one sample, in truncation distances. For a network on the residual
+/// of a known distance, `value` is less this distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SdfTarget {
     /// No supervision.
     Ignore,
-    /// Empty space in front of a surface: `weight * |s - value|` where `s < value`, which is 1:
+    /// Empty space in front of a surface: `weight * |s - value|` where `s < value`; `value` is 1:
     /// docs/method.md (12.4).
     Empty {
-        /// TSDF from which on space is empty.
+        /// Lowest TSDF of empty space.
         value: f32,
         /// Loss weight.
         weight: f32,
@@ -27,10 +27,10 @@ pub enum SdfTarget {
         /// Loss weight.
         weight: f32,
     },
-    /// On a ray that hits no object: `weight * (s - value)^2` where `s < value`, which is
-    /// [`BACKGROUND_TSDF`] ("background free space").
+    /// On a ray past the object: `weight * (s - value)^2` where `s < value`; `value` is [`BACKGROUND_TSDF`]
+    /// ("background free space").
     Background {
-        /// TSDF from which on space is not filled.
+        /// Lowest TSDF of unfilled space.
         value: f32,
         /// Loss weight.
         weight: f32,
@@ -38,7 +38,7 @@ pub enum SdfTarget {
 }
 
 /// TSDF target where a sample on an empty ray must stay above it: docs/method.md (12.6).
-/// derived: that of the released program (docs/method.md 12.9)
+/// derived: the value of the released program (docs/method.md 12.9)
 pub(crate) const BACKGROUND_TSDF: f32 = 0.001;
 
 /// The samples of one optimiser step: `rays` rays of `samples_per_ray` samples each, ray-major.
@@ -75,7 +75,7 @@ pub struct FieldLosses {
     pub color: f64,
 }
 
-/// Parameters and Adam moments: what a checkpoint holds. Moments are in the order of
+/// Parameters and Adam moments, for a checkpoint. Moments are in the order of
 /// [`FieldParams::flatten`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EngineState {
@@ -92,7 +92,7 @@ pub struct EngineState {
 /// Adam: beta 0.9 and 0.999, epsilon 1e-15, no weight decay (docs/method.md 12.6).
 /// derived: the published ones
 pub const ADAM_BETAS: (f32, f32) = (0.9, 0.999);
-/// Adam's epsilon. chosen: far below the root of any second moment that counts
+/// Adam's epsilon. chosen: far below the root of any relevant second moment
 pub const ADAM_EPSILON: f32 = 1e-15;
 
 /// Trains the parameters of one field.
@@ -131,16 +131,18 @@ impl FieldParams {
     /// If `values` has another length than [`Self::flatten`] gives.
     pub fn assign(&mut self, values: &[f32]) {
         let mut rest = values;
-        let mut take = |target: &mut Vec<f32>| {
-            let (head, tail) = rest.split_at(target.len());
-            target.copy_from_slice(head);
-            rest = tail;
-        };
-        take(&mut self.table);
+        take_values(&mut rest, &mut self.table);
         for layer in self.geometry.iter_mut().chain(&mut self.color) {
-            take(&mut layer.weights);
-            take(&mut layer.biases);
+            take_values(&mut rest, &mut layer.weights);
+            take_values(&mut rest, &mut layer.biases);
         }
         assert!(rest.is_empty(), "{} values too many", rest.len());
     }
+}
+
+/// Moves the first values of `rest` to `target`, as many as it has.
+fn take_values(rest: &mut &[f32], target: &mut [f32]) {
+    let (head, tail) = rest.split_at(target.len());
+    target.copy_from_slice(head);
+    *rest = tail;
 }

@@ -4,13 +4,13 @@ use nalgebra::{Point3, Vector3};
 
 use geometry::Grid3;
 
-/// Share of the truncation from which on a fused distance only says that the surface is farther.
+/// Share of the truncation; a larger fused distance means only a farther surface.
 ///
 /// chosen: one, less rounding
 const CUT: f32 = 0.999;
 
-/// Whether a view from `eye` (world) sees the side of the surface that a place is on, by the slope of the
-/// fused distances there (docs/method.md 3.4); true where they know no surface. Behind a wall thinner than
+/// Whether a view from `eye` (world) sees the surface from the side of a place, by the slope of the fused
+/// distances there (docs/method.md 3.4); true where they know no surface. Behind a wall thinner than
 /// the truncation its readings would push the other side outwards. `distance_m` is NaN where nothing was
 /// observed.
 #[must_use]
@@ -23,12 +23,12 @@ pub(super) fn sees_side(
     let (distance_m, slope) = distance_m.sample_with_gradient(place);
     let near = distance_m.abs() < CUT * truncation_m as f32;
     let toward: Vector3<f32> = (eye - place).cast();
-    // Negated: a slope that is not known speaks for no side.
+    // Negated: an unknown slope is evidence for no side.
     !near || !(slope.dot(&toward) < 0.0)
 }
 
-/// The distances in truncations, every node that nothing observed with the value of an observed one nearby,
-/// passed on from neighbor to neighbor; -1 without any observed node.
+/// The distances in truncations, every unobserved node with the value of an observed one nearby, passed on
+/// from neighbor to neighbor; -1 without any observed node.
 #[must_use]
 pub(super) fn extended(distance_m: &Grid3<f32>, truncation_m: f64) -> Grid3<f32> {
     let values = distance_m.values.iter().map(|d| d / truncation_m as f32).collect();

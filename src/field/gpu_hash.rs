@@ -45,7 +45,7 @@ trait HashLevel: Backend {
         level: LevelLayout,
     ) -> FloatTensor<Self>;
 
-    /// Gradient `[2 entries]` by the table from that `[points, 2]` by the features.
+    /// Gradient `[2 entries]` by the table from the one `[points, 2]` by the features.
     #[fusion(dtype = gradient, shape = Shape::new([FEATURES * level.entries]))]
     fn hash_scatter(
         points: FloatTensor<Self>,
@@ -56,7 +56,7 @@ trait HashLevel: Backend {
 
 impl HashLevel for CubeBackend {
     fn hash_encode(points: CubeTensor, table: CubeTensor, level: LevelLayout) -> CubeTensor {
-        // The kernels number rows by themselves, which a view with strides would break.
+        // The kernels number rows by themselves; a view with strides would break this.
         let points = into_contiguous(points);
         let table = into_contiguous(table);
         let count = points.meta.shape()[0];
@@ -70,7 +70,7 @@ impl HashLevel for CubeBackend {
         let dim = CubeDim::new(&client, count);
         let cubes = calculate_cube_count_elemwise(&client, count, dim);
         // SAFETY: the kernel ends threads beyond the points; nodes of points in the unit cube are inside the
-        // table, which `check_shape` has checked against the level.
+        // table; `check_shape` has checked it against the level.
         unsafe {
             gpu_kernels::encode::launch_unchecked(
                 &client,

@@ -36,8 +36,8 @@ pub fn view_coefficients<T: RealField + Copy>([x, y, z]: [T; 3]) -> [T; VIEW_COE
     ]
 }
 
-/// Gradient by the direction of a value whose gradient by [`view_coefficients`] is `by_coefficients`: that of
-/// the polynomials in three free coordinates, of which only the part across the direction has a meaning.
+/// Gradient by the direction of a value with the gradient `by_coefficients` by [`view_coefficients`], as
+/// polynomials in three free coordinates; only its part across the direction has a meaning.
 #[must_use]
 pub(super) fn view_gradient([x, y, z]: [f64; 3], by_coefficients: &[f64; VIEW_COEFFICIENTS]) -> [f64; 3] {
     let xx = x * x;

@@ -11,11 +11,11 @@ use super::matrix::{NetworkGradient, padded};
 use super::simd::{AdamStep, InstructionSet, LevelGeometry, PointColumns};
 use super::{EngineState, FEATURES, FieldParams};
 
-/// Points that one task encodes at one level.
+/// Points of one level in one task.
 const ENCODE_POINTS: usize = 8192;
-/// Table floats whose moments are known to be 0 or not together; see [`update_table`].
+/// Table floats with one flag for moments of 0; see [`update_table`].
 const CHUNK: usize = 128;
-/// Floats of a level that one task updates.
+/// Floats of a level updated by one task.
 const UPDATE_FLOATS: usize = 1024 * CHUNK;
 
 /// Parameters, moments and the table's gradient of one field.
@@ -26,7 +26,7 @@ pub(super) struct Learner {
     second: Vec<f32>,
     /// Gradient of the table; all 0 between steps.
     table_gradient: Vec<f32>,
-    /// Chunks of the table that a gradient has reached.
+    /// Chunks of the table reached by a gradient.
     awake: Vec<bool>,
     steps: u64,
 }
@@ -56,16 +56,16 @@ impl Learner {
         );
         let floats = params.table.len();
         // A checkpoint has no such flags; moments show where a gradient was.
-        let moved = |(m, v): (&[f32], &[f32])| m.iter().chain(v).any(|&x| x != 0.0);
-        let awake = params.levels.iter().flat_map(|l| {
+        let mut awake = Vec::new();
+        for l in &params.levels {
             let range = l.offset..l.offset + l.entries * FEATURES;
-            first[range.clone()].chunks(CHUNK).zip(second[range].chunks(CHUNK)).map(moved).collect::<Vec<_>>()
-        });
-        let awake = awake.collect();
+            let chunks = first[range.clone()].chunks(CHUNK).zip(second[range].chunks(CHUNK));
+            awake.extend(chunks.map(|(m, v)| m.iter().chain(v).any(|&x| x != 0.0)));
+        }
         Self { isa, params, table_gradient: vec![0.0; floats], awake, first, second, steps }
     }
 
-    /// What [`Self::resume`] needs.
+    /// The state for [`Self::resume`].
     pub(crate) fn state(&self) -> EngineState {
         EngineState {
             params: self.params.clone(),
@@ -113,7 +113,7 @@ impl Learner {
         let isa = self.isa;
         let sizes: Vec<usize> = self.params.levels.iter().map(|l| l.entries * FEATURES).collect();
         let chunks: Vec<usize> = sizes.iter().map(|s| s.div_ceil(CHUNK)).collect();
-        // One task a level adds to its table, so that additions need no atomics and keep their order.
+        // One task a level adds to its table: additions need no atomics and keep their order.
         let gradients = split(&mut self.table_gradient, &sizes);
         let table = split(&mut self.params.table, &sizes);
         let first = split(&mut self.first, &sizes);
@@ -182,8 +182,8 @@ fn split<'a, T>(mut rest: &'a mut [T], sizes: &[usize]) -> Vec<&'a mut [T]> {
 
 /// Adam on the table of one level.
 ///
-/// This is dense Adam: every entry moves by its momentum in every step. Chunks that no gradient has ever
-/// reached have moments of 0 and would not move, so they are skipped; that changes no bit of the result.
+/// This is dense Adam: every entry moves by its momentum in every step. Chunks never reached by a gradient
+/// have moments of 0 and would not move: they are skipped without a change of any bit.
 fn update_table(
     isa: InstructionSet,
     step: AdamStep,

@@ -33,7 +33,7 @@ impl Matrix {
         Self { outputs, inputs, weights, biases: Some(biases) }
     }
 
-    /// The transposed weights from input row `from` on, without biases: what carries gradients back.
+    /// The transposed weights from input row `from` on, without biases, to carry gradients back.
     pub(crate) fn transposed(&self, from: usize) -> Self {
         let outputs = padded(self.inputs - from);
         let mut weights = vec![0.0; outputs * self.outputs];
@@ -105,15 +105,15 @@ impl Network {
     }
 }
 
-/// The transposes that the backward pass needs.
+/// The transposes for the backward pass.
 pub(super) struct BackwardNetwork {
     pub geometry: [Matrix; 2],
-    /// The first carries gradients to the inputs from the one that was asked for on.
+    /// The first carries gradients to the color network's inputs from the first with a gradient.
     pub color: [Matrix; 3],
 }
 
 impl BackwardNetwork {
-    /// `from` is the first input of the color network that has a gradient: [`VIEW_COEFFICIENTS`] where view
+    /// `from` is the first input of the color network with a gradient: [`VIEW_COEFFICIENTS`] where view
     /// directions are given and nothing is carried back to them, else 0.
     pub(crate) fn pack(network: &Network, from: usize) -> Self {
         let g = &network.geometry;
@@ -139,14 +139,16 @@ struct LayerGradient {
     inputs: usize,
 }
 
+impl LayerGradient {
+    fn zeros(matrix: &Matrix) -> Self {
+        let weights = vec![0.0; matrix.weights.len()];
+        Self { weights, biases: vec![0.0; matrix.outputs], inputs: matrix.inputs }
+    }
+}
+
 impl NetworkGradient {
     pub(crate) fn zeros(network: &Network) -> Self {
-        let layer = |m: &Matrix| LayerGradient {
-            weights: vec![0.0; m.weights.len()],
-            biases: vec![0.0; m.outputs],
-            inputs: m.inputs,
-        };
-        Self { layers: network.geometry.iter().chain(&network.color).map(layer).collect() }
+        Self { layers: network.geometry.iter().chain(&network.color).map(LayerGradient::zeros).collect() }
     }
 
     /// Adds the gradient of layer `layer` (0, 1 geometry; 2, 3, 4 color) from its output's gradient and its

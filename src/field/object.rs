@@ -14,9 +14,9 @@ use super::{FEATURES, FieldParams, GEOMETRY_OUTPUTS, VIEW_COEFFICIENTS};
 use geometry::{Grid3, SceneBox};
 use surface::{ColorField, ColorSample, TriangleMesh};
 
-/// Points that one task evaluates at a time.
+/// Points of one task.
 const CHUNK: usize = 512;
-/// Features of the geometry network that the color network sees.
+/// Features of the geometry network for the color network.
 const COLOR_FEATURES: usize = GEOMETRY_OUTPUTS - 1;
 
 /// A frozen field of one state.
@@ -24,11 +24,11 @@ const COLOR_FEATURES: usize = GEOMETRY_OUTPUTS - 1;
 pub struct ObjectField {
     /// Parameters of the hash grid and the networks.
     pub params: FieldParams,
-    /// The cube that the hash grid spans.
+    /// The cube of the hash grid.
     pub scene: SceneBox,
-    /// Distance that the network's TSDF counts in, meters.
+    /// Unit of the network's TSDF, meters.
     pub truncation_m: f64,
-    /// Distances that the network's TSDF is added to, in truncations; none where it is the whole.
+    /// Base of the network's TSDF, in truncations; none for a network on the whole distance.
     pub base: Option<Arc<Grid3<f32>>>,
 }
 
@@ -38,14 +38,7 @@ impl ObjectField {
     #[must_use]
     pub fn tsdf(&self, points: &[Point3<f64>]) -> Vec<f32> {
         let query = Query::new(self);
-        let truncation_m = self.truncation_m as f32;
-        let chunk = |points: &[Point3<f64>]| {
-            let mut b = Buffers::new(&query, points);
-            query.geometry(&mut b);
-            let base = |p: &Point3<f64>| self.base.as_ref().map_or(0.0, |base| base.sample(p));
-            b.outputs.iter().zip(points).map(|(s, p)| (s + base(p)) * truncation_m).collect::<Vec<_>>()
-        };
-        points.par_chunks(CHUNK).map(chunk).collect::<Vec<_>>().concat()
+        points.par_chunks(CHUNK).map(|points| query.tsdf(points)).collect::<Vec<_>>().concat()
     }
 
     /// Colors in `[0, 1]` at world points seen along unit world directions.
@@ -56,13 +49,8 @@ impl ObjectField {
     pub fn rgb(&self, points: &[Point3<f64>], directions: &[Vector3<f64>]) -> Vec<[f32; 3]> {
         assert_eq!(points.len(), directions.len(), "one direction a point");
         let query = Query::new(self);
-        let chunk = |(points, directions): (&[Point3<f64>], &[Vector3<f64>])| {
-            let mut b = Buffers::new(&query, points);
-            query.geometry(&mut b);
-            query.color(&mut b, directions);
-            (0..points.len()).map(|i| std::array::from_fn(|c| b.rgb[c * b.cols + i])).collect::<Vec<_>>()
-        };
-        points.par_chunks(CHUNK).zip(directions.par_chunks(CHUNK)).map(chunk).collect::<Vec<_>>().concat()
+        let chunks = points.par_chunks(CHUNK).zip(directions.par_chunks(CHUNK));
+        chunks.map(|(points, directions)| query.rgb(points, directions)).collect::<Vec<_>>().concat()
     }
 
     /// Colors a mesh in the world as seen along the inward normals.
@@ -82,8 +70,8 @@ impl ObjectField {
             .collect();
     }
 
-    /// Signed distances in meters, cut to `+-truncation_m`, at those nodes of a grid shaped like `template`
-    /// that `inside` selects by world position; `+truncation_m` at all other nodes.
+    /// Signed distances in meters, cut to `+-truncation_m`, at the nodes of a grid like `template` with a
+    /// world position `inside`; `+truncation_m` at all other nodes.
     #[must_use]
     pub fn tsdf_grid<T>(
         &self,
@@ -98,9 +86,11 @@ impl ObjectField {
         let mut values = vec![limit; nx * ny * nz];
         // A slab at a time bounds the memory of the positions.
         for (z, out) in values.chunks_mut(nx * ny).enumerate() {
-            let selected = |i: usize| Some((i, template.node(i % nx, i / nx, z))).filter(|(_, p)| inside(p));
-            let (nodes, points): (Vec<usize>, Vec<Point3<f64>>) =
-                (0..nx * ny).into_par_iter().filter_map(selected).unzip();
+            let (nodes, points): (Vec<usize>, Vec<Point3<f64>>) = (0..nx * ny)
+                .into_par_iter()
+                .map(|i| (i, template.node(i % nx, i / nx, z)))
+                .filter(|(_, p)| inside(p))
+                .unzip();
             for (node, d) in nodes.into_iter().zip(self.tsdf(&points)) {
                 out[node] = d.clamp(-limit, limit);
             }
@@ -113,16 +103,11 @@ impl ColorField for ObjectField {
     fn colors(&self, points: &[Point3<f64>], directions: &[Vector3<f64>]) -> Vec<ColorSample> {
         assert_eq!(points.len(), directions.len(), "one direction a point");
         let query = Query::new(self);
-        // Unit coordinates per meter.
-        let scale = (0.5 * self.scene.scale) as f32;
-        let chunk = |(points, directions): (&[Point3<f64>], &[Vector3<f64>])| {
-            let mut b = Buffers::new(&query, points);
-            let mut tangents = query.geometry_with_tangents(&mut b);
-            query.color(&mut b, directions);
-            let slopes = tangents.each_mut().map(|t| query.color_tangent(&b, t));
-            (0..points.len()).map(|i| b.color_sample(i, &slopes, scale)).collect::<Vec<_>>()
-        };
-        points.par_chunks(CHUNK).zip(directions.par_chunks(CHUNK)).map(chunk).collect::<Vec<_>>().concat()
+        let chunks = points.par_chunks(CHUNK).zip(directions.par_chunks(CHUNK));
+        chunks
+            .map(|(points, directions)| query.color_samples(points, directions))
+            .collect::<Vec<_>>()
+            .concat()
     }
 }
 
@@ -179,8 +164,8 @@ impl Buffers {
         PointColumns { x: &self.axes[0], y: &self.axes[1], z: &self.axes[2] }
     }
 
-    /// Color of a point and its derivative; `slopes` are those of the values before the sigmoid by unit
-    /// coordinates, of which a meter has `scale`.
+    /// Color of a point and its derivative; `slopes` are derivatives of the values before the sigmoid by unit
+    /// coordinates; a meter has `scale` of them.
     fn color_sample(&self, point: usize, slopes: &[Vec<f32>; 3], scale: f32) -> ColorSample {
         let rgb = Vector3::from_fn(|c, _| self.rgb[c * self.cols + point]);
         let jacobian =
@@ -199,6 +184,38 @@ impl<'a> Query<'a> {
         let network = Network::pack(&field.params);
         let features = network.color[0].columns(VIEW_COEFFICIENTS..VIEW_COEFFICIENTS + COLOR_FEATURES);
         Self { isa: InstructionSet::detect(), field, network, features }
+    }
+
+    /// Signed distances at points, meters.
+    fn tsdf(&self, points: &[Point3<f64>]) -> Vec<f32> {
+        let truncation_m = self.field.truncation_m as f32;
+        let mut b = Buffers::new(self, points);
+        self.geometry(&mut b);
+        let mut distances_m = Vec::with_capacity(points.len());
+        for (s, p) in b.outputs.iter().zip(points) {
+            let base = self.field.base.as_ref().map_or(0.0, |base| base.sample(p));
+            distances_m.push((s + base) * truncation_m);
+        }
+        distances_m
+    }
+
+    /// Colors in `[0, 1]` at points seen along directions.
+    fn rgb(&self, points: &[Point3<f64>], directions: &[Vector3<f64>]) -> Vec<[f32; 3]> {
+        let mut b = Buffers::new(self, points);
+        self.geometry(&mut b);
+        self.color(&mut b, directions);
+        (0..points.len()).map(|i| std::array::from_fn(|c| b.rgb[c * b.cols + i])).collect()
+    }
+
+    /// Colors at points seen along directions, and their derivatives by the points.
+    fn color_samples(&self, points: &[Point3<f64>], directions: &[Vector3<f64>]) -> Vec<ColorSample> {
+        // Unit coordinates per meter.
+        let scale = (0.5 * self.field.scene.scale) as f32;
+        let mut b = Buffers::new(self, points);
+        let mut tangents = self.geometry_with_tangents(&mut b);
+        self.color(&mut b, directions);
+        let slopes = tangents.each_mut().map(|t| self.color_tangent(&b, t));
+        (0..points.len()).map(|i| b.color_sample(i, &slopes, scale)).collect()
     }
 
     /// Table of a level.

@@ -1,4 +1,4 @@
-//! Which cells of the scene cube may hold surface: rays are only sampled there (docs/method.md 12.2).
+//! Cells of the scene cube near surface: rays are only sampled there (docs/method.md 12.2).
 
 use nalgebra::{Point3, Vector3};
 
@@ -16,9 +16,9 @@ pub struct Occupancy {
 }
 
 impl Occupancy {
-    /// The cells of about `cell_m` meters that hold one of the world points, or lie within `reach` cells of
-    /// one that does. Points of all states belong here, so that all fields are defined wherever the object
-    /// ever was. Cells are larger than asked if the cube would have more than 512 along a side.
+    /// The cells of about `cell_m` meters with one of the world points, and all within `reach` cells of them.
+    /// Points of all states belong here: all fields are defined wherever the object ever was. Cells are
+    /// larger than asked if the cube would have more than 512 along a side.
     #[must_use]
     pub fn new<'a>(
         scene: &SceneBox,
@@ -91,14 +91,14 @@ impl Occupancy {
         self.cell(point).is_some_and(|c| self.get(c))
     }
 
-    /// Share of the cells that are occupied.
+    /// Share of occupied cells.
     #[must_use]
     pub fn share(&self) -> f64 {
         self.bits.iter().map(|b| f64::from(b.count_ones())).sum::<f64>() / self.cells.pow(3) as f64
     }
 
-    /// The intervals of `t` in `[from, to]` in which `origin + t direction` (world) lies in occupied cells,
-    /// ascending, adjacent ones joined, into `out`.
+    /// The intervals of `t` in `[from, to]` with `origin + t direction` (world) in occupied cells, ascending,
+    /// adjacent ones joined, into `out`.
     pub fn intervals(
         &self,
         origin: &Point3<f64>,
@@ -126,7 +126,7 @@ impl Occupancy {
             enter = enter.max(a.min(b));
             leave = leave.min(a.max(b));
         }
-        // `partial_cmp` also ends rays that are not numbers.
+        // `partial_cmp` also ends rays of NaN.
         if enter.partial_cmp(&leave) != Some(std::cmp::Ordering::Less) {
             return;
         }
@@ -150,7 +150,7 @@ impl Occupancy {
             let end = next[axis].min(leave);
             if self.get(cell) && end > t {
                 match out.last_mut() {
-                    // Equal bit for bit: this interval begins where that one was ended.
+                    // Equal bit for bit: this interval begins at the end of the last one.
                     Some(last) if last.1 == t => last.1 = end,
                     _ => out.push((t, end)),
                 }

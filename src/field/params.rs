@@ -1,4 +1,4 @@
-//! Shape and parameters of an object field: one flat layout that every engine shares.
+//! Shape and parameters of an object field: one flat layout for all engines.
 
 use rand_core::Rng;
 use serde::{Deserialize, Serialize};
@@ -37,7 +37,7 @@ pub const VIEW_COEFFICIENTS: usize = 16;
 pub struct LevelLayout {
     /// `position = unit * scale + 0.5`, with unit coordinates in `[0, 1]`.
     pub scale: f32,
-    /// Nodes along one side (`ceil(scale) + 2`, so that the cell of every position has its upper nodes).
+    /// Nodes along one side (`ceil(scale) + 2`: the cell of every position has its upper nodes).
     pub resolution: usize,
     /// Entries of the level's table; a dense level strides by `resolution`, a hashed one by the spatial hash.
     pub entries: usize,
@@ -58,6 +58,16 @@ pub struct Layer {
     pub weights: Vec<f32>,
     /// `outputs` biases.
     pub biases: Vec<f32>,
+}
+
+impl Layer {
+    /// A fresh layer, uniform in `+-1/sqrt(inputs)`.
+    fn random(inputs: usize, outputs: usize, rng: &mut impl Rng) -> Self {
+        let bound = 1.0 / (inputs as f32).sqrt();
+        let weights = (0..inputs * outputs).map(|_| uniform(rng, bound)).collect();
+        let biases = (0..outputs).map(|_| uniform(rng, bound)).collect();
+        Self { inputs, outputs, weights, biases }
+    }
 }
 
 /// All parameters of one field.
@@ -81,13 +91,13 @@ impl FieldParams {
         let floats = levels.last().map_or(0, |l| l.offset + l.entries * FEATURES);
         let table = (0..floats).map(|_| uniform(rng, 1e-4)).collect();
         let h = config.hidden;
-        let mut layer = |inputs: usize, outputs: usize| {
-            let bound = 1.0 / (inputs as f32).sqrt();
-            let weights = (0..inputs * outputs).map(|_| uniform(rng, bound)).collect();
-            Layer { inputs, outputs, weights, biases: (0..outputs).map(|_| uniform(rng, bound)).collect() }
-        };
-        let geometry = vec![layer(FEATURES * levels.len(), h), layer(h, GEOMETRY_OUTPUTS)];
-        let color = vec![layer(VIEW_COEFFICIENTS + GEOMETRY_OUTPUTS - 1, h), layer(h, h), layer(h, 3)];
+        let geometry =
+            vec![Layer::random(FEATURES * levels.len(), h, rng), Layer::random(h, GEOMETRY_OUTPUTS, rng)];
+        let color = vec![
+            Layer::random(VIEW_COEFFICIENTS + GEOMETRY_OUTPUTS - 1, h, rng),
+            Layer::random(h, h, rng),
+            Layer::random(h, 3, rng),
+        ];
         Self { levels, table, geometry, color }
     }
 }
@@ -103,11 +113,11 @@ impl FieldParams {
 
 /// Uniform in `[-bound, bound)`.
 fn uniform(rng: &mut impl Rng, bound: f32) -> f32 {
-    // 24 bits, which a single float holds exactly.
+    // 24 bits: exact in a single float.
     ((rng.next_u32() >> 8) as f32 / (1u32 << 23) as f32 - 1.0) * bound
 }
 
-/// Level resolutions grow geometrically from base to finest; a level whose nodes fit the table is dense.
+/// Level resolutions grow geometrically from base to finest; a level with all nodes in the table is dense.
 fn level_layouts(config: &FieldConfig) -> Vec<LevelLayout> {
     let growth = (config.finest_resolution as f64 / config.base_resolution as f64)
         .powf(1.0 / (config.levels.max(2) - 1) as f64);

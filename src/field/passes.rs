@@ -46,8 +46,8 @@ impl GeometryPass {
         network.geometry[1].apply(isa, inner, &mut self.outputs, cols, Epilogue::Linear);
     }
 
-    /// Adds to the layers' gradient and writes that of the features, `padded(2 levels)` rows: layer by layer
-    /// first the gradient of the weights, then that of the layer's inputs.
+    /// Adds to the layers' gradient and writes the features' gradient, `padded(2 levels)` rows: layer by
+    /// layer first the gradient of the weights, then the gradient of the layer's inputs.
     pub(crate) fn backward(
         &mut self,
         isa: InstructionSet,
@@ -81,7 +81,7 @@ pub(super) struct ColorPass {
     /// Gradient by the values before the logistic function, to be filled before [`Self::backward`] (padding
     /// 0).
     pub d_rgb: Vec<f32>,
-    /// After [`Self::backward`]: gradient of the inputs from the first that has one.
+    /// After [`Self::backward`]: gradient of the inputs, from the first with a gradient.
     pub d_inputs: Vec<f32>,
 }
 
@@ -107,7 +107,8 @@ impl ColorPass {
     /// ray of a column and the unit direction of a ray; returns the number of columns rounded up.
     pub(crate) fn gather(
         &mut self,
-        (outputs, block_cols): (&[f32], usize),
+        outputs: &[f32],
+        block_cols: usize,
         columns: &[usize],
         ray_of: impl Fn(usize) -> usize,
         direction_of: impl Fn(usize) -> [f32; 3],
@@ -135,13 +136,15 @@ impl ColorPass {
         cols
     }
 
-    /// Writes the features' gradient to the geometry outputs' gradient of the block, at the columns that were
-    /// gathered; `features` is the row of `d_inputs` that the features begin at.
+    /// Writes the features' gradient to the geometry outputs' gradient of the block, at the gathered columns;
+    /// `features` is the first row of the features in `d_inputs`.
     pub(crate) fn return_features(
         &self,
         features: usize,
-        (columns, cols): (&[usize], usize),
-        (d_outputs, block_cols): (&mut [f32], usize),
+        columns: &[usize],
+        cols: usize,
+        d_outputs: &mut [f32],
+        block_cols: usize,
     ) {
         for feature in 0..GEOMETRY_OUTPUTS - 1 {
             let d = &mut d_outputs[(feature + 1) * block_cols..(feature + 2) * block_cols];
@@ -162,7 +165,7 @@ impl ColorPass {
         isa.sigmoid(&mut self.rgb[..3 * cols]);
     }
 
-    /// Adds to the layers' gradient and writes that of the inputs.
+    /// Adds to the layers' gradient and writes the inputs' gradient.
     pub(crate) fn backward(
         &mut self,
         isa: InstructionSet,

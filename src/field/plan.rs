@@ -1,4 +1,4 @@
-//! Which samples of a batch are computed, in which blocks.
+//! The computed samples of a batch, in blocks.
 
 use std::ops::Range;
 
@@ -10,7 +10,7 @@ const BLOCK_POINTS: usize = 256;
 /// Blocks are dealt to this many groups, whatever the number of threads; every group sums its own gradient.
 const GROUPS: usize = 32;
 
-/// Whole rays that are computed together. Columns `start..start + len` hold samples, the rest up to `cols`
+/// Whole rays, computed together. Columns `start..start + len` hold samples, the rest up to `cols`
 /// padding.
 #[derive(Clone, Debug)]
 pub(super) struct Block {
@@ -21,7 +21,7 @@ pub(super) struct Block {
     pub rays: Range<usize>,
 }
 
-/// The samples that have a loss, as columns; blocks begin at multiples of 16.
+/// The samples with a loss, as columns; blocks begin at multiples of 16.
 pub(super) struct Plan {
     x: Vec<f32>,
     y: Vec<f32>,
@@ -37,7 +37,7 @@ impl Plan {
     /// Samples without TSDF supervision and without color weight are left out.
     ///
     /// # Panics
-    /// If the batch's vectors do not have the lengths that its counts ask for.
+    /// If the lengths of the batch's vectors do not fit its counts.
     pub(crate) fn new(batch: &SampleBatch) -> Self {
         let rays = batch.rays;
         let per_ray = batch.samples_per_ray;
@@ -81,10 +81,7 @@ impl Plan {
             }
             first_ray = ray;
         }
-        let axis = |k: usize| sample.iter().map(|&i| batch.points[i as usize][k]).collect();
-        let x = axis(0);
-        let y = axis(1);
-        let z = axis(2);
+        let [x, y, z] = [0, 1, 2].map(|k| sample.iter().map(|&i| batch.points[i as usize][k]).collect());
         let per_group = blocks.len().div_ceil(GROUPS).max(1);
         let groups =
             (0..blocks.len()).step_by(per_group).map(|b| b..(b + per_group).min(blocks.len())).collect();

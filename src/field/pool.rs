@@ -1,4 +1,4 @@
-//! All rays of one state that can teach a field something (docs/method.md 12.3).
+//! All rays of one state for the training of its field (docs/method.md 12.3).
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -33,7 +33,7 @@ pub(super) struct SurfaceRay {
 pub(super) struct BackgroundRay {
     pub frame: u16,
     pub pixel: u32,
-    /// Depth of what the pixel shows instead; 0 = unknown, infinitely far.
+    /// Depth of the pixel; 0 = unknown, infinitely far.
     pub depth_m: f32,
 }
 
@@ -65,8 +65,8 @@ pub(super) struct RayPool {
 }
 
 impl RayPool {
-    /// Rays of object pixels with a usable depth in an occupied cell, and of pixels beside the mask that
-    /// cross occupied cells. Object pixels without a usable depth say nothing and are dropped.
+    /// Rays of object pixels with a usable depth in an occupied cell, and of pixels beside the mask with a
+    /// way through occupied cells. Object pixels without a usable depth are dropped.
     ///
     /// # Errors
     /// [`FieldError::NoRays`], [`FieldError::TooManyFrames`].
@@ -101,6 +101,12 @@ impl RayPool {
         let sigmas = surface.iter().map(|r| f64::from(r.sigma_m)).collect();
         let median_sigma_m = median(sigmas).unwrap_or_default();
         Ok(Self { views, surface, background, median_sigma_m })
+    }
+
+    /// The observed world point of a ray.
+    pub(crate) fn observed_point(&self, ray: &SurfaceRay) -> Point3<f64> {
+        let (origin, direction) = self.views[usize::from(ray.frame)].ray(ray.pixel);
+        origin + direction * f64::from(ray.depth_m)
     }
 }
 
@@ -146,7 +152,7 @@ fn frame_rays(
         for pixel in (0..mask.len()).filter(|&p| ring[p] && !near[p]) {
             let (origin, direction) = view.ray(pixel as u32);
             let depth_m = frame.depth_m[pixel];
-            // As far as what the pixel shows instead; without a depth the ray counts as empty.
+            // Up to the depth of the pixel; without a depth the ray counts as empty.
             let to = if depth_m > 0.0 { f64::from(depth_m) } else { FAR_M };
             occupancy.intervals(&origin, &direction, NEAR_M, to, &mut intervals);
             if !intervals.is_empty() {

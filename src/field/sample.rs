@@ -11,10 +11,10 @@ use super::{BackgroundLoss, Occupancy, SampleBatch, SdfTarget, SurfaceDistance, 
 use geometry::{Grid3, SceneBox};
 use numeric::random::{STREAM_STEP, mix, unit_of};
 
-/// Rays that one task draws.
+/// Rays drawn by one task.
 const RAYS_PER_TASK: usize = 256;
 
-/// What sampling needs besides the pool.
+/// Input of the sampling of rays.
 pub(super) struct Sampler<'a> {
     pub pool: &'a RayPool,
     pub scene: &'a SceneBox,
@@ -25,11 +25,11 @@ pub(super) struct Sampler<'a> {
     pub trust: &'a [u8],
     /// Fused distances, meters, where rays are to teach their side of them alone.
     pub sides: Option<&'a Grid3<f32>>,
-    /// What the network's output is added to, truncations, where it is a residual.
+    /// Base of the network's output, truncations, if it is a residual.
     pub base: Option<&'a Grid3<f32>>,
 }
 
-/// A counter-based stream of uniform numbers in `[0, 1)`, one a ray, so that rays can be drawn in any order.
+/// A counter-based stream of uniform numbers in `[0, 1)`, one a ray: rays can be drawn in any order.
 pub(super) struct Stream(pub u64);
 
 impl Stream {
@@ -51,8 +51,8 @@ struct RaySlot<'a> {
 }
 
 impl Sampler<'_> {
-    /// The batch of a step, whose random key is `key`. Rays are stratified over the pool: the k-th of n comes
-    /// from the k-th n-th of the pool, so that every batch sees all views and all parts of the images.
+    /// The batch of a step with the random key `key`. Rays are stratified over the pool, the k-th of n from
+    /// the k-th n-th of the pool: every batch sees all views and all parts of the images.
     pub(crate) fn batch(&self, key: u64) -> SampleBatch {
         let c = self.config;
         let rays = c.rays;
@@ -78,16 +78,14 @@ impl Sampler<'_> {
             Vec::new,
             |intervals, (ray, (((((points, targets), color_weights), direction), color), ray_weight))| {
                 let slot = RaySlot { points, targets, color_weights, direction, color, ray_weight };
-                // Streams of 2^32 numbers each, so that those of two rays never overlap.
+                // Streams of 2^32 numbers each: those of two rays never overlap.
                 let mut stream = Stream(key.wrapping_add((ray as u64) << 32));
-                let pick = |k: usize, of: usize, pool: usize, u: f64| {
-                    (((k as f64 + u) / of as f64 * pool as f64) as usize).min(pool - 1)
-                };
                 if ray < surface {
-                    let index = pick(ray, surface, self.pool.surface.len(), stream.next());
+                    let index = stratified_index(ray, surface, self.pool.surface.len(), stream.next());
                     self.surface_ray(index, &mut stream, intervals, slot);
                 } else {
-                    let index = pick(ray - surface, background, self.pool.background.len(), stream.next());
+                    let k = ray - surface;
+                    let index = stratified_index(k, background, self.pool.background.len(), stream.next());
                     self.background_ray(index, &mut stream, intervals, slot);
                 }
             },
@@ -120,7 +118,7 @@ impl Sampler<'_> {
         // z-depth over which the signed distance passes the truncation.
         let band = 1.0 / per_depth;
         self.occupancy.intervals(&origin, &direction, NEAR_M, depth - band, intervals);
-        // Drawn whatever the share is, so that the share does not shift the samples.
+        // Drawn for every share: the share does not shift the samples.
         let colored = stream.next() < c.color_share;
         let mut bell = 0.0;
         for i in 0..c.free_samples + c.band_samples {
@@ -143,7 +141,7 @@ impl Sampler<'_> {
                 slot.targets[i] = SdfTarget::Empty { value: 1.0 - base, weight: c.empty_weight as f32 };
                 continue;
             }
-            // Behind the surface the depth says less and less: what lies there is hidden.
+            // Behind the surface the depth is less and less evidence: space there is hidden.
             let falloff = if c.behind_falloff { (1.0 + value).clamp(0.0, 1.0) } else { 1.0 };
             if self.sides.is_none_or(|sides| sees_side(sides, tau, &place, &origin)) {
                 let value = value as f32 - base;
@@ -175,7 +173,20 @@ impl Sampler<'_> {
         let (origin, direction) = self.pool.views[usize::from(ray.frame)].ray(ray.pixel);
         let to = if ray.depth_m > 0.0 { f64::from(ray.depth_m) - self.truncation_m } else { FAR_M };
         self.occupancy.intervals(&origin, &direction, NEAR_M, to, intervals);
-        let target = |base: f32| match self.config.background {
+        let n = slot.points.len();
+        for i in 0..n {
+            if let Some(z) = stratified(intervals, (i as f64 + stream.next()) / n as f64) {
+                let place = origin + direction * z;
+                slot.points[i] = self.unit(&place);
+                slot.targets[i] = self.background_target(self.base(&place));
+            }
+        }
+        *slot.direction = direction.normalize().map(|x| x as f32).into();
+    }
+
+    /// Target on a background ray; `base` is the base of the network's output.
+    fn background_target(&self, base: f32) -> SdfTarget {
+        match self.config.background {
             BackgroundLoss::Off => SdfTarget::Ignore,
             BackgroundLoss::Empty => {
                 SdfTarget::Empty { value: 1.0 - base, weight: self.config.empty_weight as f32 }
@@ -183,16 +194,7 @@ impl Sampler<'_> {
             BackgroundLoss::NonNegative => {
                 SdfTarget::Background { value: BACKGROUND_TSDF - base, weight: NON_NEGATIVE_WEIGHT as f32 }
             }
-        };
-        let n = slot.points.len();
-        for i in 0..n {
-            if let Some(z) = stratified(intervals, (i as f64 + stream.next()) / n as f64) {
-                let place = origin + direction * z;
-                slot.points[i] = self.unit(&place);
-                slot.targets[i] = target(self.base(&place));
-            }
         }
-        *slot.direction = direction.normalize().map(|x| x as f32).into();
     }
 
     /// Weight of a ray's surface terms: the configured one, times `2 cos / (1 + (sigma / median)^2)` for the
@@ -207,7 +209,7 @@ impl Sampler<'_> {
         weight as f32
     }
 
-    /// What the network's output at a place is added to, truncations.
+    /// Base of the network's output at a place, truncations.
     fn base(&self, place: &Point3<f64>) -> f32 {
         self.base.map_or(0.0, |base| base.sample(place))
     }
@@ -217,6 +219,11 @@ impl Sampler<'_> {
         let n = self.scene.normalise(place);
         [n.x, n.y, n.z].map(|x| (0.5 * (x + 1.0)) as f32)
     }
+}
+
+/// A place in a pool from its `k`-th part of `of`; `u` in `[0, 1)` chooses within the part.
+fn stratified_index(k: usize, of: usize, pool: usize, u: f64) -> usize {
+    (((k as f64 + u) / of as f64 * pool as f64) as usize).min(pool - 1)
 }
 
 /// The point a share `u` of the way through the joined intervals; `None` without any.

@@ -18,10 +18,10 @@ use capture::RgbdFrame;
 use geometry::{Grid3, SceneBox};
 use numeric::random::stage_rng;
 
-/// Makes an engine that continues from a state.
+/// Makes an engine from a state.
 pub(crate) type EngineFactory<'a> = &'a dyn Fn(EngineState) -> Box<dyn FieldEngine>;
 
-/// What a field is trained on.
+/// Input of the training of a field.
 #[derive(Clone, Copy)]
 pub struct TrainInput<'a> {
     /// Frames of one state.
@@ -45,7 +45,7 @@ pub struct FieldTrainer {
     pool: RayPool,
     /// Fused distances, meters, where rays teach their side alone.
     sides: Option<Grid3<f32>>,
-    /// What the network's output is added to, truncations, where it is a residual.
+    /// Base of the network's output, truncations, if it is a residual.
     base: Option<Arc<Grid3<f32>>>,
     trust: Vec<u8>,
     engine: Box<dyn FieldEngine>,
@@ -54,7 +54,7 @@ pub struct FieldTrainer {
     done: usize,
 }
 
-/// Everything that a stopped training needs besides its input and configuration.
+/// State of a stopped training, beside its input and configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainerCheckpoint {
     /// Parameters and moments.
@@ -147,14 +147,15 @@ impl FieldTrainer {
             }
         }
         if engine.params.levels != self.engine.state().params.levels {
-            let count = |p: &FieldParams| p.levels.len();
             return Err(FieldError::Checkpoint {
                 what: "levels of another layout:",
-                found: count(&engine.params),
+                found: engine.params.levels.len(),
                 expected: self.config.field.levels,
             });
         }
-        (self.done, self.trust, self.engine) = (done, trust, factory(engine));
+        self.done = done;
+        self.trust = trust;
+        self.engine = factory(engine);
         Ok(())
     }
 
@@ -187,20 +188,16 @@ impl FieldTrainer {
         self.engine.step(&batch, rate as f32)
     }
 
-    /// Lowers the trust in rays whose observed point the field puts off its surface by much more than the
-    /// expected noise: Geman and McClure's weight `1 / (1 + (r / (k sigma))^2)^2`.
+    /// Lowers the trust in rays with an observed point off the field's surface by much more than the expected
+    /// noise: Geman and McClure's weight `1 / (1 + (r / (k sigma))^2)^2`.
     fn judge_rays(&mut self) {
         let field = self.field();
         let pool = &self.pool;
-        let point = |r: &super::pool::SurfaceRay| {
-            let (origin, direction) = pool.views[usize::from(r.frame)].ray(r.pixel);
-            origin + direction * f64::from(r.depth_m)
-        };
         let noise = self.config.noise;
         let sigmas = self.config.outlier_sigmas;
         // In pieces, to bound memory.
         for (rays, trust) in pool.surface.chunks(1 << 18).zip(self.trust.chunks_mut(1 << 18)) {
-            let points: Vec<Point3<f64>> = rays.par_iter().map(point).collect();
+            let points: Vec<Point3<f64>> = rays.par_iter().map(|ray| pool.observed_point(ray)).collect();
             for ((ray, trust), residual_m) in rays.iter().zip(trust).zip(field.tsdf(&points)) {
                 let scale = sigmas * noise.sigma_m(f64::from(ray.depth_m));
                 // docs/method.md (12.7).
@@ -245,7 +242,7 @@ impl FieldTrainer {
         }
     }
 
-    /// What [`Self::restore`] needs.
+    /// The state for [`Self::restore`].
     #[must_use]
     pub fn checkpoint(&self) -> TrainerCheckpoint {
         TrainerCheckpoint { engine: self.engine.state(), done: self.done, trust: self.trust.clone() }

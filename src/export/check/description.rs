@@ -1,4 +1,4 @@
-//! A URDF read leniently: what is missing stays missing, so that rules can say so.
+//! A lenient reader of URDF: missing elements stay missing, for the rules to report.
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use roxmltree::Node;
@@ -7,22 +7,22 @@ use super::numbers::{BadNumber, bad_numbers};
 use common::limits::{LINKS, URDF, XmlError, parse_xml};
 use geometry::Pose;
 
-/// Why a text is no URDF that is looked at.
+/// Reason to refuse a text as a URDF.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DescriptionError {
-    /// More bytes than are read.
+    /// More bytes than the limit.
     #[error("has {bytes} bytes; {} are the limit of {}", URDF.bytes, URDF.what)]
     Bytes {
-        /// What it has.
+        /// Its size.
         bytes: usize,
     },
-    /// No XML that is read.
+    /// Malformed or refused XML.
     #[error(transparent)]
     Xml(#[from] XmlError),
     /// Another kind of document.
     #[error("the root element is <{0}>, not <robot>")]
     Root(String),
-    /// More links or joints than are looked at.
+    /// More links or joints than the limit.
     #[error("has {0} links or joints; {LINKS} are the limit: split the model")]
     Links(usize),
 }
@@ -35,7 +35,7 @@ pub(super) struct LinkText {
     pub collisions: Vec<ShapeText>,
 }
 
-/// Mass and `ixx ixy ixz iyy iyz izz`; `None` for what is missing, NaN for what is no number.
+/// Mass and `ixx ixy ixz iyy iyz izz`; `None` for a missing number, NaN for a malformed one.
 pub(super) struct InertialText {
     pub mass: Option<f64>,
     pub inertia: [Option<f64>; 6],
@@ -53,13 +53,13 @@ pub(super) struct ShapeText {
 pub(super) struct MaterialText {
     pub name: Option<String>,
     pub texture: Option<String>,
-    /// It has a color or a texture; without, it refers to one that has.
+    /// It has a color or a texture; otherwise it refers to a defined one.
     pub is_defined: bool,
     /// Its color has no numbers.
     pub is_blank: bool,
 }
 
-/// What a shape is.
+/// The form of a shape.
 pub(super) enum Geometry {
     Mesh {
         path: String,
@@ -89,18 +89,18 @@ pub(super) struct JointText {
     pub mimic: Option<MimicText>,
     /// Has a safety controller without its velocity gain.
     pub lacks_safety_velocity: bool,
-    /// Whether it stands for a screw, which URDF has no word for.
+    /// Whether it stands for a screw; URDF has no such type.
     pub threaded: bool,
 }
 
-/// A joint that follows another one: its position is `multiplier` times that of the other, plus `offset`.
+/// The law of a follower: its position is `multiplier` times the leader's, plus `offset`.
 pub(super) struct MimicText {
     pub joint: String,
     pub multiplier: f64,
     pub offset: f64,
 }
 
-/// Attributes of `<limit>`; NaN for what is no number, `None` for what is missing.
+/// Attributes of `<limit>`; `None` for a missing number, NaN for a malformed one.
 pub(super) struct LimitText {
     pub lower: Option<f64>,
     pub upper: Option<f64>,
@@ -112,9 +112,9 @@ pub(super) struct LimitText {
 pub(super) struct Description {
     pub links: Vec<LinkText>,
     pub joints: Vec<JointText>,
-    /// Those of the robot, which visuals refer to by name.
+    /// Materials of the robot; visuals refer to them by name.
     pub materials: Vec<MaterialText>,
-    /// MuJoCo keeps the visuals, which it drops otherwise.
+    /// MuJoCo keeps the visuals instead of dropping them.
     pub keeps_visuals: bool,
     pub bad_numbers: Vec<BadNumber>,
 }
@@ -122,7 +122,7 @@ pub(super) struct Description {
 impl Description {
     /// Reads URDF text.
     pub(super) fn parse(text: &str) -> Result<Self, DescriptionError> {
-        // Before the parser, whose tree takes a multiple of the text's memory.
+        // Before the parser: its tree takes a multiple of the text's memory.
         if text.len() as u64 > URDF.bytes {
             return Err(DescriptionError::Bytes { bytes: text.len() });
         }
@@ -131,22 +131,24 @@ impl Description {
         if robot.tag_name().name() != "robot" {
             return Err(DescriptionError::Root(robot.tag_name().name().to_owned()));
         }
-        let all = |tag: &'static str| robot.children().filter(move |n| n.has_tag_name(tag));
-        let count = all("link").count().max(all("joint").count());
+        let count = children(robot, "link").count().max(children(robot, "joint").count());
         // Before links are read: the rules of overlap compare them in pairs.
         if count > LINKS {
             return Err(DescriptionError::Links(count));
         }
-        let compiler =
-            |n: Node| child(n, "compiler").and_then(|c| c.attribute("discardvisual")) == Some("false");
+        let mut compilers = children(robot, "mujoco").filter_map(|n| child(n, "compiler"));
         Ok(Self {
-            links: all("link").map(link).collect(),
-            joints: all("joint").map(joint).collect(),
-            materials: all("material").map(material).collect(),
-            keeps_visuals: all("mujoco").any(compiler),
+            links: children(robot, "link").map(link).collect(),
+            joints: children(robot, "joint").map(joint).collect(),
+            materials: children(robot, "material").map(material).collect(),
+            keeps_visuals: compilers.any(|c| c.attribute("discardvisual") == Some("false")),
             bad_numbers: bad_numbers(robot),
         })
     }
+}
+
+fn children<'a>(node: Node<'a, 'a>, tag: &'static str) -> impl Iterator<Item = Node<'a, 'a>> {
+    node.children().filter(move |n| n.has_tag_name(tag))
 }
 
 fn child<'a>(node: Node<'a, 'a>, tag: &str) -> Option<Node<'a, 'a>> {
@@ -157,7 +159,7 @@ fn text(node: Node, attribute: &str) -> String {
     node.attribute(attribute).unwrap_or_default().to_owned()
 }
 
-/// NaN for text that is no number.
+/// The number of a text; NaN for a malformed one.
 fn number(text: &str) -> f64 {
     text.trim().parse().unwrap_or(f64::NAN)
 }
@@ -171,25 +173,23 @@ fn triple(text: &str) -> Vector3<f64> {
 fn pose(node: Node) -> Pose {
     // As URDF has it, a missing origin is the identity.
     let origin = child(node, "origin");
-    let read = |name| origin.and_then(|o| o.attribute(name)).map_or_else(Vector3::zeros, triple);
-    let xyz = read("xyz");
-    let rpy = read("rpy");
+    let [xyz, rpy] =
+        ["xyz", "rpy"].map(|name| origin.and_then(|o| o.attribute(name)).map_or_else(Vector3::zeros, triple));
     Pose::from_parts(Translation3::from(xyz), UnitQuaternion::from_euler_angles(rpy.x, rpy.y, rpy.z))
 }
 
 fn link(node: Node) -> LinkText {
     let inertial = child(node, "inertial").map(|i| {
         let mass = child(i, "mass").and_then(|m| m.attribute("value")).map(number);
-        let read = |name: &str| child(i, "inertia").and_then(|t| t.attribute(name)).map(number);
-        InertialText { mass, inertia: ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"].map(read) }
+        let inertia = ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"]
+            .map(|name| child(i, "inertia").and_then(|t| t.attribute(name)).map(number));
+        InertialText { mass, inertia }
     });
-    let shapes =
-        |tag: &'static str| node.children().filter(move |n| n.has_tag_name(tag)).map(shape).collect();
     LinkText {
         name: text(node, "name"),
         inertial,
-        visuals: shapes("visual"),
-        collisions: shapes("collision"),
+        visuals: children(node, "visual").map(shape).collect(),
+        collisions: children(node, "collision").map(shape).collect(),
     }
 }
 
@@ -224,31 +224,26 @@ fn material(node: Node) -> MaterialText {
 }
 
 fn joint(node: Node) -> JointText {
-    let link = |tag| child(node, tag).map(|n| text(n, "link")).unwrap_or_default();
-    let limit = child(node, "limit").map(|l| {
-        let read = |name| l.attribute(name).map(number);
-        LimitText {
-            lower: read("lower"),
-            upper: read("upper"),
-            effort: read("effort"),
-            velocity: read("velocity"),
-        }
+    let [parent, child_link] =
+        ["parent", "child"].map(|tag| child(node, tag).map(|n| text(n, "link")).unwrap_or_default());
+    let limit = child(node, "limit").map(|l| LimitText {
+        lower: l.attribute("lower").map(number),
+        upper: l.attribute("upper").map(number),
+        effort: l.attribute("effort").map(number),
+        velocity: l.attribute("velocity").map(number),
     });
     JointText {
         name: text(node, "name"),
         kind: text(node, "type"),
-        parent: link("parent"),
-        child: link("child"),
+        parent,
+        child: child_link,
         parent_from_joint: pose(node),
         axis: child(node, "axis").map(|a| triple(&text(a, "xyz"))),
         limit,
-        mimic: child(node, "mimic").map(|m| {
-            let read = |name, default| m.attribute(name).map_or(default, number);
-            MimicText {
-                joint: text(m, "joint"),
-                multiplier: read("multiplier", 1.0),
-                offset: read("offset", 0.0),
-            }
+        mimic: child(node, "mimic").map(|m| MimicText {
+            joint: text(m, "joint"),
+            multiplier: m.attribute("multiplier").map_or(1.0, number),
+            offset: m.attribute("offset").map_or(0.0, number),
         }),
         lacks_safety_velocity: child(node, "safety_controller")
             .is_some_and(|s| s.attribute("k_velocity").is_none()),

@@ -1,4 +1,4 @@
-//! What a check finds.
+//! Findings of a check.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ pub type Folder = BTreeMap<String, Vec<u8>>;
 pub enum Level {
     /// Some importer refuses the model, loses something of it, or makes it explode.
     Error,
-    /// Some importer shows or simulates it otherwise than meant, or refuses what others leave out.
+    /// Some importer shows or simulates it otherwise than meant, or refuses an element ignored by others.
     Warning,
 }
 
@@ -25,11 +25,11 @@ pub struct CheckFinding {
     pub level: Level,
     /// The URDF, relative to the folder.
     pub file: String,
-    /// What it is about.
+    /// The broken rule.
     pub rule: Rule,
     /// Link, joint or file.
     pub subject: String,
-    /// What is wrong, with numbers and remedy.
+    /// The fault, with numbers and remedy.
     pub message: String,
 }
 
@@ -43,21 +43,21 @@ impl std::fmt::Display for CheckFinding {
     }
 }
 
-/// Findings of one URDF while it is looked at.
+/// Findings of one URDF during its check.
 pub(super) struct Findings<'a> {
     file: &'a str,
     pub all: Vec<CheckFinding>,
 }
 
 impl<'a> Findings<'a> {
-    /// None yet, of a file.
+    /// No findings yet, of a file.
     pub(super) fn of(file: &'a str) -> Self {
         Self { file, all: Vec::new() }
     }
 
     pub(super) fn add(&mut self, level: Level, rule: Rule, subject: &str, message: impl Into<String>) {
         if self.all.len() > FINDINGS {
-            // What is not listed may still be an error.
+            // An unlisted finding may still be an error.
             return self.all.iter_mut().skip(FINDINGS).for_each(|rest| rest.level = rest.level.min(level));
         }
         let file = self.file.to_owned();

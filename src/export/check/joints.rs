@@ -48,7 +48,7 @@ fn moving(joint: &JointText, found: &mut Findings) {
         _ => {}
     }
     let Some(limit) = &joint.limit else {
-        // urdfdom asks for the limits of those that end.
+        // urdfdom asks for the limits of joints with ends.
         if joint.kind == "continuous" {
             found.warn(Rule::Limit, name, "has no <limit> with effort and velocity; PyBullet takes 0");
         } else {
@@ -81,7 +81,7 @@ fn moving(joint: &JointText, found: &mut Findings) {
     }
 }
 
-/// Limits that leave no position.
+/// Reports limits without a position between them.
 pub(super) fn sound(description: &Description, found: &mut Findings) {
     for joint in description.joints.iter().filter(|j| ["revolute", "prismatic"].contains(&j.kind.as_str())) {
         let Some(limit) = &joint.limit else { continue };

@@ -13,7 +13,7 @@ use super::{
 };
 use model::{impossible_inertia, is_plain_name, principal_moments};
 
-/// MuJoCo refuses less, kg. chosen: above what it refuses
+/// MuJoCo refuses less, kg. chosen: above its bound
 const MIN_MASS_KG: f64 = 1e-6;
 
 pub(super) fn check(description: &Description, welds: &Welds, found: &mut Findings) {
@@ -24,9 +24,9 @@ pub(super) fn check(description: &Description, welds: &Welds, found: &mut Findin
     }
     let is_heavy = welds.any(|link| links[link].inertial.as_ref().is_some_and(is_of_a_body));
     for (l, link) in links.iter().enumerate() {
-        // What stands in the world, or is fixed to a body with a mass, loads all the same.
+        // A link without motion, or fixed to a body with a mass, loads all the same.
         let level = if welds.moves(l) && !is_heavy[l] { Level::Error } else { Level::Warning };
-        // A link without shapes that does not move alone is a mere frame.
+        // A link without shapes and without a motion of its own is a mere frame.
         let bare = link.visuals.is_empty() && link.collisions.is_empty();
         match &link.inertial {
             None if level == Level::Error || !bare => {
@@ -40,7 +40,7 @@ pub(super) fn check(description: &Description, welds: &Welds, found: &mut Findin
     }
 }
 
-/// Whether simulators take it for that of a body that moves.
+/// Whether simulators accept it for a moving body.
 fn is_of_a_body(inertial: &InertialText) -> bool {
     inertial.mass.is_some_and(|m| m >= MIN_MASS_KG)
         && tensor(inertial).is_some_and(|t| principal_moments(&t)[0] > 0.0)
@@ -65,7 +65,7 @@ fn names(description: &Description, found: &mut Findings) {
     }
 }
 
-/// What importers do not take of an inertia that is possible.
+/// Reports faults of a possible inertia in importers.
 fn inertia(link: &str, inertial: &InertialText, level: Level, found: &mut Findings) {
     let mut add = |message: String| found.add(level, Rule::Inertia, link, message);
     match inertial.mass {
@@ -90,7 +90,7 @@ fn inertia(link: &str, inertial: &InertialText, level: Level, found: &mut Findin
     }
 }
 
-/// Inertias that no body has.
+/// Reports inertias impossible for any body.
 pub(super) fn sound(description: &Description, found: &mut Findings) {
     for link in &description.links {
         if let Some(why) = link.inertial.as_ref().and_then(tensor).and_then(|t| impossible_inertia(&t)) {
@@ -99,7 +99,7 @@ pub(super) fn sound(description: &Description, found: &mut Findings) {
     }
 }
 
-/// The tensor, where it has all its numbers.
+/// The inertia tensor, kg m^2; `None` if a number is missing.
 fn tensor(inertial: &InertialText) -> Option<Matrix3<f64>> {
     let [xx, xy, xz, yy, yz, zz] = inertial.inertia;
     let xx = xx?;

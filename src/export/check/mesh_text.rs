@@ -2,12 +2,12 @@
 
 use nalgebra::Point3;
 
-/// What a mesh file holds.
+/// Contents of a mesh file.
 #[derive(Default)]
 pub(super) struct MeshText {
     pub points: Vec<Point3<f64>>,
     pub faces: usize,
-    /// The faces as triangles, of those whose corners are counted from the first one.
+    /// The faces as triangles, without corners counted from the last one.
     pub triangles: Vec<[u32; 3]>,
     pub normals: usize,
     /// Lowest and highest texture coordinate.
@@ -16,23 +16,22 @@ pub(super) struct MeshText {
     pub material_file: Option<String>,
     /// A color, normal or texture coordinate is no finite number.
     pub bad_number: bool,
-    /// A face names a vertex that is not there.
+    /// A face names a missing vertex.
     pub bad_index: bool,
 }
 
 impl MeshText {
-    /// Reads OBJ text; what is no number becomes NaN.
+    /// Reads OBJ text; a malformed number becomes NaN.
     pub(super) fn obj(text: &str) -> Self {
         let mut mesh = Self::default();
-        let number = |w: &str| w.parse::<f64>().unwrap_or(f64::NAN);
         let mut highest = 0i64;
         for line in text.lines() {
             let mut words = line.split_whitespace();
             match words.next() {
                 Some("v") => {
                     let values: Vec<f64> = words.map(number).collect();
-                    let at = |k: usize| values.get(k).copied().unwrap_or(f64::NAN);
-                    mesh.points.push(Point3::new(at(0), at(1), at(2)));
+                    let place = [0, 1, 2].map(|k| values.get(k).copied().unwrap_or(f64::NAN));
+                    mesh.points.push(Point3::from(place));
                     mesh.bad_number |= values.iter().skip(3).any(|x| !x.is_finite());
                     // Three values behind the position are a color.
                     mesh.vertex_colors |= values.len() >= 6;
@@ -80,12 +79,12 @@ impl MeshText {
         // Distinguished by the length: a binary file's header may also begin with "solid".
         if let Some(count) = count.filter(|n| bytes.len() == 84 + 50 * n) {
             for facet in bytes[84..].chunks_exact(50) {
-                let value = |k: usize| {
-                    f64::from(f32::from_le_bytes([facet[k], facet[k + 1], facet[k + 2], facet[k + 3]]))
-                };
-                mesh.points.extend([12, 24, 36].map(|k| Point3::new(value(k), value(k + 4), value(k + 8))));
+                for corner in [12, 24, 36] {
+                    mesh.points.push(Point3::from([0, 4, 8].map(|k| float_at(facet, corner + k))));
+                }
             }
-            (mesh.faces, mesh.normals) = (count, count);
+            mesh.faces = count;
+            mesh.normals = count;
             mesh.triangles = in_order(count);
             return Some(mesh);
         }
@@ -93,7 +92,7 @@ impl MeshText {
         for line in text.lines() {
             let mut words = line.split_whitespace();
             if words.next() == Some("vertex") {
-                let at: Vec<f64> = words.map(|w| w.parse().unwrap_or(f64::NAN)).collect();
+                let at: Vec<f64> = words.map(number).collect();
                 mesh.points.push(Point3::new(*at.first()?, *at.get(1)?, *at.get(2)?));
             }
         }
@@ -103,19 +102,28 @@ impl MeshText {
     }
 }
 
-/// Triangles of corners that stand in their order.
+fn number(word: &str) -> f64 {
+    word.parse().unwrap_or(f64::NAN)
+}
+
+/// The little-endian `f32` at a byte.
+fn float_at(bytes: &[u8], k: usize) -> f64 {
+    f64::from(f32::from_le_bytes([bytes[k], bytes[k + 1], bytes[k + 2], bytes[k + 3]]))
+}
+
+/// Triangles of consecutive corners.
 fn in_order(count: usize) -> Vec<[u32; 3]> {
     (0..count as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect()
 }
 
-/// What a material file says: its textures, and whether a color blackens them.
-pub(super) struct MaterialText {
+/// Contents of a material file: its textures, and whether a color blackens them.
+pub(super) struct MaterialFile {
     pub materials: usize,
     pub textures: Vec<String>,
     pub black: bool,
 }
 
-impl MaterialText {
+impl MaterialFile {
     pub(super) fn parse(text: &str) -> Self {
         let mut material = Self { materials: 0, textures: Vec::new(), black: false };
         for line in text.lines() {

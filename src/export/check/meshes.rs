@@ -1,4 +1,4 @@
-//! Rules of paths, formats, meshes and textures; gives the convex solids that simulators will collide.
+//! Rules of paths, formats, meshes and textures; gives the convex solids for collision.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::{
     description::{Description, Geometry, ShapeText},
     finding::{Findings, Folder, Level},
-    mesh_text::{MaterialText, MeshText},
+    mesh_text::{MaterialFile, MeshText},
     numbers::is_number,
     paths::inside,
     rule::Rule,
@@ -16,7 +16,7 @@ use super::{
 use common::limits::{NAMED_MESHES, SHAPES};
 use surface::{ConvexSolid, SolidFit, TriangleMesh, convex_hull, merge};
 
-/// Most faces of an STL that MuJoCo reads.
+/// Most faces of an STL for MuJoCo.
 const MAX_STL_FACES: usize = 200_000;
 /// Thinner hulls are refused or explode, meters. chosen: no part is as thin
 const MIN_THICKNESS_M: f64 = 5e-4;
@@ -36,18 +36,17 @@ pub(super) fn check(
     let mut solids = Vec::new();
     let mut seen = Vec::new();
     let visuals = Use::visual(description);
-    let place = (folder, urdf);
     if !affordable(description, folder, urdf, found) {
         return vec![Vec::new(); description.links.len()];
     }
     for link in &description.links {
         let mut visual = Some(TriangleMesh::default());
         for shape in &link.visuals {
-            let mesh = mesh_of(shape, place, visuals, &mut basenames, found);
+            let mesh = mesh_of(shape, folder, urdf, visuals, &mut basenames, found);
             if let Some((path, mesh)) = &mesh {
                 looks(path, mesh, shape, folder, found);
             }
-            // A surface that is known in part says nothing of the solids.
+            // A surface known in part is no evidence on the solids.
             let placed = mesh.and_then(|(_, mesh)| placed(&mesh, shape));
             visual = visual.zip(placed).map(|(all, mesh)| merge(&[&all, &mesh]));
         }
@@ -55,7 +54,7 @@ pub(super) fn check(
         for shape in &link.collisions {
             let solid = match &shape.geometry {
                 Geometry::Mesh { scale, .. } => {
-                    let mesh = mesh_of(shape, place, Use::COLLISION, &mut basenames, found);
+                    let mesh = mesh_of(shape, folder, urdf, Use::COLLISION, &mut basenames, found);
                     let Some((file, mesh)) = mesh else {
                         continue;
                     };
@@ -65,10 +64,8 @@ pub(super) fn check(
                     }
                     let points: Vec<Point3<f64>> =
                         mesh.points.iter().map(|p| Point3::from(p.coords.component_mul(scale))).collect();
-                    let is_solid = |h: &ConvexSolid| {
-                        h.thickness_m() >= MIN_THICKNESS_M && h.volume_m3() >= MIN_VOLUME_M3
-                    };
-                    let solid = hull(&points).filter(is_solid);
+                    let solid = hull(&points)
+                        .filter(|h| h.thickness_m() >= MIN_THICKNESS_M && h.volume_m3() >= MIN_VOLUME_M3);
                     if solid.is_none() {
                         found.error(
                             Rule::Mesh,
@@ -79,10 +76,11 @@ pub(super) fn check(
                     }
                     solid
                 }
-                // As polyhedra, so that one test of overlap serves all shapes.
+                // As polyhedra: one test of overlap serves all shapes.
                 primitive => {
-                    let is_finite = |p: &Point3<f64>| p.iter().all(|x| is_number(*x));
-                    hull(&corners(primitive).into_iter().filter(is_finite).collect::<Vec<_>>())
+                    let mut corners = corners(primitive);
+                    corners.retain(|p| p.iter().all(|x| is_number(*x)));
+                    hull(&corners)
                 }
             };
             own.extend(solid.map(|h| h.transformed(&shape.link_from_shape)));
@@ -90,28 +88,28 @@ pub(super) fn check(
         seen.push(visual);
         solids.push(own);
     }
-    let fit = |(visual, own): (&Option<TriangleMesh>, &Vec<ConvexSolid>)| {
-        SolidFit::of(visual.as_ref()?, own).filter(|fit| !fit.is_sound())
-    };
-    let fits: Vec<Option<SolidFit>> = seen.par_iter().zip(&solids).map(fit).collect();
+    let fits: Vec<Option<SolidFit>> =
+        seen.par_iter().zip(&solids).map(|(visual, own)| SolidFit::of(visual.as_ref()?, own)).collect();
     for (link, fit) in description.links.iter().zip(fits) {
-        fit.into_iter().for_each(|fit| {
+        if let Some(fit) = fit.filter(|fit| !fit.is_sound()) {
             found.warn(Rule::Fit, &link.name, format!("the collision shapes {fit}"));
-        });
+        }
     }
     solids
 }
 
-/// A visual mesh in the frame of its link; `None` for one that is broken.
+/// A visual mesh in the frame of its link; `None` for a broken one.
 fn placed(mesh: &MeshText, shape: &ShapeText) -> Option<TriangleMesh> {
     let Geometry::Mesh { scale, .. } = &shape.geometry else { return None };
-    let place = |p: &Point3<f64>| shape.link_from_shape * Point3::from(p.coords.component_mul(scale));
-    let vertices: Vec<Point3<f32>> = mesh.points.iter().map(|p| place(p).cast()).collect();
+    let places =
+        mesh.points.iter().map(|p| shape.link_from_shape * Point3::from(p.coords.component_mul(scale)));
+    let vertices: Vec<Point3<f32>> = places.map(|p| p.cast()).collect();
     let sound = vertices.iter().all(|p| p.iter().all(|x| x.is_finite()))
         && mesh.triangles.iter().flatten().all(|i| (*i as usize) < vertices.len());
-    let turned = scale.product() < 0.0;
-    let outward = |t: &[u32; 3]| if turned { [t[0], t[2], t[1]] } else { *t };
-    let triangles = mesh.triangles.iter().map(outward).collect();
+    let mut triangles = mesh.triangles.clone();
+    if scale.product() < 0.0 {
+        triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    }
     sound.then_some(TriangleMesh { vertices, triangles, colors: Vec::new() })
 }
 
@@ -119,13 +117,13 @@ fn placed(mesh: &MeshText, shape: &ShapeText) -> Option<TriangleMesh> {
 fn affordable(description: &Description, folder: &Folder, urdf: &str, found: &mut Findings) -> bool {
     let collisions: usize = description.links.iter().map(|l| l.collisions.len()).sum();
     let shapes = description.links.iter().flat_map(|l| l.visuals.iter().chain(&l.collisions));
-    let bytes = |shape: &ShapeText| match &shape.geometry {
-        Geometry::Mesh { path, .. } => {
-            inside(path, urdf).ok().and_then(|file| folder.get(&file)).map_or(0, |b| b.len() as u64)
+    let mut all = 0u64;
+    for shape in shapes {
+        if let Geometry::Mesh { path, .. } = &shape.geometry {
+            let bytes = inside(path, urdf).ok().and_then(|file| folder.get(&file));
+            all += bytes.map_or(0, |b| b.len() as u64);
         }
-        _ => 0,
-    };
-    let all: u64 = shapes.map(bytes).sum();
+    }
     let problem = if collisions > SHAPES {
         format!("has {collisions} collision shapes; {SHAPES} are the limit: use fewer")
     } else if all > NAMED_MESHES {
@@ -145,10 +143,11 @@ fn hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
     if points.len() <= DIRECTIONS {
         return convex_hull(points);
     }
-    let extreme =
-        |d: Vector3<f64>| points.iter().max_by(|a, b| a.coords.dot(&d).total_cmp(&b.coords.dot(&d))).copied();
-    // The hull of some corners lies inside that of all: it can hide an overlap and cannot invent one.
-    let some: Vec<Point3<f64>> = directions(DIRECTIONS).filter_map(extreme).collect();
+    // The hull of some corners lies inside the hull of all: it can hide an overlap and cannot invent one.
+    let mut some = Vec::with_capacity(DIRECTIONS);
+    for d in directions(DIRECTIONS) {
+        some.extend(points.iter().max_by(|a, b| a.coords.dot(&d).total_cmp(&b.coords.dot(&d))));
+    }
     convex_hull(&some)
 }
 
@@ -173,20 +172,18 @@ fn corners(geometry: &Geometry) -> Vec<Point3<f64>> {
                 )
             })
             .collect(),
-        Geometry::Cylinder { radius, length } => {
-            let angle = |k: u32| (f64::from(k / 2) * std::f64::consts::TAU / 24.0).sin_cos();
-            (0..48)
-                .map(|k| {
-                    Point3::new(radius * angle(k).1, radius * angle(k).0, length * (f64::from(k % 2) - 0.5))
-                })
-                .collect()
-        }
+        Geometry::Cylinder { radius, length } => (0..48u32)
+            .map(|k| {
+                let (sin, cos) = (f64::from(k / 2) * std::f64::consts::TAU / 24.0).sin_cos();
+                Point3::new(radius * cos, radius * sin, length * (f64::from(k % 2) - 0.5))
+            })
+            .collect(),
         Geometry::Sphere(radius) => directions(64).map(|d| Point3::from(d * *radius)).collect(),
         Geometry::Mesh { .. } | Geometry::Other(_) | Geometry::Missing => Vec::new(),
     }
 }
 
-/// How the meshes of a kind of shape are looked at.
+/// How the meshes of a kind of shape are checked.
 #[derive(Clone, Copy)]
 struct Use {
     visual: bool,
@@ -198,16 +195,17 @@ impl Use {
     const COLLISION: Self = Self { visual: false, lost: Level::Error };
 
     fn visual(description: &Description) -> Self {
-        // MuJoCo refuses what it cannot read, if it is to read visuals at all.
+        // MuJoCo refuses unreadable meshes, if it is to read visuals at all.
         let lost = if description.keeps_visuals { Level::Error } else { Level::Warning };
         Self { visual: true, lost }
     }
 }
 
-/// The mesh of a shape with its path in the folder; `None` for primitives and where a rule says why.
+/// The mesh of a shape with its path in the folder; `None` for primitives, and after a finding.
 fn mesh_of(
     shape: &ShapeText,
-    (folder, urdf): (&Folder, &str),
+    folder: &Folder,
+    urdf: &str,
     of: Use,
     basenames: &mut BTreeMap<String, String>,
     found: &mut Findings,
@@ -341,7 +339,7 @@ fn looks(file: &str, mesh: &MeshText, shape: &ShapeText, folder: &Folder, found:
         found.error(Rule::Texture, file, format!("its material file {material_file} is missing"));
         return;
     };
-    let material = MaterialText::parse(&String::from_utf8_lossy(bytes));
+    let material = MaterialFile::parse(&String::from_utf8_lossy(bytes));
     if material.materials != 1 {
         found.warn(
             Rule::Texture,
@@ -365,7 +363,7 @@ fn looks(file: &str, mesh: &MeshText, shape: &ShapeText, folder: &Folder, found:
         }
     }
     if !material.textures.is_empty() {
-        // Some slack for coordinates that were written with few digits.
+        // Some slack for coordinates with few digits.
         if mesh.uv_range.is_none_or(|[lo, hi]| !(lo >= -1e-4 && hi <= 1.0001)) {
             found.warn(
                 Rule::Texture,

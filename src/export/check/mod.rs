@@ -1,4 +1,4 @@
-//! Static rules of a URDF folder: what importers refuse, drop silently or let explode.
+//! Static rules of a URDF folder, against refusal, silent loss and explosion in importers.
 //!
 //! Works on files in memory and on any URDF, not only on those written here.
 
@@ -31,8 +31,8 @@ use welds::Welds;
 
 use common::limits::with_declaration;
 
-/// Everything wrong with the URDFs of a folder, errors first; an error of its own where it has none. Files
-/// named `*.ros.urdf` may hold `package://` paths of the package that is the folder.
+/// All findings on the URDFs of a folder, errors first; an error of its own for a folder without any. Files
+/// named `*.ros.urdf` may hold `package://` paths of the folder's package.
 #[must_use]
 pub fn check_folder(folder: &Folder) -> Vec<CheckFinding> {
     let mut all = Vec::new();
@@ -52,7 +52,7 @@ pub fn check_folder(folder: &Folder) -> Vec<CheckFinding> {
 
 fn check_urdf(folder: &Folder, path: &str) -> Vec<CheckFinding> {
     let mut found = Findings::of(path);
-    // Bytes that are no UTF-8 are replaced: the rules then find what is wrong with them.
+    // Bytes outside UTF-8 are replaced: the rules then report the text.
     let text = folder.get(path).map(|b| String::from_utf8_lossy(b).into_owned()).unwrap_or_default();
     let declared = with_declaration(&text);
     if matches!(declared, Cow::Owned(_)) {
@@ -82,8 +82,8 @@ fn check_urdf(folder: &Folder, path: &str) -> Vec<CheckFinding> {
     found.all
 }
 
-/// What no reader can make sense of, importer or not: names that stand for two things, links that are no
-/// tree, numbers that are none or cannot be.
+/// Reports faults for every reader, importer or not: ambiguous names, links without a tree, malformed or
+/// impossible numbers.
 fn sound(description: &Description, found: &mut Findings) {
     numbers(description, found);
     tree::check(description, found);
@@ -106,9 +106,9 @@ pub enum UnsoundUrdf {
     /// Its names, links or numbers.
     #[error("'{}': {}{}", first.subject.escape_debug(), first.message, further(*more))]
     Broken {
-        /// The first thing that is wrong.
+        /// The first fault.
         first: CheckFinding,
-        /// How much more there is.
+        /// Number of further faults.
         more: usize,
     },
 }
@@ -117,8 +117,8 @@ fn further(more: usize) -> String {
     if more > 0 { format!(" (and {more} more: see `artitwin check`)") } else { String::new() }
 }
 
-/// Refuses a URDF that describes no bodies: broken XML, names that stand for two things, links that are no
-/// tree, numbers that are none or cannot be. What only some importer refuses is left out.
+/// Refuses a URDF without a meaning: broken XML, ambiguous names, links without a tree, malformed or
+/// impossible numbers. Faults for some importers alone are left out.
 ///
 /// # Errors
 /// [`UnsoundUrdf`].
@@ -128,7 +128,7 @@ pub fn require_sound(urdf: &str) -> Result<(), UnsoundUrdf> {
     first_of(found)
 }
 
-/// Refuses a URDF with numbers that are none or cannot be.
+/// Refuses a URDF with malformed or impossible numbers.
 ///
 /// # Errors
 /// [`UnsoundUrdf`].

@@ -1,10 +1,10 @@
-//! What a file of a model folder names.
+//! Files named by a file of a model folder.
 
-use super::{mesh_text::MaterialText, paths::inside};
+use super::{mesh_text::MaterialFile, paths::inside};
 use common::limits::{URDF, parse_xml, with_declaration};
 
-/// Paths in the folder of what a file names: meshes and textures of a URDF, the material file of an OBJ,
-/// textures of a material file. What lies elsewhere, or cannot be read, names nothing.
+/// Paths in the folder of the files named by a file: meshes and textures of a URDF, the material file of an
+/// OBJ, textures of a material file. Paths out of the folder are left out; an unreadable file names none.
 #[must_use]
 pub fn named_files(path: &str, bytes: &[u8]) -> Vec<String> {
     let extension = path.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();
@@ -14,12 +14,11 @@ pub fn named_files(path: &str, bytes: &[u8]) -> Vec<String> {
             |_| Vec::new(),
             |robot| robot.descendants().filter_map(|n| n.attribute("filename").map(str::to_owned)).collect(),
         ),
-        "obj" => {
-            let materials =
-                |line: &str| line.trim_start().strip_prefix("mtllib").map(|m| m.trim().to_owned());
-            text().lines().filter_map(materials).collect()
-        }
-        "mtl" => MaterialText::parse(&text()).textures,
+        "obj" => text()
+            .lines()
+            .filter_map(|line| line.trim_start().strip_prefix("mtllib").map(|m| m.trim().to_owned()))
+            .collect(),
+        "mtl" => MaterialFile::parse(&text()).textures,
         _ => Vec::new(),
     };
     named.iter().filter_map(|name| inside(name, path).ok()).collect()

@@ -1,12 +1,12 @@
-//! Every number of a URDF: that it is one, and that it can be.
+//! Every number of a URDF: its form and its range.
 
 use nalgebra::Vector3;
 use roxmltree::Node;
 
 use super::rule::Rule;
 
-/// Larger numbers stand for no length, mass or inertia of a model, and what follows from them overflows: with
-/// this bound the tenth power of a number is finite, and nothing that is derived takes a higher one.
+/// Larger numbers stand for no length, mass or inertia of a model, and computations with them overflow: with
+/// this bound the tenth power of a number is finite, and no computation takes a higher one.
 /// derived: its tenth power is 1e300
 pub(super) const LARGEST: f64 = 1e30;
 /// Places and scales beyond this, meters, are of no model: meshes have single precision, and up to here the
@@ -20,7 +20,7 @@ pub(super) fn is_number(x: f64) -> bool {
     x.abs() <= LARGEST
 }
 
-/// What the numbers of an attribute may be.
+/// Range of the numbers of an attribute.
 #[derive(Clone, Copy, PartialEq)]
 enum Range {
     Any,
@@ -38,8 +38,7 @@ enum Range {
 
 use Range::{Any, Bound, Direction, NotNegative, Place, Positive, Scale};
 
-/// Elements with numbers: tag, attributes, how many numbers each has, what they may be, the rule that they
-/// are reported under.
+/// Elements with numbers: tag, attributes, count of numbers in each, their range, the rule of their findings.
 const ATTRIBUTES: [(&str, &[&str], usize, Range, Rule); 16] = [
     ("origin", &["xyz", "rpy"], 3, Place, Rule::Origin),
     ("mass", &["value"], 1, NotNegative, Rule::Inertia),
@@ -65,7 +64,7 @@ const ATTRIBUTES: [(&str, &[&str], usize, Range, Rule); 16] = [
     ("thread", &["pitch_m_per_rad"], 1, Any, Rule::Joint),
 ];
 
-/// A number that is none or cannot be.
+/// A malformed or impossible number.
 pub(super) struct BadNumber {
     pub rule: Rule,
     /// Link, joint or material.
@@ -75,10 +74,9 @@ pub(super) struct BadNumber {
 
 /// All of them below `<robot>`, in the order of the text.
 pub(super) fn bad_numbers(robot: Node) -> Vec<BadNumber> {
-    let of = |n: Node<'_, '_>| ["link", "joint", "material"].contains(&n.tag_name().name());
     robot
         .children()
-        .filter(|n| of(*n))
+        .filter(|n| ["link", "joint", "material"].contains(&n.tag_name().name()))
         .flat_map(|owner| owner.descendants().flat_map(move |node| of_element(owner, node)))
         .collect()
 }
@@ -89,7 +87,7 @@ fn of_element(owner: Node, node: Node) -> Vec<BadNumber> {
     for (_, attributes, count, range, rule) in ATTRIBUTES.iter().filter(|a| a.0 == tag) {
         for attribute in *attributes {
             let Some(text) = node.attribute(*attribute) else { continue };
-            // Nothing reads the axis of a joint that does not move, and writers put zeros there.
+            // Nothing reads the axis of a joint without motion, and writers put zeros there.
             let still = ["fixed", "floating"].contains(&owner.attribute("type").unwrap_or_default());
             let range = if *range == Direction && still { Place } else { *range };
             if let Some(why) = wrong(text, *count, range) {
@@ -107,7 +105,7 @@ fn of_element(owner: Node, node: Node) -> Vec<BadNumber> {
     bad
 }
 
-/// What is wrong with the text of some numbers.
+/// The fault of a text of `count` numbers, if any.
 fn wrong(text: &str, count: usize, range: Range) -> Option<String> {
     // `nan` and `inf` are read as numbers here; the test of finite ones refuses them.
     let numbers: Vec<f64> = text.split_whitespace().map_while(|w| w.parse().ok()).collect();

@@ -18,14 +18,14 @@ const REST_M: f64 = 1e-5;
 const SWEEP_M: f64 = 1e-3;
 /// Positions along a path.
 const STEPS: usize = 60;
-/// Pairs of links that are looked at, and products of faces and corners of pairs of solids. Measured: either
-/// takes about two seconds; a cabinet of 6 parts with 100 solids takes 38,000 pairs and 2 million products.
+/// Most pairs of links, and most products of faces and corners of pairs of solids. Measured: either takes
+/// about two seconds; a cabinet of 6 parts with 100 solids takes 38,000 pairs and 2 million products.
 const WORK: Work = Work { pairs: 100_000_000, products: 200_000_000 };
 
 /// A pose costs as much as so many pairs of links (measured).
 const POSE: usize = 20;
 
-/// What may still be looked at.
+/// The rest of the allowed work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Work {
     pairs: u64,
@@ -58,7 +58,7 @@ impl<'a> Body<'a> {
         let (lo, hi) =
             bounds.iter().copied().reduce(|(a, b), (c, d)| (a.inf(&c), b.sup(&d))).unwrap_or_default();
         let center = nalgebra::center(&lo, &hi);
-        // Somewhat more than the box that holds them: rounding must not part what touches.
+        // Somewhat more than their box: rounding must not part touching solids.
         Self { solids, bounds, center, radius_m: 0.5 * (hi - lo).norm() * (1.0 + 1e-9) + 1e-9 }
     }
 }
@@ -98,7 +98,7 @@ fn check_within(
     for (i, &a) in solid.iter().enumerate() {
         work.take((solid.len() - i) as u64, 0)?;
         for &b in &solid[i + 1..] {
-            // No simulator collides what is one body.
+            // No simulator collides a body with itself.
             if apart(&bodies, &centers, a, b) || welds.is_one(a, b) {
                 continue;
             }
@@ -115,7 +115,7 @@ fn check_within(
             }
         }
     }
-    // Along the path of every joint that leads; those that follow it go with it.
+    // Along the path of every leading joint; its followers go with it.
     let carrying = placement.nearest_above(|link| !solids[link].is_empty());
     for (j, joint) in description.joints.iter().enumerate().filter(|(j, _)| placement.leader[*j].is_none()) {
         sweep(
@@ -134,7 +134,7 @@ fn centers(bodies: &[Body], poses: &[Pose]) -> Vec<Point3<f64>> {
     bodies.iter().zip(poses).map(|(body, pose)| pose * body.center).collect()
 }
 
-/// Whether the spheres around two bodies do not meet. What is no number meets all.
+/// Whether the spheres around two bodies do not meet. A sphere of NaN meets all.
 fn apart(bodies: &[Body], centers: &[Point3<f64>], a: usize, b: usize) -> bool {
     (centers[a] - centers[b]).norm_squared()
         > (bodies[a].radius_m + bodies[b].radius_m).powi(2) * (1.0 + 1e-9)
@@ -151,7 +151,7 @@ fn interval(joint: &JointText) -> Option<[f64; 2]> {
     (["revolute", "prismatic"].contains(&joint.kind.as_str()) && bounds[0] < bounds[1]).then_some(bounds)
 }
 
-/// How deep two bodies overlap; the outer `None` where that is too much work.
+/// How deep two bodies overlap; the outer `None` if the work is too much.
 fn deepest(a: &Body, pose_a: &Pose, b: &Body, pose_b: &Pose, work: &mut Work) -> Option<Option<f64>> {
     // Moves the solids of one body only; boxes first, as separating axes cost a product of faces and corners.
     let a_from_b = pose_a.inverse() * pose_b;
@@ -162,8 +162,9 @@ fn deepest(a: &Body, pose_a: &Pose, b: &Body, pose_b: &Pose, work: &mut Work) ->
         let (lo, hi) = moved.bounds();
         for (other, (l, h)) in a.solids.iter().zip(&a.bounds) {
             if (0..3).all(|k| lo[k] <= h[k] && l[k] <= hi[k]) {
-                let product = |p: &ConvexSolid, q: &ConvexSolid| p.faces.len() * q.vertices.len();
-                work.take(0, (product(&moved, other) + product(other, &moved)) as u64)?;
+                let products =
+                    moved.faces.len() * other.vertices.len() + other.faces.len() * moved.vertices.len();
+                work.take(0, products as u64)?;
                 worst = worst.into_iter().chain(moved.penetration_m(other)).max_by(f64::total_cmp);
             }
         }
@@ -171,31 +172,28 @@ fn deepest(a: &Body, pose_a: &Pose, b: &Body, pose_b: &Pose, work: &mut Work) ->
     Some(worst)
 }
 
-/// What is swept.
+/// A description in its rest positions, for sweeps.
 struct Swept<'a> {
     description: &'a Description,
     placement: &'a Placement<'a>,
     bodies: &'a [Body<'a>],
-    /// The nearest link above a link that has solids.
+    /// For every link, the nearest link with solids above it.
     carrying: &'a [Option<usize>],
     rest: &'a [f64],
 }
 
-/// Moves one joint over its range, the others at rest. The link that is met deepest is reported; one that
-/// carries the joint before others. `None` where that is too much work.
+/// Moves one joint over its range, the others at rest. The deepest met link is reported; a link carrying the
+/// joint before others. `None` if the work is too much.
 fn sweep(swept: &Swept, j: usize, joint: &JointText, work: &mut Work, found: &mut Findings) -> Option<()> {
     let Swept { description, placement, bodies, carrying, rest } = swept;
     let (Some([lower, upper]), Some(_)) = (interval(joint), placement.child(j)) else { return Some(()) };
-    // A mimic moves with the joint that it follows, and all that hangs on both.
+    // A mimic moves with its leader, and so do all links below both.
     let followers = (0..description.joints.len()).filter(|&f| placement.leader[f] == Some(j));
     let carried: Vec<usize> =
         followers.filter_map(|f| placement.child(f)).chain(placement.child(j)).collect();
     let moved = placement.hanging_on(&carried);
-    let solid = |moving: bool| {
-        (0..bodies.len()).filter(|&l| moved[l] == moving && !bodies[l].solids.is_empty()).collect::<Vec<_>>()
-    };
-    let moving = solid(true);
-    let resting = solid(false);
+    let (moving, resting): (Vec<usize>, Vec<usize>) =
+        (0..bodies.len()).filter(|&l| !bodies[l].solids.is_empty()).partition(|&l| moved[l]);
     work.take(((STEPS + 1) * (POSE * bodies.len() + moving.len() * resting.len())) as u64, 0)?;
     let mut worst: Option<(bool, f64, f64, usize)> = None;
     for k in 0..=STEPS {

@@ -1,7 +1,7 @@
-//! Paths of files that a file of the folder names.
+//! Paths of files named by a file of the folder.
 
-/// The path in the folder of what a file of the folder names, or why it is none there. A package is the
-/// folder of the file that names it.
+/// The path in the folder of the file `named` by the file `by`, or the reason for having none there. A
+/// package is the folder of the naming file.
 pub(super) fn inside(named: &str, by: &str) -> Result<String, &'static str> {
     let relative = if let Some(rest) = named.strip_prefix("package://") {
         rest.split_once('/').map_or("", |(_, path)| path)

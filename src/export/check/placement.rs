@@ -1,4 +1,4 @@
-//! Where the links of a description are, at given positions of its joints. Time grows with the number of
+//! Poses of the links of a description at given positions of its joints. Time grows with the number of
 //! links.
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
@@ -12,13 +12,13 @@ use geometry::Pose;
 /// The tree of a description, by places of links and joints.
 pub(super) struct Placement<'a> {
     description: &'a Description,
-    /// The joint that a joint follows.
+    /// The leader of each joint.
     pub leader: Vec<Option<usize>>,
-    /// The joint whose child a link is.
+    /// The joint above each link.
     carrier: Vec<Option<usize>>,
     /// The link of the carrier's parent.
     parent: Vec<Option<usize>>,
-    /// Parents before children; links that hang in a ring are left out.
+    /// Parents before children; links in a ring are left out.
     order: Vec<usize>,
     children: Vec<Option<usize>>,
 }
@@ -28,28 +28,30 @@ impl<'a> Placement<'a> {
         let links = places(description.links.iter().map(|l| l.name.as_str()));
         let joints = places(description.joints.iter().map(|j| j.name.as_str()));
         let carriers = places(description.joints.iter().map(|j| j.child.as_str()));
-        let leader = |joint: &JointText| {
-            let leader = &joint.mimic.as_ref()?.joint;
-            // A joint that mimics itself has no leader here; the rules of the tree report it.
-            joints.get(leader.as_str()).copied().filter(|_| *leader != joint.name)
-        };
+        let mut leader = Vec::with_capacity(description.joints.len());
+        for joint in &description.joints {
+            // A joint mimicking itself has no leader here; the rules of the tree report it.
+            let other = joint.mimic.as_ref().map(|mimic| &mimic.joint).filter(|name| **name != joint.name);
+            leader.push(other.and_then(|name| joints.get(name.as_str()).copied()));
+        }
         let carrier: Vec<_> =
             description.links.iter().map(|l| carriers.get(l.name.as_str()).copied()).collect();
-        let parent_of =
-            |joint: &Option<usize>| links.get(description.joints[(*joint)?].parent.as_str()).copied();
-        let parent: Vec<_> = carrier.iter().map(parent_of).collect();
+        let mut parent = vec![None; carrier.len()];
+        for (parent, joint) in parent.iter_mut().zip(&carrier) {
+            *parent = joint.and_then(|j: usize| links.get(description.joints[j].parent.as_str()).copied());
+        }
         let mut below = vec![Vec::new(); parent.len()];
         parent.iter().enumerate().for_each(|(link, parent)| parent.iter().for_each(|p| below[*p].push(link)));
         let mut order: Vec<usize> = (0..parent.len()).filter(|l| parent[*l].is_none()).collect();
         let mut at = 0;
-        // Breadth first from the roots: links of a ring are never reached, so that this ends on any input.
+        // Breadth first from the roots: links of a ring are never reached, and the loop ends on any input.
         while at < order.len() {
             order.extend(&below[order[at]]);
             at += 1;
         }
         Self {
             description,
-            leader: description.joints.iter().map(leader).collect(),
+            leader,
             carrier,
             parent,
             order,
@@ -62,7 +64,7 @@ impl<'a> Placement<'a> {
         self.children[joint]
     }
 
-    /// Poses of all links in the root's frame; joints that follow another one have its position.
+    /// Poses of all links in the root's frame; followers go with their leader's position.
     pub(super) fn poses(&self, positions: &[f64]) -> Vec<Pose> {
         let mut poses = vec![Pose::identity(); self.parent.len()];
         for &link in &self.order {
@@ -78,7 +80,7 @@ impl<'a> Placement<'a> {
         poses
     }
 
-    /// Which links are these or hang on them.
+    /// Whether each link is one of these or below one.
     pub(super) fn hanging_on(&self, links: &[usize]) -> Vec<bool> {
         let mut hangs = vec![false; self.parent.len()];
         links.iter().for_each(|l| hangs[*l] = true);
@@ -88,7 +90,7 @@ impl<'a> Placement<'a> {
         hangs
     }
 
-    /// Of every link, the nearest one above it that satisfies a test.
+    /// For every link, the nearest link above it with a true `test`.
     pub(super) fn nearest_above(&self, test: impl Fn(usize) -> bool) -> Vec<Option<usize>> {
         let mut nearest = vec![None; self.parent.len()];
         for &link in &self.order {

@@ -13,7 +13,7 @@ pub(super) fn places<'a>(names: impl Iterator<Item = &'a str>) -> BTreeMap<&'a s
     places
 }
 
-/// Where each name stands first; one that stands twice is reported.
+/// Where each name stands first; a repeated name is reported.
 pub(super) fn unique_places<'a>(
     what: &str,
     names: impl Iterator<Item = &'a str> + Clone,

@@ -4,17 +4,17 @@ use std::fmt;
 
 macro_rules! rules {
     ($($name:ident = $word:literal, $meaning:literal;)*) => {
-        /// What a finding is about; findings of a level are sorted by it.
+        /// The subject of a finding; findings of a level are sorted by it.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
         pub enum Rule {
             $(#[doc = $meaning] $name,)*
         }
 
         impl Rule {
-            /// All rules, each with its word and what it asks.
+            /// All rules, each with its word and its demand.
             pub const ALL: &[(Self, &str, &str)] = &[$((Self::$name, $word, $meaning),)*];
 
-            /// The word that stands for it in a line.
+            /// Its word in a line.
             #[must_use]
             pub fn word(self) -> &'static str {
                 match self {

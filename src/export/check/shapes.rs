@@ -1,4 +1,4 @@
-//! Rules of visuals and collisions: each has a name and a geometry that is known.
+//! Rules of visuals and collisions: each has a name and a known geometry.
 
 use super::{
     description::{Description, Geometry, ShapeText},

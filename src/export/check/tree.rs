@@ -1,5 +1,5 @@
-//! Rules of the tree: links and joints have names of their own and make one tree, and joints that follow
-//! others follow one that leads.
+//! Rules of the tree: links and joints have names of their own and make one tree, and followers have a
+//! leading joint.
 
 use std::collections::BTreeSet;
 
@@ -45,7 +45,7 @@ pub(super) fn check(description: &Description, found: &mut Findings) {
     mimics(description, found);
 }
 
-/// Joints that follow others.
+/// Rules of followers.
 fn mimics(description: &Description, found: &mut Findings) {
     let joints = &description.joints;
     let index = unique_places("joints", joints.iter().map(|j| j.name.as_str()), found);
@@ -71,14 +71,13 @@ fn mimics(description: &Description, found: &mut Findings) {
     }
 }
 
-/// The rings of a graph in which every node points to one other at most, itself perhaps; each begins at its
-/// lowest node.
+/// The rings of a graph with one successor a node at most, itself perhaps; each begins at its lowest node.
 fn rings(next: &[Option<usize>]) -> Vec<Vec<usize>> {
     let mut walk_of: Vec<Option<usize>> = vec![None; next.len()];
     let mut rings = Vec::new();
     for start in 0..next.len() {
         let mut at = start;
-        // A node that this walk meets again closes a ring; one of an earlier walk was followed to its end
+        // A node met again by this walk closes a ring; a node of an earlier walk was followed to its end
         // then. Every node is visited once.
         while walk_of[at].is_none() {
             walk_of[at] = Some(start);

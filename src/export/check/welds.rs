@@ -1,12 +1,12 @@
-//! Links that fixed joints hold together: simulators move them as one body.
+//! Links held together by fixed joints: simulators move them as one body.
 
 use super::{description::Description, places::places};
 
-/// Which links are one body, and which of these move.
+/// The bodies of welded links, and whether they move.
 pub(super) struct Welds {
-    /// Of every link a link that stands for its body.
+    /// For every link, the representative link of its body.
     body: Vec<usize>,
-    /// Of every link whether a joint moves its body.
+    /// For every link, whether a joint moves its body.
     moves: Vec<bool>,
 }
 
@@ -30,7 +30,7 @@ impl Welds {
         Self { moves: body.iter().map(|b| moves[*b]).collect(), body }
     }
 
-    /// Whether a joint moves a link, or one that it is fixed to. What no joint moves stands in the world.
+    /// Whether a joint moves the body of a link. Other bodies stand in the world.
     pub(super) fn moves(&self, link: usize) -> bool {
         self.moves[link]
     }
@@ -40,7 +40,7 @@ impl Welds {
         self.body[a] == self.body[b]
     }
 
-    /// For every link whether its body has one that satisfies a test.
+    /// For every link, whether `test` is true for a link of its body.
     pub(super) fn any(&self, test: impl Fn(usize) -> bool) -> Vec<bool> {
         let mut some = vec![false; self.body.len()];
         (0..self.body.len()).filter(|l| test(*l)).for_each(|link| some[self.body[link]] = true);
@@ -48,7 +48,7 @@ impl Welds {
     }
 }
 
-/// Where a link leads to; halves the way for those that ask later.
+/// The representative of a link; halves the way to it for later calls.
 fn end(toward: &mut [usize], mut link: usize) -> usize {
     while toward[link] != link {
         toward[link] = toward[toward[link]];

@@ -15,17 +15,17 @@ const TOP: f64 = 18.0;
 /// Space for the numbers and the name of the horizontal axis. chosen: for the eye
 const BOTTOM: f64 = 38.0;
 
-/// A range with what it measures; the label is escaped.
+/// A range of a quantity; the label is escaped.
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
-    /// What it measures, with its unit.
+    /// The quantity with its unit.
     pub label: String,
     /// Its ends.
     pub range: (f64, f64),
 }
 
 impl Axis {
-    /// An axis over all values that are numbers, and a twentieth more on either side.
+    /// An axis over all finite values, and a twentieth more on either side.
     pub(super) fn over<'a>(label: impl Into<String>, values: impl Iterator<Item = &'a f64>) -> Self {
         let (low, high) = extent(values);
         let pad = 0.05 * (high - low);
@@ -33,7 +33,7 @@ impl Axis {
     }
 }
 
-/// Least and largest of the values that are numbers; a range about zero without any.
+/// Least and largest finite value; a range about zero without any.
 pub(super) fn extent<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     let (low, high) = values
         .filter(|v| v.is_finite())
@@ -45,14 +45,17 @@ pub(super) fn extent<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     }
 }
 
-/// What the marks of a chart mean: the class of a mark, and text that is escaped.
+/// The legend of a chart: the class of each mark, and its escaped text.
 #[must_use]
 pub(super) fn keys_of(keys: &[(&str, &str)]) -> String {
-    let one = |(class, text): &(&str, &str)| format!("<span><i class=\"{class}\"></i>{text}</span>");
-    format!("<p class=\"legend\">{}</p>", keys.iter().map(one).collect::<String>())
+    let mut marks = String::new();
+    for (class, text) in keys {
+        write!(marks, "<span><i class=\"{class}\"></i>{text}</span>").ok();
+    }
+    format!("<p class=\"legend\">{marks}</p>")
 }
 
-/// A chart; what is drawn first lies below.
+/// A chart; later elements cover earlier ones.
 pub(super) struct Chart {
     title: String,
     size: (f64, f64),
@@ -79,7 +82,7 @@ impl Chart {
     fn py(&self, y: f64) -> f64 {
         let (low, high) = self.y.range;
         let height = self.size.1 - TOP - BOTTOM;
-        // Far outside is outside: a motion that leaves all bounds stays a short number.
+        // Far outside is outside: a diverging motion stays a short number.
         TOP + (height * (high - y) / (high - low)).clamp(-height, 2.0 * height)
     }
 
@@ -116,7 +119,7 @@ impl Chart {
         writeln!(self.over, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y}\">{text}</text>").ok();
     }
 
-    /// A curve in stretches, which begin at the indices `starts`.
+    /// A curve in stretches from the indices `starts`.
     pub(super) fn curve(&mut self, x: &[f64], y: &[f64], starts: &[usize], class: &str) {
         let mut path = String::new();
         let ends = starts.iter().skip(1).copied().chain([x.len()]);
@@ -171,7 +174,7 @@ impl Chart {
             "<svg class=\"chart\" viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{}\">\n{}",
             self.title, self.body
         );
-        // What sticks out of the plot is covered; the axes come on top.
+        // Curves beyond the plot are covered; the axes come on top.
         for (x, y, w, h) in [
             (0.0, 0.0, width, TOP),
             (0.0, bottom, width, BOTTOM),
@@ -212,7 +215,7 @@ impl Chart {
     }
 }
 
-/// Adds a line through points; those that are no numbers break it.
+/// Adds a line through points; points without finite coordinates break it.
 fn push_path(path: &mut String, points: impl Iterator<Item = (f64, f64)>) {
     let mut is_down = false;
     for (x, y) in points {
@@ -223,7 +226,7 @@ fn push_path(path: &mut String, points: impl Iterator<Item = (f64, f64)>) {
     }
 }
 
-/// Indices of about `most` samples: the least and the largest of each of equal parts, so that peaks stay.
+/// Indices of about `most` samples: the least and the largest of each of equal parts; peaks stay.
 fn thinned(y: &[f64], most: usize) -> Vec<usize> {
     let parts = (most / 2).max(2);
     if y.len() <= 2 * parts {

@@ -1,4 +1,4 @@
-//! What each file holds of what was found.
+//! Found effects in each file.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,7 @@ use crate::page::{push_table, row};
 use gap::judge::report::{ExportNote, Held, JointReport};
 use model::escape_xml;
 
-/// How the status of a file that is not there begins.
+/// Start of the status of a missing file.
 const NOT_WRITTEN: &str = "not written";
 
 /// The table of all formats.
@@ -22,7 +22,8 @@ pub(super) fn exports(joints: &[JointReport], notes: &[ExportNote]) -> String {
         if note.file.is_empty() && note.status.starts_with(NOT_WRITTEN) {
             // One row says it for all joints and effects.
             let is_new = note.format != last.0 || note.status != absent;
-            (last, absent) = ((note.format.clone(), String::new()), note.status.as_str());
+            last = (note.format.clone(), String::new());
+            absent = note.status.as_str();
             if is_new {
                 let format = note.format.to_uppercase();
                 let status = escape_xml(&note.status);
@@ -32,7 +33,7 @@ pub(super) fn exports(joints: &[JointReport], notes: &[ExportNote]) -> String {
         }
         let turns = joints.iter().any(|j| j.joint == note.joint && j.turns);
         let own = (note.format.clone(), note.joint.clone());
-        // The residuals are those of the joint in the file, with all of its effects.
+        // The residuals are of the joint in the file, with all of its effects.
         let (file, gap) = if own == last {
             (String::new(), String::new())
         } else {
@@ -57,9 +58,10 @@ pub(super) fn exports(joints: &[JointReport], notes: &[ExportNote]) -> String {
 }
 
 fn held(held: &Held) -> String {
-    let one = |p: &gap::judge::report::HeldParameter| {
-        format!("{} {}", words(&p.name), with_unit(&fixed(p.value, places(p.value, 0.0)), &p.unit))
-    };
-    let parameters = held.parameters.iter().map(one).collect::<Vec<_>>().join(", ");
-    format!("{}: {parameters}", words(&held.effect))
+    let mut parameters = Vec::with_capacity(held.parameters.len());
+    for p in &held.parameters {
+        let value = with_unit(&fixed(p.value, places(p.value, 0.0)), &p.unit);
+        parameters.push(format!("{} {value}", words(&p.name)));
+    }
+    format!("{}: {}", words(&held.effect), parameters.join(", "))
 }

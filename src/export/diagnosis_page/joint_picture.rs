@@ -1,4 +1,4 @@
-//! A drawing of a joint: links, axis, and the range that it was recorded over.
+//! A drawing of a joint: links, axis, and the recorded range.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -21,21 +21,21 @@ const SIZE: (f64, f64) = (620.0, 440.0);
 const BORDER: f64 = 50.0;
 /// Points of an arc.
 const ARC: usize = 64;
-/// Side of the block that stands for a parent without a shape, as a share of the moved part.
+/// Side of the block for a parent without a shape, as a share of the moved part.
 /// chosen: for the eye
 const BLOCK: f64 = 0.08;
 /// Length of the axis on either side, as a share of the moved part, and beyond that. chosen: for the eye
 const AXIS: (f64, f64) = (0.4, 0.18);
 /// Distance of a slide's way below the part, as a share of the part's height. chosen: for the eye
 const BELOW: f64 = 1.2;
-/// Width of a letter of the labels. chosen: that of usual fonts
+/// Width of a letter of the labels. chosen: the width in usual fonts
 const LETTER: f64 = 6.6;
 /// Extent below which a shape is a point mass on a rod, as a share of its distance from the joint.
 /// chosen: for the eye
 const SMALL: f64 = 0.25;
 
-/// What of a joint is drawn.
-pub(super) struct Drawn<'a> {
+/// Input of the drawing of a joint.
+pub(super) struct DrawnJoint<'a> {
     /// The twin.
     pub tree: &'a TwinTree,
     /// Index of the joint.
@@ -44,7 +44,7 @@ pub(super) struct Drawn<'a> {
     pub visuals: &'a BTreeMap<String, Vec<Solid>>,
     /// Lowest and highest recorded position.
     pub range: (f64, f64),
-    /// Positions of all joints between which the others stand, order of the tree's.
+    /// Positions of all joints, in the order of the tree; the joint's own is not read.
     pub others: &'a [f64],
 }
 
@@ -57,7 +57,7 @@ struct Face {
 
 // Writing to a string cannot fail: the results below are dropped.
 
-impl Drawn<'_> {
+impl DrawnJoint<'_> {
     /// Poses of all links with the joint at a position.
     fn poses(&self, q: f64) -> Vec<Pose> {
         let mut all = self.others.to_vec();
@@ -98,31 +98,31 @@ impl Drawn<'_> {
         (Point3::from(frame.translation.vector), frame.rotation * joint.axis)
     }
 
-    /// A point of the moved part, at position 0, whose way is drawn: where it reaches farthest from the axis,
-    /// at the height of its mass.
+    /// The point of the moved part, at position 0, for the drawn way: at the part's farthest reach from the
+    /// axis, at the height of its mass.
     fn tracer(&self, origin: &Point3<f64>, axis: &Unit<Vector3<f64>>) -> Point3<f64> {
         let poses = self.poses(0.0);
         let links: Vec<usize> = (0..poses.len()).filter(|l| self.moves(*l)).collect();
         let mass: f64 = links.iter().map(|l| self.tree.links[*l].mass_kg).sum();
-        let weighted =
-            |l: &usize| (poses[*l] * self.tree.links[*l].center_of_mass).coords * self.tree.links[*l].mass_kg;
-        let center = links.iter().map(weighted).sum::<Vector3<f64>>() / mass.max(1e-300);
-        let across = |p: &Vector3<f64>| p - axis.into_inner() * axis.dot(p);
-        let arm = across(&(center - origin.coords));
+        let weighted = links
+            .iter()
+            .map(|l| (poses[*l] * self.tree.links[*l].center_of_mass).coords * self.tree.links[*l].mass_kg);
+        let center = weighted.sum::<Vector3<f64>>() / mass.max(1e-300);
+        let arm = across_axis(axis, &(center - origin.coords));
         if self.tree.joints[self.joint].motion == Motion::Slide {
             return Point3::from(center);
         }
         let corners = self.moved_corners(0.0);
-        let reach = corners.iter().map(|p| across(&(p - origin)).norm()).fold(0.0, f64::max);
+        let reach = corners.iter().map(|p| across_axis(axis, &(p - origin)).norm()).fold(0.0, f64::max);
         let way = arm.try_normalize(1e-3 * reach).unwrap_or_else(|| {
-            let far = corners.iter().map(|p| across(&(p - origin)));
+            let far = corners.iter().map(|p| across_axis(axis, &(p - origin)));
             let far = far.max_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap_or_else(Vector3::x);
             far.try_normalize(0.0).unwrap_or_else(Vector3::x)
         });
         origin + axis.into_inner() * axis.dot(&(center - origin.coords)) + way * reach
     }
 
-    /// A point of a slide, moved on the sheet to below the part, where nothing hides its way.
+    /// A point of a slide, moved on the sheet to below the part: nothing hides its way there.
     fn below(&self, point: Point3<f64>, axis: &Unit<Vector3<f64>>, view: &View) -> Point3<f64> {
         let down = view.down() - axis.into_inner() * axis.dot(&view.down());
         let Some(down) = down.try_normalize(1e-6) else { return point };
@@ -144,14 +144,14 @@ impl Drawn<'_> {
         let arm = self.along(&origin, &axis, shown) * tracer - origin;
         let view = View::of(joint.motion, &axis, &arm, &self.tree.gravity);
         let tracer = if joint.motion == Motion::Slide { self.below(tracer, &axis, &view) } else { tracer };
-        let at = |q: f64| self.along(&origin, &axis, q) * tracer;
         let along = self.moved_corners(shown).into_iter().map(|p| axis.dot(&(p - origin)));
         let (least, most) = along.fold((0.0f64, 0.0f64), |(l, h), x| (l.min(x), h.max(x)));
         let least = least.min((AXIS.1 - AXIS.0) * size);
         let most = most.max((AXIS.0 - AXIS.1) * size);
         let ends = [least - AXIS.1 * size, most + AXIS.1 * size].map(|x| origin + axis.into_inner() * x);
-        let sweep: Vec<Point3<f64>> =
-            (0..=ARC).map(|i| at(low + (high - low) * i as f64 / ARC as f64)).collect();
+        let sweep: Vec<Point3<f64>> = (0..=ARC)
+            .map(|i| self.along(&origin, &axis, low + (high - low) * i as f64 / ARC as f64) * tracer)
+            .collect();
         let mut seen: Vec<Point3<f64>> = sweep.iter().copied().chain(ends).chain([origin]).collect();
         for q in [low, shown, high] {
             seen.extend(self.moved_corners(q));
@@ -169,14 +169,14 @@ impl Drawn<'_> {
         for q in [low, high] {
             self.push_ghost(&mut svg, &view, q);
         }
-        self.push_sweep(&mut svg, &view, &sweep, (origin, &at));
+        self.push_sweep(&mut svg, &view, &sweep, &tracer);
         push_axis(&mut svg, &view, ends, &joint.name);
         push_directions(&mut svg, &view, &self.tree.gravity);
         svg.push_str("</svg>");
         svg
     }
 
-    /// How a point of the moved part at position 0 stands at another position.
+    /// Motion of the moved part from position 0 to another position, in the root's frame.
     fn along(&self, origin: &Point3<f64>, axis: &Unit<Vector3<f64>>, q: f64) -> Pose {
         match self.tree.joints[self.joint].motion {
             Motion::Turn => {
@@ -186,7 +186,7 @@ impl Drawn<'_> {
         }
     }
 
-    /// Shapes of the links that stay, in the root's frame; a block for a parent without any.
+    /// Shapes of the static links, in the root's frame; a block for a parent without any.
     fn still(&self, size: f64) -> Vec<(usize, Solid)> {
         let poses = self.poses(0.0);
         let parent = self.tree.joints[self.joint].parent;
@@ -222,7 +222,7 @@ impl Drawn<'_> {
         }
     }
 
-    /// A rod from the joint of a link to a mass that does not reach it.
+    /// A rod from the joint of a link to a mass away from it.
     fn push_rod(&self, svg: &mut String, view: &View, link: usize, poses: &[Pose], shapes: &[Solid]) {
         let center = self.tree.links[link].center_of_mass;
         let extent = shapes
@@ -253,54 +253,59 @@ impl Drawn<'_> {
             if extent < SMALL * center.coords.norm() {
                 corners.extend([Point3::origin(), center]);
             }
-            let at = |p: &Point3<f64>| Point2::from(<[f64; 2]>::from(view.paper(&(poses[link] * p))));
-            let paper: Vec<Point2<f64>> = corners.iter().map(at).collect();
+            let paper: Vec<Point2<f64>> = corners
+                .iter()
+                .map(|p| Point2::from(<[f64; 2]>::from(view.paper(&(poses[link] * p)))))
+                .collect();
             let outline: Vec<(f64, f64)> = hull_2d(&paper).iter().map(|p| (p.x, p.y)).collect();
             writeln!(svg, "<path class=\"ghost\" d=\"{}Z\"/>", line(&outline)).ok();
         }
     }
 
     /// The way of the tracer, its ends and its zero.
-    fn push_sweep(
-        &self,
-        svg: &mut String,
-        view: &View,
-        sweep: &[Point3<f64>],
-        (origin, at): (Point3<f64>, &dyn Fn(f64) -> Point3<f64>),
-    ) {
+    fn push_sweep(&self, svg: &mut String, view: &View, sweep: &[Point3<f64>], tracer: &Point3<f64>) {
         let turns = self.tree.joints[self.joint].motion == Motion::Turn;
         let (low, high) = self.range;
-        let (_, axis) = self.axis();
+        let (origin, axis) = self.axis();
         let paper: Vec<(f64, f64)> = sweep.iter().map(|p| view.paper(p)).collect();
         writeln!(svg, "<path class=\"sweep\" d=\"{}\"/>", line(&paper)).ok();
         push_head(svg, paper[ARC - 2], paper[ARC], "sweep-head");
         let foot = origin + axis.into_inner() * axis.dot(&(sweep[0] - origin));
         let middle = view.paper(if turns { &foot } else { &sweep[ARC / 2] });
-        let mut ray = |q: f64, text: String| {
-            let end = view.paper(&at(q));
+        let mut named = vec![(low, position(low, turns)), (high, position(high, turns))];
+        // Close to an end its label would cover the other.
+        if low + 0.12 * (high - low) < 0.0 && high - 0.12 * (high - low) > 0.0 {
+            named.push((0.0, "0".into()));
+        }
+        for (q, text) in named {
+            let end = view.paper(&(self.along(&origin, &axis, q) * tracer));
             if turns {
                 writeln!(svg, "<path class=\"ray\" d=\"{}\"/>", line(&[view.paper(&foot), end])).ok();
             }
-            let away = (end.0 - middle.0, end.1 - middle.1);
-            let norm = away.0.hypot(away.1).max(1.0);
-            let x = end.0 + 14.0 * away.0 / norm;
-            let y = end.1 + 14.0 * away.1 / norm + 4.0;
-            let class = match away.0 / norm {
-                x if x > 0.4 => "",
-                x if x < -0.4 => "end",
-                _ => "mid",
-            };
-            let x = within(x, class, text.chars().count());
-            let class = format!("range-name {class}");
-            writeln!(svg, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\">{text}</text>").ok();
-        };
-        ray(low, position(low, turns));
-        ray(high, position(high, turns));
-        // Close to an end its label would cover the other.
-        if low + 0.12 * (high - low) < 0.0 && high - 0.12 * (high - low) > 0.0 {
-            ray(0.0, "0".into());
+            push_range_name(svg, end, middle, &text);
         }
     }
+}
+
+/// A name at a point of the way, on the side away from its middle.
+fn push_range_name(svg: &mut String, end: (f64, f64), middle: (f64, f64), text: &str) {
+    let away = (end.0 - middle.0, end.1 - middle.1);
+    let norm = away.0.hypot(away.1).max(1.0);
+    let x = end.0 + 14.0 * away.0 / norm;
+    let y = end.1 + 14.0 * away.1 / norm + 4.0;
+    let class = match away.0 / norm {
+        x if x > 0.4 => "",
+        x if x < -0.4 => "end",
+        _ => "mid",
+    };
+    let x = within(x, class, text.chars().count());
+    let class = format!("range-name {class}");
+    writeln!(svg, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\">{text}</text>").ok();
+}
+
+/// The component of a vector across an axis.
+fn across_axis(axis: &Unit<Vector3<f64>>, v: &Vector3<f64>) -> Vector3<f64> {
+    v - axis.into_inner() * axis.dot(v)
 }
 
 fn placed(solid: Solid, pose: &Pose) -> Solid {
@@ -308,27 +313,30 @@ fn placed(solid: Solid, pose: &Pose) -> Solid {
     Solid { faces, ..solid }
 }
 
-/// Faces of a solid that are seen, lit from the viewer's upper left.
+/// Visible faces of a solid, lit from the viewer's upper left.
 fn drawn(solid: &Solid, view: &View, color: [f64; 3]) -> Vec<Face> {
-    let seen = |face: &&Vec<Point3<f64>>| normal(face).dot(&view.toward) > 0.0;
-    let one = |face: &Vec<Point3<f64>>| {
+    let mut faces = Vec::new();
+    for face in solid.faces.iter().filter(|face| normal(face).dot(&view.toward) > 0.0) {
         let light = view.light().dot(&normal(face).try_normalize(0.0).unwrap_or_else(Vector3::zeros));
         let shade = 0.74 + 0.26 * light.max(0.0);
         let [r, g, b] = color.map(|c| (c * shade + 30.0 * light.max(0.0)).min(255.0) as u8);
         // A round solid shows no edges, and no gaps between its faces either.
         let edge = if solid.has_edges { "#5b6776".to_owned() } else { format!("rgb({r} {g} {b})") };
-        Face {
+        faces.push(Face {
             corners: face.iter().map(|p| view.paper(p)).collect(),
             depth: face.iter().map(|p| view.toward.dot(&p.coords)).sum::<f64>() / face.len() as f64,
             style: format!("style=\"fill: rgb({r} {g} {b}); stroke: {edge}; stroke-width: 0.8\""),
-        }
-    };
-    solid.faces.iter().filter(seen).map(one).collect()
+        });
+    }
+    faces
 }
 
 fn line(points: &[(f64, f64)]) -> String {
-    let one = |(i, (x, y)): (usize, &(f64, f64))| format!("{}{x:.1} {y:.1}", if i == 0 { 'M' } else { 'L' });
-    points.iter().enumerate().map(one).collect()
+    let mut path = String::new();
+    for (i, (x, y)) in points.iter().enumerate() {
+        write!(path, "{}{x:.1} {y:.1}", if i == 0 { 'M' } else { 'L' }).ok();
+    }
+    path
 }
 
 /// The head of an arrow at `to`.
@@ -345,7 +353,7 @@ fn push_head(svg: &mut String, from: (f64, f64), to: (f64, f64), class: &str) {
     writeln!(svg, "<path class=\"{class}\" d=\"{}Z\"/>", line(&[to, corner(1.0), corner(-1.0)])).ok();
 }
 
-/// Where a text of so many letters begins, is centered or ends, so that it stays on the sheet.
+/// Where a text of so many letters begins, is centered or ends, to stay on the sheet.
 fn within(x: f64, anchor: &str, letters: usize) -> f64 {
     let width = LETTER * letters as f64;
     match anchor {
@@ -361,7 +369,7 @@ fn push_axis(svg: &mut String, view: &View, ends: [Point3<f64>; 2], name: &str) 
     writeln!(svg, "<path class=\"axis-of\" d=\"{}\"/>", line(&[from, to])).ok();
     push_head(svg, from, to, "head");
     let short: String = name.chars().take(28).collect();
-    // Beyond the tip, on the side that it points to.
+    // Beyond the tip, in the direction of the arrow.
     let dx = to.0 - from.0;
     let dy = to.1 - from.1;
     let norm = dx.hypot(dy).max(1.0);
@@ -385,21 +393,23 @@ fn push_axis(svg: &mut String, view: &View, ends: [Point3<f64>; 2], name: &str) 
 /// The root's axes and gravity, in the lower left corner.
 fn push_directions(svg: &mut String, view: &View, gravity: &Vector3<f64>) {
     let foot = (46.0, SIZE.1 - 40.0);
-    let mut arrow = |way: Vector3<f64>, foot: (f64, f64), text: &str| {
-        let (x, y) = view.direction(&way);
-        let to = (foot.0 + 26.0 * x, foot.1 + 26.0 * y);
-        writeln!(svg, "<path class=\"thin\" d=\"{}\"/>", line(&[foot, to])).ok();
-        let x = foot.0 + 36.0 * x;
-        let y = foot.1 + 36.0 * y + 4.0;
-        writeln!(svg, "<text class=\"mid\" x=\"{x:.1}\" y=\"{y:.1}\">{text}</text>").ok();
-        to
-    };
-    arrow(Vector3::x(), foot, "x");
-    arrow(Vector3::y(), foot, "y");
-    arrow(Vector3::z(), foot, "z");
+    for (way, text) in [(Vector3::x(), "x"), (Vector3::y(), "y"), (Vector3::z(), "z")] {
+        push_direction(svg, foot, view.direction(&way), text);
+    }
     if let Some(down) = gravity.try_normalize(1e-9) {
         let foot = (SIZE.0 - 24.0, SIZE.1 - 62.0);
-        let to = arrow(down, foot, "g");
-        push_head(svg, foot, to, "head");
+        let tip = push_direction(svg, foot, view.direction(&down), "g");
+        push_head(svg, foot, tip, "head");
     }
+}
+
+/// A line from `foot` in a direction on the sheet, with its name; returns its tip.
+fn push_direction(svg: &mut String, foot: (f64, f64), direction: (f64, f64), name: &str) -> (f64, f64) {
+    let (x, y) = direction;
+    let tip = (foot.0 + 26.0 * x, foot.1 + 26.0 * y);
+    writeln!(svg, "<path class=\"thin\" d=\"{}\"/>", line(&[foot, tip])).ok();
+    let x = foot.0 + 36.0 * x;
+    let y = foot.1 + 36.0 * y + 4.0;
+    writeln!(svg, "<text class=\"mid\" x=\"{x:.1}\" y=\"{y:.1}\">{name}</text>").ok();
+    tip
 }

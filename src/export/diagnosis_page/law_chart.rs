@@ -1,4 +1,4 @@
-//! What was found as a law, drawn through what the twin lacks.
+//! The found law, drawn through the effort lacking in the twin.
 
 use super::{
     chart::{Axis, Chart, keys_of},
@@ -31,9 +31,10 @@ pub(super) fn law_chart(joint: &JointReport, law: &Law, is_named: bool) -> Strin
     let mut chart = Chart::new(title.clone(), (620.0, 400.0), x, effort_axis(joint, law));
     let dashed = if is_named { "" } else { " dashed" };
     for curve in &law.curves {
-        let ends =
-            |sign: f64| curve.effort.iter().zip(&curve.half).map(|(y, h)| y + sign * h).collect::<Vec<_>>();
-        chart.between(&curve.x, &ends(-1.0), &ends(1.0), &format!("interval {}", class(curve.way)));
+        let [low, high] = [-1.0, 1.0].map(|sign| {
+            curve.effort.iter().zip(&curve.half).map(|(y, h)| y + sign * h).collect::<Vec<f64>>()
+        });
+        chart.between(&curve.x, &low, &high, &format!("interval {}", class(curve.way)));
     }
     // Friction at rest is anything between its two sides.
     if let [a, b] = &law.curves[..]
@@ -58,7 +59,7 @@ fn class(way: Way) -> &'static str {
     }
 }
 
-/// The range of points and law; an interval that is far wider is cut off.
+/// The range of points and law; a far wider interval is cut off.
 fn effort_axis(joint: &JointReport, law: &Law) -> Axis {
     let middle: Vec<f64> = law
         .points
@@ -75,7 +76,7 @@ fn effort_axis(joint: &JointReport, law: &Law) -> Axis {
         .iter()
         .map(|p| (p.effort, p.half))
         .chain(law.curves.iter().flat_map(|c| c.effort.iter().copied().zip(c.half.iter().copied())));
-    // Efforts that are next to nothing beside those recorded look like it.
+    // Efforts next to nothing beside the recorded ones look like it.
     let least = LEAST * joint.coverage.effort_rms;
     let all: Vec<f64> =
         ends.flat_map(|(y, h)| [bound(y - h), bound(y + h)]).chain([low, high, -least, least]).collect();

@@ -1,5 +1,5 @@
-//! The diagnosis by motion as one page that needs nothing else: what was found, how it was seen, what is
-//! proven, what to record next.
+//! The diagnosis by motion as one self-contained page: found effects, their evidence and proof, the next
+//! recording.
 
 mod chart;
 mod exports;
@@ -18,7 +18,7 @@ mod words;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use joint_picture::Drawn;
+use joint_picture::DrawnJoint;
 use motion::Names;
 use solids::{Solid, visuals};
 use words::{effort_unit, fixed, places, position, residual, words};
@@ -36,25 +36,25 @@ use gap::{
 use model::escape_xml;
 
 const STYLE: &str = include_str!("diagnosis.css");
-/// Most joints that are shown in full.
+/// Most joints shown in full.
 const MAX_JOINTS: usize = 12;
 
 /// Most laws of a joint.
 const MAX_LAWS: usize = 7;
 
-/// What a page is made of.
+/// Input of a page.
 pub struct DiagnosisFacts<'a> {
-    /// Joints with what was found.
+    /// Joints with their findings.
     pub joints: &'a [JointReport],
-    /// The effects that were looked for.
+    /// The catalog of effects.
     pub effects: &'a Catalogue,
     /// The twin.
     pub tree: &'a TwinTree,
     /// Its URDF.
     pub urdf: &'a str,
-    /// What became of each effect in each format.
+    /// The fate of each effect in each format.
     pub exports: &'a [ExportNote],
-    /// What was odd.
+    /// Oddities of the input.
     pub warnings: &'a [Note],
 }
 
@@ -68,7 +68,7 @@ pub fn diagnosis_page(facts: &DiagnosisFacts) -> String {
     push_list(&mut out, "warnings", "Warnings", &warnings);
     let shapes = visuals(facts.urdf);
     let middles = middles(facts);
-    // What was found comes before what was not, else the order of the twin.
+    // Joints with findings come first, else the order of the twin.
     let mut order: Vec<&JointReport> = facts.joints.iter().collect();
     order.sort_by_key(|j| matches!(j.diagnosis.verdict, Verdict::None | Verdict::Insufficient));
     for joint in order.iter().take(MAX_JOINTS) {
@@ -105,18 +105,18 @@ fn push_header(out: &mut String, facts: &DiagnosisFacts) {
     for track in facts.joints.iter().flat_map(|j| &j.tracks) {
         runs.entry(&track.run).or_default()[usize::from(track.is_held_out)] = true;
     }
-    let of = |i: usize| runs.values().filter(|r| r[i]).count();
+    let [fitted, held_out] = [0, 1].map(|i| runs.values().filter(|r| r[i]).count());
     writeln!(
         out,
         "<p class=\"facts\">{} \u{b7} fitted to {} \u{b7} proven on {} held out</p>\n</header>",
         count(facts.joints.len(), "joint"),
-        count(of(0), "run"),
-        count(of(1), "run")
+        count(fitted, "run"),
+        count(held_out, "run")
     )
     .ok();
 }
 
-/// What there is to say of a joint.
+/// The verdict on a joint in a sentence.
 fn sentence(joint: &JointReport, effects: &Catalogue) -> String {
     let d = &joint.diagnosis;
     let found: Vec<String> = d.named().map(|f| values::sentence(joint, f, effects)).collect();
@@ -135,12 +135,13 @@ fn sentence(joint: &JointReport, effects: &Catalogue) -> String {
 
 /// Middles of the joints' recorded ranges, in the order of the tree; zero where nothing was recorded.
 fn middles(facts: &DiagnosisFacts) -> Vec<f64> {
-    let of = |name: &String| {
-        let joint = facts.joints.iter().find(|j| j.joint == *name)?;
-        let (low, high) = range(joint);
-        Some(0.5 * (low + high))
-    };
-    facts.tree.joints.iter().map(|j| of(&j.name).unwrap_or(0.0)).collect()
+    let mut middles = Vec::with_capacity(facts.tree.joints.len());
+    for joint in &facts.tree.joints {
+        let report = facts.joints.iter().find(|j| j.joint == joint.name);
+        let (low, high) = report.map_or((0.0, 0.0), range);
+        middles.push(0.5 * (low + high));
+    }
+    middles
 }
 
 /// The range of all runs.
@@ -185,27 +186,31 @@ fn push_joint(
     if let Some(index) = spec {
         let visuals = shapes;
         let range = range(joint);
-        let drawn = Drawn { tree: facts.tree, joint: index, visuals, range, others: middles };
+        let drawn = DrawnJoint { tree: facts.tree, joint: index, visuals, range, others: middles };
         cards.push(picture(&drawn, facts.tree, index, shapes));
     }
     cards.extend(joint.laws.iter().take(MAX_LAWS).map(|law| law_chart::law_chart(joint, law, is_named)));
     let gap = joint.nearest.as_ref().or(joint.gap.as_ref());
     let gap = gap.map_or(String::new(), |gap| values::gap_table(joint, gap, names.updated));
-    // Two cards a row: the gap takes a place that is left.
+    // Two cards a row: the gap takes a free place.
     let (beside, below) = if cards.len() % 2 == 1 { (gap, String::new()) } else { (String::new(), gap) };
     writeln!(out, "<div class=\"pair\">\n{}{beside}</div>\n{below}", cards.concat()).ok();
     out.push_str(&motion::motion(joint, &names));
 }
 
-fn picture(drawn: &Drawn, tree: &TwinTree, index: usize, shapes: &BTreeMap<String, Vec<Solid>>) -> String {
+fn picture(
+    drawn: &DrawnJoint,
+    tree: &TwinTree,
+    index: usize,
+    shapes: &BTreeMap<String, Vec<Solid>>,
+) -> String {
     let joint = &tree.joints[index];
     let kind = if joint.motion == Motion::Turn { "turns" } else { "slides" };
     let turns = joint.motion == Motion::Turn;
     let limit = joint.limit.map_or(String::new(), |(low, high)| {
         format!(" The twin's limits: {} to {}.", position(low, turns), position(high, turns))
     });
-    let is_drawn = |l: usize| shapes.get(&tree.links[l].name).is_some_and(|s| !s.is_empty());
-    let source = if is_drawn(joint.child) {
+    let source = if shapes.get(&tree.links[joint.child].name).is_some_and(|s| !s.is_empty()) {
         "Shapes are those of the URDF."
     } else {
         "Boxes have the mass and inertia of their links."
@@ -219,7 +224,8 @@ fn picture(drawn: &Drawn, tree: &TwinTree, index: usize, shapes: &BTreeMap<Strin
     )
 }
 
-/// What stands beside the values: alternatives, what is left, where the twin fails, what the runs cover.
+/// Remarks beside the values: alternatives, the unexplained rest, failures of the twin, the range of the
+/// runs.
 fn remarks(joint: &JointReport) -> String {
     let d = &joint.diagnosis;
     let mut said = Vec::new();

@@ -8,15 +8,15 @@ use super::{
 };
 use gap::judge::{
     proof::{ResidualSeries, RunGap, RunSeries},
-    report::JointReport,
+    report::{JointReport, Track},
 };
 use model::escape_xml;
 
 /// Most runs in the picture of all runs.
 const MAX_RUNS: usize = 12;
-/// Most held-out runs that are drawn.
+/// Most drawn held-out runs.
 const MAX_HELD_OUT: usize = 3;
-/// Most windows that are shaded one by one.
+/// Most windows shaded one by one.
 const MAX_WINDOWS: usize = 120;
 /// Space between runs, as a share of all of them. chosen: for the eye
 const SPACE: f64 = 0.012;
@@ -26,7 +26,7 @@ const WIDTH: f64 = 1180.0;
 /// Names of the motions.
 #[derive(Clone, Copy)]
 pub(super) struct Names {
-    /// That of the updated twin; `None` where it is the twin.
+    /// Name of the updated twin; `None` if it is the twin.
     pub updated: Option<&'static str>,
 }
 
@@ -59,8 +59,7 @@ fn all_runs(joint: &JointReport) -> String {
     shown.truncate(MAX_RUNS);
     shown.sort_unstable();
     let tracks: Vec<_> = shown.iter().map(|i| tracks[*i]).collect();
-    let length = |t: &&gap::judge::report::Track| t.time_s[t.time_s.len() - 1] - t.time_s[0];
-    let total: f64 = tracks.iter().map(length).sum();
+    let total: f64 = tracks.iter().map(|t| duration_s(t)).sum();
     if tracks.is_empty() || total <= 0.0 {
         return String::new();
     }
@@ -71,7 +70,7 @@ fn all_runs(joint: &JointReport) -> String {
     let mut chart = Chart::new("measured position of all runs", (WIDTH, 150.0), x, y);
     let mut from = 0.0;
     for track in &tracks {
-        let to = from + length(track);
+        let to = from + duration_s(track);
         if track.is_held_out {
             chart.band(from, to, "held");
         }
@@ -91,35 +90,29 @@ fn all_runs(joint: &JointReport) -> String {
     )
 }
 
+fn duration_s(track: &Track) -> f64 {
+    track.time_s[track.time_s.len() - 1] - track.time_s[0]
+}
+
 /// Charts of a held-out run.
 fn held_out(joint: &JointReport, series: &RunSeries, run: &RunGap, noise: f64, names: &Names) -> String {
     let windows = &series.windows;
     let updated = names.updated.map(|name| ("key updated", name));
-    let legend = |first: &[(&'static str, &'static str)], last: &[(&'static str, &'static str)]| {
-        let all = first.iter().copied().chain([("key twin", "twin")]).chain(updated);
-        keys_of(&all.chain(last.iter().copied()).collect::<Vec<_>>())
-    };
     let is_updated = updated.is_some();
-    let time = |s: &ResidualSeries| Axis { label: "time, s".into(), range: extent(s.time_s.iter()) };
-    let picture = |title: &str, s: &ResidualSeries, is_shaded: bool| {
-        let mut chart = Chart::new(title, (WIDTH, 230.0), time(s), position_axis(unit(joint), s));
-        if is_shaded {
-            shade(&mut chart, s);
-        }
-        curves(&mut chart, s, is_updated);
-        chart.svg()
-    };
     let mut out = format!("<section class=\"tall\">\n<h3>Held-out run {}</h3>\n", escape_xml(&run.run));
     let measured = ("key measured", "measured");
     let window = ("key window", "held-out windows: each begins in the state that fits it best");
-    out.push_str(&picture("measured, twin and updated position over time", windows, true));
-    out.push_str(&legend(&[measured], &[window]));
-    let milli = |values: &[f64]| values.iter().map(|r| 1e3 * r).collect::<Vec<_>>();
-    let before = milli(&windows.before);
-    let after = milli(&windows.after);
+    let title = "measured, twin and updated position over time";
+    let mut chart = position_chart(title, unit(joint), windows);
+    shade(&mut chart, windows);
+    curves(&mut chart, windows, is_updated);
+    out.push_str(&chart.svg());
+    out.push_str(&motion_legend(&[measured], updated, &[window]));
+    let [before, after] =
+        [&windows.before, &windows.after].map(|values| values.iter().map(|r| 1e3 * r).collect::<Vec<f64>>());
     let small = if joint.turns { "mrad" } else { "mm" };
     let y = Axis::over(format!("residual, {small}"), before.iter().chain(&after));
-    let mut chart = Chart::new("residual over time", (WIDTH, 180.0), time(windows), y);
+    let mut chart = Chart::new("residual over time", (WIDTH, 180.0), time_axis(windows), y);
     shade(&mut chart, windows);
     chart.level(-1e3 * noise, 1e3 * noise, "noise");
     chart.curve(&windows.time_s, &before, &windows.starts, "twin");
@@ -128,20 +121,40 @@ fn held_out(joint: &JointReport, series: &RunSeries, run: &RunGap, noise: f64, n
     }
     out.push_str("<h3>Residual: measured less predicted</h3>\n");
     out.push_str(&chart.svg());
-    out.push_str(&legend(&[], &[("key noise", "\u{b1} noise floor")]));
+    out.push_str(&motion_legend(&[], updated, &[("key noise", "\u{b1} noise floor")]));
     if !series.whole.time_s.is_empty() {
+        let mut chart = position_chart("the whole run from its first state", unit(joint), &series.whole);
+        curves(&mut chart, &series.whole, is_updated);
         writeln!(
             out,
             "<h3>The same run predicted as a whole, from its first state by the recorded efforts ({}) alone\
              </h3>\n{}\n{}",
             effort_unit(joint.turns),
-            picture("the whole run from its first state", &series.whole, false),
-            legend(&[measured], &[])
+            chart.svg(),
+            motion_legend(&[measured], updated, &[])
         )
         .ok();
     }
     out.push_str("</section>\n");
     out
+}
+
+/// A legend with the twins between other marks; class and text of each mark.
+fn motion_legend(first: &[(&str, &str)], updated: Option<(&str, &str)>, last: &[(&str, &str)]) -> String {
+    let mut marks = first.to_vec();
+    marks.push(("key twin", "twin"));
+    marks.extend(updated);
+    marks.extend(last);
+    keys_of(&marks)
+}
+
+fn time_axis(s: &ResidualSeries) -> Axis {
+    Axis { label: "time, s".into(), range: extent(s.time_s.iter()) }
+}
+
+/// An empty chart for positions over time.
+fn position_chart(title: &str, unit: &str, s: &ResidualSeries) -> Chart {
+    Chart::new(title, (WIDTH, 230.0), time_axis(s), position_axis(unit, s))
 }
 
 fn predicted(s: &ResidualSeries, residual: &[f64]) -> Vec<f64> {
@@ -156,7 +169,7 @@ fn curves(chart: &mut Chart, s: &ResidualSeries, is_updated: bool) {
     }
 }
 
-/// The range of what was measured, with room for a twin that runs away.
+/// The range of the measured positions, with room for a diverging twin.
 fn position_axis(unit: &str, s: &ResidualSeries) -> Axis {
     let (low, high) = extent(s.position.iter());
     let all = [predicted(s, &s.before), predicted(s, &s.after)].concat();

@@ -1,4 +1,4 @@
-//! What to record next, in one line, and where the twin fails.
+//! The next recording, in one line, and the failures of the twin.
 
 use super::words::{fixed, places, position, variable, with_unit, words};
 use gap::{
@@ -13,29 +13,33 @@ use gap::{
 };
 use model::escape_xml;
 
-/// Level at which a dependence is named. derived: that of the report (`gap::judge::report`)
+/// Level at which a dependence is named. derived: the level of the report (`gap::judge::report`)
 const LEVEL: f64 = 0.05;
-/// Most dependences that are listed.
+/// Most listed dependences.
 const MAX_PLACES: usize = 3;
-/// Share of the largest effort from which a bin belongs to it. chosen: a little less than half
+/// Least share of the largest effort in a bin of the same place. chosen: a little less than half
 const ALIKE: f64 = 0.4;
-/// Largest share of the range that is a place. chosen: what is wider is no place
+/// Largest share of the range for a place. chosen: most of the range is no place
 const LOCAL: f64 = 0.7;
-/// Share of a joint's range from which the runs cover it. chosen: most of it
+/// Least share of a joint's range for the runs to cover it. chosen: most of it
 const COVERED: f64 = 0.8;
 
-/// The next experiment; `range` is that of all runs.
+/// A sentence on the next experiment; `range` has the ends of all recorded positions.
 #[must_use]
 pub(super) fn next(joint: &JointReport, spec: Option<&TwinJoint>, range: (f64, f64)) -> String {
     let d = &joint.diagnosis;
-    let of = |f: &Finding| escape_xml(&f.experiment);
     match d.verdict {
         Verdict::Ambiguous => {
             let Some(f) = d.findings.iter().find(|f| !f.alternatives.is_empty()) else {
                 return String::new();
             };
             let others: Vec<String> = f.alternatives.iter().map(|(name, _)| words(name)).collect();
-            format!("To decide between {} and {}: {}.", words(&f.effect), others.join(", "), of(f))
+            format!(
+                "To decide between {} and {}: {}.",
+                words(&f.effect),
+                others.join(", "),
+                escape_xml(&f.experiment)
+            )
         }
         Verdict::Named => {
             let loosest = d.findings.iter().max_by(|a, b| looseness(a).total_cmp(&looseness(b)));
@@ -46,7 +50,7 @@ pub(super) fn next(joint: &JointReport, spec: Option<&TwinJoint>, range: (f64, f
                 } else {
                     String::new()
                 };
-                format!("To know {}{share} better: {}.", words(&f.effect), of(f))
+                format!("To know {}{share} better: {}.", words(&f.effect), escape_xml(&f.experiment))
             })
         }
         Verdict::Unknown if joint.doubt.is_some() => {
@@ -67,18 +71,22 @@ fn looseness(f: &Finding) -> f64 {
     f.parameters.first().map_or(0.0, |p| 0.5 * (p.interval.1 - p.interval.0) / p.value.abs().max(1e-300))
 }
 
-/// What to record where something unknown acts at a place: where the twin lacks most, either way.
+/// A sentence on the next recording if something unknown acts at a place: the place of the largest lack.
 fn place(joint: &JointReport) -> Option<String> {
     let law = joint.laws.iter().find(|l| l.variable == Variable::Position && l.effects.is_empty())?;
-    let fitted = |way: Way| law.points.iter().filter(move |p| p.way == way && !p.is_held_out);
-    let sure = |p: &&Point| p.effort.abs() - p.half;
-    let all = [Way::Rising, Way::Falling].into_iter().flat_map(fitted);
-    let peak = all.max_by(|a, b| sure(a).total_cmp(&sure(b))).filter(|p| sure(p) > 0.0)?;
-    let own: Vec<&Point> = fitted(peak.way).collect();
+    let [rising, falling]: [Vec<&Point>; 2] = [Way::Rising, Way::Falling]
+        .map(|way| law.points.iter().filter(|p| p.way == way && !p.is_held_out).collect());
+    let all = rising.iter().chain(&falling);
+    let peak: &Point = all.max_by(|a, b| least_effort(a).total_cmp(&least_effort(b)))?;
+    if !(least_effort(peak) > 0.0) {
+        return None;
+    }
+    let own = if peak.way == Way::Rising { rising } else { falling };
     let at = own.iter().position(|p| *p == peak)?;
-    let alike = |p: &&&Point| p.effort * peak.effort.signum() > ALIKE * peak.effort.abs();
-    let first = own[..=at].iter().rev().take_while(alike).last()?;
-    let last = own[at..].iter().take_while(alike).last()?;
+    let is_alike: Vec<bool> =
+        own.iter().map(|p| p.effort * peak.effort.signum() > ALIKE * peak.effort.abs()).collect();
+    let first = own[(0..=at).rev().take_while(|i| is_alike[*i]).last()?];
+    let last = own[(at..own.len()).take_while(|i| is_alike[*i]).last()?];
     let range = own.last()?.x - own.first()?.x;
     if last.x - first.x > LOCAL * range {
         return None;
@@ -93,7 +101,12 @@ fn place(joint: &JointReport) -> Option<String> {
     ))
 }
 
-/// What to record where something unknown depends on a variable.
+/// Lower end of the interval of a point's effort, without its sign.
+fn least_effort(p: &Point) -> f64 {
+    p.effort.abs() - p.half
+}
+
+/// A sentence on the next recording if something unknown depends on a variable.
 fn wanted(w: &Dependence, turns: bool) -> String {
     let region = region(w, turns);
     match w.variable {
@@ -123,8 +136,9 @@ fn region(w: &Dependence, turns: bool) -> String {
     with_unit(&format!("{} to {}", fixed(low, places), fixed(high, places)), w.variable.unit(turns))
 }
 
-/// Where nothing is missing: what these runs say nothing about.
-fn further(joint: &JointReport, spec: Option<&TwinJoint>, (low, high): (f64, f64)) -> String {
+/// A sentence on ranges and efforts beyond these runs, if nothing is missing.
+fn further(joint: &JointReport, spec: Option<&TwinJoint>, range: (f64, f64)) -> String {
+    let (low, high) = range;
     let speed = format!("{}\u{a0}{}", fixed(joint.coverage.speed.1, 2), Variable::Velocity.unit(joint.turns));
     let limit = spec.and_then(|s| s.limit).filter(|(l, h)| h - l < 1e3);
     match limit {

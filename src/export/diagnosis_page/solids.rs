@@ -1,5 +1,5 @@
-//! Shapes of links for a drawing: what the URDF gives as boxes, cylinders and balls, or the box of the same
-//! mass and inertia.
+//! Shapes of links for a drawing: boxes, cylinders and balls of the URDF, or the box of the same mass and
+//! inertia.
 
 use std::collections::BTreeMap;
 
@@ -28,7 +28,7 @@ pub(super) struct Solid {
     pub has_edges: bool,
 }
 
-/// Visual shapes of all links, by name; meshes are not read. Nothing of a text that is no XML.
+/// Visual shapes of all links, by name; meshes are not read. Empty for malformed XML.
 #[must_use]
 pub(super) fn visuals(urdf: &str) -> BTreeMap<String, Vec<Solid>> {
     let Ok(document) = parse_xml(urdf) else { return BTreeMap::new() };
@@ -58,15 +58,18 @@ fn visual(node: Node) -> Option<Solid> {
         Some(Pose::from_parts(Vector3::from(xyz).into(), UnitQuaternion::from_euler_angles(r, p, y)))
     })?;
     let shape = child(node, "geometry")?.children().find(Node::is_element)?;
-    let number = |name: &str| shape.attribute(name).and_then(numbers::<1>).map(|[x]| x);
     let solid = match shape.tag_name().name() {
         "box" => cuboid(Vector3::from(numbers::<3>(shape.attribute("size")?)?)),
-        "cylinder" => cylinder(number("radius")?, number("length")?),
-        "sphere" => ball(number("radius")?),
+        "cylinder" => cylinder(number(shape, "radius")?, number(shape, "length")?),
+        "sphere" => ball(number(shape, "radius")?),
         _ => return None,
     };
-    let moved = |face: Vec<Point3<f64>>| face.into_iter().map(|p| pose * p).collect();
-    Some(Solid { faces: solid.faces.into_iter().map(moved).collect(), ..solid })
+    let faces = solid.faces.into_iter().map(|face| face.into_iter().map(|p| pose * p).collect()).collect();
+    Some(Solid { faces, ..solid })
+}
+
+fn number(shape: Node, name: &str) -> Option<f64> {
+    shape.attribute(name).and_then(numbers::<1>).map(|[x]| x)
 }
 
 /// So many finite numbers.
@@ -75,7 +78,7 @@ fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     all.try_into().ok().filter(|n: &[f64; N]| n.iter().all(|x| x.is_finite()))
 }
 
-/// The box that has the mass and the inertia of a link; `None` without mass.
+/// The box with the mass and the inertia of a link; `None` without mass.
 #[must_use]
 pub(super) fn box_of_inertia(link: &TwinLink) -> Option<Solid> {
     if !(link.mass_kg > 0.0) {
@@ -86,31 +89,37 @@ pub(super) fn box_of_inertia(link: &TwinLink) -> Option<Solid> {
     let turn = if turn.determinant() < 0.0 { -turn } else { turn };
     let [a, b, c] = [0, 1, 2].map(|i| eigen.eigenvalues[i]);
     // A box of sides x, y, z has the inertia m (y^2 + z^2) / 12 about x.
-    let side = |others: f64, own: f64| (6.0 * (others - own) / link.mass_kg).max(0.0).sqrt();
-    let sides = Vector3::new(side(b + c, a), side(c + a, b), side(a + b, c));
+    let sides = Vector3::from(
+        [[b + c, a], [c + a, b], [a + b, c]]
+            .map(|[others, own]| (6.0 * (others - own) / link.mass_kg).max(0.0).sqrt()),
+    );
     let longest = sides.amax();
     if !(longest > 0.0 && longest.is_finite()) {
         return None;
     }
     let solid = cuboid(sides.map(|s| s.max(LEAST_SIDE * longest)));
-    let place = |p: Point3<f64>| link.center_of_mass + turn * p.coords;
-    let faces = solid.faces.into_iter().map(|f| f.into_iter().map(place).collect()).collect();
+    let faces = solid
+        .faces
+        .into_iter()
+        .map(|f| f.into_iter().map(|p| link.center_of_mass + turn * p.coords).collect())
+        .collect();
     Some(Solid { faces, has_edges: true })
 }
 
 /// A box about the origin.
 #[must_use]
 pub(super) fn cuboid(sides: Vector3<f64>) -> Solid {
-    let corner = |x: f64, y: f64, z: f64| Point3::from(0.5 * sides.component_mul(&Vector3::new(x, y, z)));
     let mut faces = Vec::new();
     for axis in 0..3 {
         for sign in [-1.0, 1.0] {
-            let at = |a: f64, b: f64| {
-                let mut c = [0.0; 3];
-                (c[axis], c[(axis + 1) % 3], c[(axis + 2) % 3]) = (sign, a, b);
-                corner(c[0], c[1], c[2])
-            };
-            let mut face = vec![at(-1.0, -1.0), at(1.0, -1.0), at(1.0, 1.0), at(-1.0, 1.0)];
+            let mut face = Vec::with_capacity(4);
+            for [a, b] in [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]] {
+                let mut corner = Vector3::zeros();
+                corner[axis] = sign;
+                corner[(axis + 1) % 3] = a;
+                corner[(axis + 2) % 3] = b;
+                face.push(Point3::from(0.5 * sides.component_mul(&corner)));
+            }
             if sign < 0.0 {
                 face.reverse();
             }
@@ -122,36 +131,44 @@ pub(super) fn cuboid(sides: Vector3<f64>) -> Solid {
 
 /// Along z.
 fn cylinder(radius: f64, length: f64) -> Solid {
-    let rim = |i: usize, z: f64| {
-        let angle = std::f64::consts::TAU * (i % SIDES) as f64 / SIDES as f64;
-        Point3::new(radius * angle.cos(), radius * angle.sin(), z)
-    };
-    let low = -0.5 * length;
-    let high = 0.5 * length;
-    let mut faces: Vec<Vec<Point3<f64>>> =
-        (0..SIDES).map(|i| vec![rim(i, low), rim(i + 1, low), rim(i + 1, high), rim(i, high)]).collect();
-    faces.push((0..SIDES).map(|i| rim(i, high)).collect());
-    faces.push((0..SIDES).rev().map(|i| rim(i, low)).collect());
+    let [low, high] = [-0.5 * length, 0.5 * length].map(|z| rim(radius, z));
+    let mut faces = Vec::with_capacity(SIDES + 2);
+    for i in 0..SIDES {
+        let next = (i + 1) % SIDES;
+        faces.push(vec![low[i], low[next], high[next], high[i]]);
+    }
+    faces.push(high);
+    faces.push(low.into_iter().rev().collect());
     Solid { faces, has_edges: false }
 }
 
+/// Points of a circle about z.
+fn rim(radius: f64, z: f64) -> Vec<Point3<f64>> {
+    let angles = (0..SIDES).map(|i| std::f64::consts::TAU * i as f64 / SIDES as f64);
+    angles.map(|angle| Point3::new(radius * angle.cos(), radius * angle.sin(), z)).collect()
+}
+
 fn ball(radius: f64) -> Solid {
-    let at = |i: usize, ring: usize| {
-        let turn = std::f64::consts::TAU * (i % SIDES) as f64 / SIDES as f64;
-        let tilt = std::f64::consts::PI * ring as f64 / RINGS as f64;
-        let across = radius * tilt.sin();
-        Point3::new(across * turn.cos(), across * turn.sin(), -radius * tilt.cos())
-    };
-    let face =
-        |ring: usize, i: usize| vec![at(i, ring), at(i + 1, ring), at(i + 1, ring + 1), at(i, ring + 1)];
-    let faces = (0..RINGS).flat_map(|ring| (0..SIDES).map(move |i| (ring, i))).map(|(r, i)| face(r, i));
-    Solid { faces: faces.collect(), has_edges: false }
+    let rings: Vec<Vec<Point3<f64>>> = (0..=RINGS)
+        .map(|ring| {
+            let tilt = std::f64::consts::PI * ring as f64 / RINGS as f64;
+            rim(radius * tilt.sin(), -radius * tilt.cos())
+        })
+        .collect();
+    let mut faces = Vec::with_capacity(RINGS * SIDES);
+    for pair in rings.windows(2) {
+        for i in 0..SIDES {
+            let next = (i + 1) % SIDES;
+            faces.push(vec![pair[0][i], pair[0][next], pair[1][next], pair[1][i]]);
+        }
+    }
+    Solid { faces, has_edges: false }
 }
 
 /// Normal of a face, longer for a larger face.
 #[must_use]
 pub(super) fn normal(face: &[Point3<f64>]) -> Vector3<f64> {
-    // Newell's sum, which a triangle with a doubled corner does not spoil.
+    // Newell's sum: a doubled corner does not spoil it.
     (0..face.len()).map(|i| face[i].coords.cross(&face[(i + 1) % face.len()].coords)).sum()
 }
 

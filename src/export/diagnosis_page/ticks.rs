@@ -6,7 +6,7 @@ use crate::page::minus;
 #[must_use]
 pub(super) fn ticks(low: f64, high: f64, about: usize) -> Vec<f64> {
     let width = high - low;
-    // Negated, so that a range that is not a number has none.
+    // Negated: a range of NaN has none.
     if !(width > 0.0 && width.is_finite()) {
         return Vec::new();
     }
@@ -17,14 +17,14 @@ pub(super) fn ticks(low: f64, high: f64, about: usize) -> Vec<f64> {
     (0..=(last - first).max(0.0) as usize).map(|i| (first + i as f64) * step + 0.0).collect()
 }
 
-/// The least round step that is no smaller, but for a fifth.
+/// The least round step of at least four fifths of a wanted one.
 fn step(wanted: f64) -> f64 {
     let power = 10f64.powf(wanted.log10().floor());
-    let of = |factor: f64| factor * power;
-    [1.0, 2.0, 5.0, 10.0].into_iter().map(of).find(|s| *s >= 0.8 * wanted).unwrap_or(of(10.0))
+    let steps = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * power);
+    steps.into_iter().find(|s| *s >= 0.8 * wanted).unwrap_or(steps[3])
 }
 
-/// Labels of ticks, with the digits that their step needs.
+/// Labels of ticks, with the digits of their step.
 #[must_use]
 pub(super) fn labels(ticks: &[f64]) -> Vec<String> {
     let step = ticks.windows(2).map(|w| w[1] - w[0]).next().unwrap_or(1.0);

@@ -6,21 +6,21 @@ use super::words::{fixed, places, residual, unit_text, with_unit, words};
 use gap::{
     judge::{
         finding::{Finding, ParameterEstimate},
-        proof::{Gap, RunGap, left_of},
+        proof::{Gap, left_of},
         report::JointReport,
     },
     model::joint_model::Catalogue,
 };
 use model::escape_xml;
 
-/// Multiple of the noise up to which a gap is none. derived: that of the verdict (`gap::judge::assess`)
+/// Multiple of the noise up to which a gap is none. derived: the bound of the verdict (`gap::judge::assess`)
 const AT_NOISE: f64 = 1.5;
 
 /// A parameter as the twin has it, as it was found, and as the updated twin has it.
 struct Value {
     /// Twin, sign between, found, updated.
     parts: Option<[String; 4]>,
-    /// What was found where the twin has nothing to compare.
+    /// The found value, for a twin without one.
     alone: String,
     interval: String,
     unit: String,
@@ -30,7 +30,7 @@ fn value(joint: &JointReport, finding: &Finding, p: &ParameterEstimate, catalogu
     let effect = &catalogue[finding.index];
     let index = effect.parameters().iter().position(|own| own.name == p.name);
     let neutral = index.and_then(|i| effect.parameters()[i].neutral);
-    // What happened once is nothing that a twin has.
+    // A twin has no value for a single event.
     let own = index.filter(|_| neutral.is_some() && !effect.is_of_one_run());
     let twin = own.map_or(0.0, |i| effect.in_twin(i, &joint.diagnosis.model.plant));
     let is_factor = own.is_some() && neutral == Some(1.0);
@@ -54,12 +54,12 @@ fn value(joint: &JointReport, finding: &Finding, p: &ParameterEstimate, catalogu
 /// An effect's values in a sentence: `twin + found = updated unit`; the shape is in the table.
 #[must_use]
 pub(super) fn sentence(joint: &JointReport, finding: &Finding, catalogue: &Catalogue) -> String {
-    let one = |p: &ParameterEstimate| {
-        let v = value(joint, finding, p, catalogue);
-        let [twin, sign, found, sum] = v.parts?;
-        Some(with_unit(&format!("{twin} {sign} {found} = {sum}"), &p.unit))
-    };
-    let mut all: Vec<String> = finding.parameters.iter().filter_map(one).collect();
+    let mut all: Vec<String> = Vec::new();
+    for p in &finding.parameters {
+        if let Some([twin, sign, found, sum]) = value(joint, finding, p, catalogue).parts {
+            all.push(with_unit(&format!("{twin} {sign} {found} = {sum}"), &p.unit));
+        }
+    }
     if let (true, Some(p)) = (all.is_empty(), finding.parameters.first()) {
         all.push(with_unit(&value(joint, finding, p, catalogue).alone, &p.unit));
     }
@@ -113,48 +113,39 @@ pub(super) fn values(
     )
 }
 
-/// The residuals of held-out runs under the twin and, where there is one, the updated twin or what comes
-/// nearest.
+/// The residuals of held-out runs under the twin and, if there is one, the updated twin or the nearest
+/// explanation.
 #[must_use]
 pub(super) fn gap_table(joint: &JointReport, gap: &Gap, updated: Option<&str>) -> String {
-    let show = |x: f64| residual(x, joint.turns);
-    let closed = |before: f64, after: f64| {
-        // A twin at its noise has no gap to close.
-        if before <= AT_NOISE * gap.noise_floor {
-            return "\u{2013}".to_owned();
-        }
-        let share = 1.0 - left_of(before, after, gap.noise_floor);
-        format!("{}\u{a0}%", fixed(100.0 * share, 0))
-    };
-    let row = |name: &str, [before, after]: [f64; 2], whole: Option<[f64; 2]>| {
-        let whole = whole.map_or([String::new(), String::new()], |w| w.map(show));
-        let mut cells = vec![show(before)];
-        if updated.is_some() {
-            cells.extend([show(after), closed(before, after)]);
-        }
-        let shown = if updated.is_some() { 2 } else { 1 };
-        cells.extend(whole.into_iter().take(shown));
-        let cells: String = cells.iter().map(|c| format!("<td class=\"number\">{c}</td>")).collect();
-        format!("<tr><td>{name}</td>{cells}</tr>\n")
-    };
-    let of_run =
-        |r: &RunGap| row(&escape_xml(&r.run), [r.before, r.after], Some([r.full_before, r.full_after]));
-    let mut rows: String = gap.runs.iter().map(of_run).collect();
+    let mut rows = String::new();
+    for run in &gap.runs {
+        let residuals = [run.before, run.after].map(|x| residual(x, joint.turns));
+        let whole = [run.full_before, run.full_after].map(|x| residual(x, joint.turns));
+        let closed = updated.map(|_| closed_share(run.before, run.after, gap.noise_floor));
+        push_gap_row(&mut rows, &escape_xml(&run.run), residuals, closed, whole);
+    }
     if gap.runs.len() > 1 {
-        rows.push_str(&row("all", [gap.before, gap.after], None));
+        let residuals = [gap.before, gap.after].map(|x| residual(x, joint.turns));
+        let closed = updated.map(|_| closed_share(gap.before, gap.after, gap.noise_floor));
+        push_gap_row(&mut rows, "all", residuals, closed, <[String; 2]>::default());
     }
     let most = gap.before.max(gap.after).max(gap.noise_floor).max(1e-300);
-    let bar = |name: &str, x: f64, class: &str| {
-        let share = fixed(100.0 * x / most, 1);
-        format!(
-            "<span>{name}</span><div class=\"bar {class}\" style=\"width: {share}%\"></div><span \
-             class=\"number\">{}</span>\n",
-            show(x)
+    let mut bars = String::new();
+    for (name, x, class) in [
+        (Some("twin"), gap.before, "twin-bar"),
+        (updated, gap.after, "updated-bar"),
+        (Some("noise floor"), gap.noise_floor, "noise-bar"),
+    ] {
+        let Some(name) = name else { continue };
+        writeln!(
+            bars,
+            "<span>{name}</span><div class=\"bar {class}\" style=\"width: {}%\"></div><span \
+             class=\"number\">{}</span>",
+            fixed(100.0 * x / most, 1),
+            residual(x, joint.turns)
         )
-    };
-    let mut bars = bar("twin", gap.before, "twin-bar");
-    bars.extend(updated.map(|name| bar(name, gap.after, "updated-bar")));
-    bars.push_str(&bar("noise floor", gap.noise_floor, "noise-bar"));
+        .ok();
+    }
     let mut head = vec!["Held-out run".to_owned(), "Twin".to_owned()];
     head.extend(updated.into_iter().flat_map(|name| [capital(name), "Closed".to_owned()]));
     head.push("Whole run: twin".to_owned());
@@ -166,6 +157,32 @@ pub(super) fn gap_table(joint: &JointReport, gap: &Gap, updated: Option<&str>) -
          class=\"scroll\"><table>\n<tr>{head}</tr>\n{rows}</table></div>\n<p class=\"soft\">By windows; \
          closed: of what is more than noise. A whole run is predicted from its first state.</p>\n</section>\n"
     )
+}
+
+/// Share of the gap closed by the updated twin, as text; a dash for a twin at its noise, without a gap.
+fn closed_share(before: f64, after: f64, noise_floor: f64) -> String {
+    if before <= AT_NOISE * noise_floor {
+        return "\u{2013}".to_owned();
+    }
+    let share = 1.0 - left_of(before, after, noise_floor);
+    format!("{}\u{a0}%", fixed(100.0 * share, 0))
+}
+
+/// A row of the table of gaps: residuals of the twin and of the updated twin by windows and of the whole run;
+/// the updated twin is left out without `closed`.
+fn push_gap_row(
+    rows: &mut String,
+    name: &str,
+    [before, after]: [String; 2],
+    closed: Option<String>,
+    [whole_before, whole_after]: [String; 2],
+) {
+    let cells = match closed {
+        Some(closed) => vec![before, after, closed, whole_before, whole_after],
+        None => vec![before, whole_before],
+    };
+    let cells: String = cells.iter().map(|c| format!("<td class=\"number\">{c}</td>")).collect();
+    writeln!(rows, "<tr><td>{name}</td>{cells}</tr>").ok();
 }
 
 /// With a capital.

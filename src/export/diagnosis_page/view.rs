@@ -4,16 +4,16 @@ use nalgebra::{Point3, Unit, Vector3};
 
 use gap::twin_tree::Motion;
 
-/// Angle between the line of sight and the axis of a joint that turns, degrees: its motion is an open arc.
+/// Angle between the line of sight and the axis of a turning joint, degrees: its motion is an open arc.
 /// chosen: for the eye
 const TURN_DEG: f64 = 48.0;
-/// That of a joint that slides: its way is long. chosen: for the eye
+/// The same for a sliding joint: its way is long. chosen: for the eye
 const SLIDE_DEG: f64 = 68.0;
 /// Heights of the viewer, degrees. chosen: for the eye
 const HEIGHTS_DEG: [f64; 3] = [18.0, 28.0, 40.0];
-/// Places around the joint that are tried.
+/// Candidate places around the joint.
 const PLACES: usize = 24;
-/// What a part that points at the viewer costs, in radians of the axis. chosen: for the eye
+/// Cost of a part pointing at the viewer, in radians of the axis. chosen: for the eye
 const POINTING: f64 = 0.35;
 
 /// A line of sight and a scale.
@@ -28,7 +28,7 @@ pub(super) struct View {
 }
 
 impl View {
-    /// The best of some for an axis and a part that reaches from it as `arm`.
+    /// The best of some views for an axis and a part reaching from it by `arm`.
     #[must_use]
     pub(super) fn of(
         motion: Motion,
@@ -50,7 +50,7 @@ impl View {
                 let (rise, flat) = height.to_radians().sin_cos();
                 let toward = (ahead * c + left * s) * flat + up * rise;
                 let angle = axis.dot(&toward).abs().min(1.0).acos();
-                // A little for height, so that equal views have one answer.
+                // A little for height: equal views have one answer.
                 let cost = (angle - wanted).abs()
                     + POINTING * arm.dot(&toward).abs()
                     + 1e-3 * height
@@ -73,7 +73,8 @@ impl View {
         let mut high = (f64::NEG_INFINITY, f64::NEG_INFINITY);
         for p in points {
             let (x, y) = flat.paper(p);
-            (low, high) = ((low.0.min(x), low.1.min(y)), (high.0.max(x), high.1.max(y)));
+            low = (low.0.min(x), low.1.min(y));
+            high = (high.0.max(x), high.1.max(y));
         }
         let room = (size.0 - 2.0 * border, size.1 - 2.0 * border);
         let scale = (room.0 / (high.0 - low.0).max(1e-9)).min(room.1 / (high.1 - low.1).max(1e-9));

@@ -19,20 +19,24 @@ pub(super) fn unit_text(unit: &str) -> String {
     escape_xml(&unit.replace("^2", "\u{b2}").replace("^3", "\u{b3}").replace(' ', "\u{a0}"))
 }
 
-/// Digits after the point with which a number whose interval has this half width is written: two of the half
-/// width where it begins with 1 to 3, else one; and three of the number where there is no interval. Below
-/// zero for numbers whose last digits say nothing.
+/// Digits after the point of a number with an interval of this half width: two of the half width if it begins
+/// with 1 to 3, else one; three of the number without an interval. Negative if digits before the point mean
+/// nothing.
 #[must_use]
 pub(super) fn places(value: f64, half: f64) -> i32 {
-    let of = |x: f64, digits: i32| (digits - 1 - x.abs().log10().floor() as i32).clamp(-9, 12);
-    let digits = |half: f64| if half / 10f64.powf(half.log10().floor()) < 3.55 { 2 } else { 1 };
+    let digits = if half / 10f64.powf(half.log10().floor()) < 3.55 { 2 } else { 1 };
     match (half > 0.0 && half.is_finite(), value != 0.0 && value.is_finite()) {
-        // Never fewer than show one digit of the value: an interval may be wider than that.
-        (true, true) => of(half, digits(half)).max(of(value, 1)),
-        (true, false) => of(half, digits(half)),
-        (false, true) => of(value, 3).max(0),
+        // At least one digit of the value: an interval may be wider than the value.
+        (true, true) => digits_after_point(half, digits).max(digits_after_point(value, 1)),
+        (true, false) => digits_after_point(half, digits),
+        (false, true) => digits_after_point(value, 3).max(0),
         (false, false) => 2,
     }
+}
+
+/// Digits after the point of `x` with so many significant digits.
+fn digits_after_point(x: f64, significant: i32) -> i32 {
+    (significant - 1 - x.abs().log10().floor() as i32).clamp(-9, 12)
 }
 
 /// A number rounded to so many digits after the point; with an exponent where these are too many to read.
@@ -55,7 +59,7 @@ pub(super) fn fixed(value: f64, places: i32) -> String {
     // Of a point, text rounds exactly.
     let value = if places < 0 { (value / last).round() * last } else { value };
     let text = format!("{value:.0$}", places.max(0) as usize);
-    // The sign of what rounds to zero is noise.
+    // The sign of a rounded zero is noise.
     let is_zero = text.chars().all(|c| matches!(c, '-' | '0' | '.'));
     minus(if is_zero { text.trim_start_matches('-') } else { &text })
 }

@@ -24,7 +24,7 @@ pub(super) fn density(output: f32) -> f64 {
     (f64::from(output) - 1.0).min(DENSITY_EXPONENT).exp()
 }
 
-/// What a step knows of one part, read by all blocks.
+/// One part in a step, read by all blocks.
 pub(super) struct PartView<'a> {
     pub network: &'a Network,
     pub backward: &'a BackwardNetwork,
@@ -38,8 +38,8 @@ pub(super) struct PartView<'a> {
     pub mobile: bool,
 }
 
-/// What all blocks of a step share.
-pub(super) struct StepContext<'a> {
+/// Shared input of all blocks of a step.
+pub(super) struct RenderContext<'a> {
     pub isa: InstructionSet,
     pub config: &'a RadianceConfig,
     pub batch: &'a RayBatch,
@@ -48,7 +48,7 @@ pub(super) struct StepContext<'a> {
     pub parts: Vec<PartView<'a>>,
 }
 
-/// What a block adds to the gradient of one part.
+/// Contribution of a block to the gradient of one part.
 pub(super) struct PartSlot<'a> {
     pub layers: &'a mut NetworkGradient,
     /// `padded(2 levels)` rows of the block's columns.
@@ -58,7 +58,7 @@ pub(super) struct PartSlot<'a> {
 }
 
 /// Buffers for blocks of at most a number of columns.
-pub(super) struct Scratch {
+pub(super) struct RenderScratch {
     parts: Vec<PartScratch>,
     thickness: Vec<Vec<f64>>,
     weights: Vec<Vec<f64>>,
@@ -71,26 +71,31 @@ pub(super) struct Scratch {
 struct PartScratch {
     geometry: GeometryPass,
     color: ColorPass,
-    /// The columns that have color, and their number rounded up.
+    /// The columns with color, and their number rounded up.
     columns: Vec<usize>,
     cols: usize,
 }
 
-impl Scratch {
-    pub(super) fn new(context: &StepContext<'_>, widest: usize) -> Self {
-        let part = |p: &PartView<'_>| PartScratch {
-            geometry: GeometryPass::new(p.network, widest),
-            color: ColorPass::new(p.network, widest),
+impl RenderScratch {
+    pub(super) fn new(context: &RenderContext<'_>, widest: usize) -> Self {
+        let samples = vec![vec![0.0; widest]; context.parts.len()];
+        Self {
+            parts: context.parts.iter().map(|p| PartScratch::new(p.network, widest)).collect(),
+            thickness: samples.clone(),
+            weights: samples.clone(),
+            gradient: samples,
+            shown: Vec::new(),
+        }
+    }
+}
+
+impl PartScratch {
+    fn new(network: &Network, widest: usize) -> Self {
+        Self {
+            geometry: GeometryPass::new(network, widest),
+            color: ColorPass::new(network, widest),
             columns: Vec::with_capacity(widest),
             cols: 0,
-        };
-        let samples = || vec![vec![0.0; widest]; context.parts.len()];
-        Self {
-            parts: context.parts.iter().map(part).collect(),
-            thickness: samples(),
-            weights: samples(),
-            gradient: samples(),
-            shown: Vec::new(),
         }
     }
 }
@@ -98,9 +103,9 @@ impl Scratch {
 /// One block of rays: adds to the layers' gradients, writes those of the features and of the directions,
 /// returns the losses.
 pub(super) fn train_block(
-    context: &StepContext<'_>,
+    context: &RenderContext<'_>,
     rays: Range<usize>,
-    scratch: &mut Scratch,
+    scratch: &mut RenderScratch,
     slots: &mut [PartSlot<'_>],
 ) -> RadianceLosses {
     let samples = context.batch.samples;
@@ -123,14 +128,14 @@ pub(super) fn train_block(
 }
 
 /// The features of a block's columns of a part.
-fn features<'a>(context: &StepContext<'a>, rays: &Range<usize>, part: usize) -> Columns<'a> {
+fn features<'a>(context: &RenderContext<'a>, rays: &Range<usize>, part: usize) -> Columns<'a> {
     let columns = context.batch.distances.len();
     let data = context.parts[part].features;
     Columns { data: &data[rays.start * context.batch.samples..], stride: columns, rows: data.len() / columns }
 }
 
 /// Optical thickness of a part's samples.
-fn thicken(context: &StepContext<'_>, rays: &Range<usize>, part: usize, scratch: &mut Scratch) {
+fn thicken(context: &RenderContext<'_>, rays: &Range<usize>, part: usize, scratch: &mut RenderScratch) {
     let samples = context.batch.samples;
     let view = &context.parts[part];
     let cols = rays.len() * samples;
@@ -144,7 +149,7 @@ fn thicken(context: &StepContext<'_>, rays: &Range<usize>, part: usize, scratch:
 }
 
 /// Colors, opacities and distances of the rays.
-fn render(context: &StepContext<'_>, rays: &Range<usize>, scratch: &mut Scratch) {
+fn render(context: &RenderContext<'_>, rays: &Range<usize>, scratch: &mut RenderScratch) {
     let samples = context.batch.samples;
     let parts = context.parts.len();
     let cols = rays.len() * samples;
@@ -167,7 +172,8 @@ fn render(context: &StepContext<'_>, rays: &Range<usize>, scratch: &mut Scratch)
             continue;
         }
         part.cols = part.color.gather(
-            (&part.geometry.outputs, cols),
+            &part.geometry.outputs,
+            cols,
             &part.columns,
             |column| rays.start + column / samples,
             |ray| view.directions[ray].map(|x| x as f32).into(),
@@ -183,7 +189,11 @@ fn render(context: &StepContext<'_>, rays: &Range<usize>, scratch: &mut Scratch)
 }
 
 /// Losses of the rays, and their derivatives by weights and colors.
-fn by_weight(context: &StepContext<'_>, rays: &Range<usize>, scratch: &mut Scratch) -> RadianceLosses {
+fn by_weight(
+    context: &RenderContext<'_>,
+    rays: &Range<usize>,
+    scratch: &mut RenderScratch,
+) -> RadianceLosses {
     let samples = context.batch.samples;
     let batch = context.batch;
     let mut losses = RadianceLosses::default();
@@ -219,10 +229,10 @@ fn by_weight(context: &StepContext<'_>, rays: &Range<usize>, scratch: &mut Scrat
 
 /// From the derivatives by colors and thicknesses to those by layers, features and directions of a part.
 fn part_backward(
-    context: &StepContext<'_>,
+    context: &RenderContext<'_>,
     rays: &Range<usize>,
     k: usize,
-    scratch: &mut Scratch,
+    scratch: &mut RenderScratch,
     slot: &mut PartSlot<'_>,
 ) {
     let isa = context.isa;
@@ -245,7 +255,7 @@ fn part_backward(
     if !columns.is_empty() {
         color.backward(isa, view.backward, *color_cols, slot.layers);
         let first = if view.mobile { VIEW_COEFFICIENTS } else { 0 };
-        color.return_features(first, (columns, *color_cols), (&mut geometry.d_outputs, cols));
+        color.return_features(first, columns, *color_cols, &mut geometry.d_outputs, cols);
         if view.mobile {
             let mut by_views = vec![[0.0; VIEW_COEFFICIENTS]; rays.len()];
             for (i, &column) in columns.iter().enumerate() {

@@ -3,8 +3,7 @@
 //!
 //! With the optical thickness `a_ki = sigma_ki delta_i` of part k at sample i: `alpha_ki = 1 - exp(-a_ki)`,
 //! `1 - alpha_i = prod_k (1 - alpha_ki)`, `T_i = prod_{j < i} (1 - alpha_j)` and `w_ki = alpha_ki T_i`. Where
-//! several parts are dense at once their weights sum to more than the light that is lost, so that opacities
-//! may exceed 1.
+//! several parts are dense at once their weights sum to more than the lost light, and opacities may exceed 1.
 
 use std::ops::Range;
 
@@ -22,7 +21,7 @@ pub(super) fn weigh(thickness: &[Vec<f64>], ray: Range<usize>, weights: &mut [Ve
     }
 }
 
-/// Turns the gradient by the weights of the samples `ray` into that by the thicknesses, in place.
+/// Turns the gradient by the weights of the samples `ray` into the one by the thicknesses, in place.
 pub(super) fn by_thickness(
     thickness: &[Vec<f64>],
     weights: &[Vec<f64>],
@@ -31,7 +30,7 @@ pub(super) fn by_thickness(
 ) {
     let total = |i: usize| thickness.iter().map(|a| a[i]).sum::<f64>();
     let mut before: f64 = ray.clone().map(total).sum();
-    // What all later samples would lose: dT_j / da_ki = -T_j for every j > i.
+    // Loss of all later samples: dT_j / da_ki = -T_j for every j > i.
     let mut behind = 0.0;
     for i in ray.rev() {
         before -= total(i);

@@ -6,7 +6,7 @@ use super::super::config::{check_shape, within};
 use super::super::simd::COLUMN_ALIGN;
 use super::super::{FieldConfig, FieldError};
 
-/// Optimiser steps that the published schedules are given for (Liu, Mahdavi-Amiri and Savva 2023).
+/// Optimiser steps of the published schedules (Liu, Mahdavi-Amiri and Savva 2023).
 /// derived: the published one
 const PUBLISHED_STEPS: f64 = 30_000.0;
 /// Published steps at which the fields' rate is halved. derived: the published ones
@@ -16,9 +16,9 @@ const MOTION_STEPS: [f64; 6] = [5_000.0, 10_000.0, 15_000.0, 18_000.0, 20_000.0,
 
 /// Shape, samples, schedule and loss weights of PARIS, PARIS* and PARIS*-m.
 ///
-/// The defaults suit a processor and are smaller than what was published: hash grids of 16 levels up to
-/// 4096 nodes a side ([`Self::published_field`]), 256 rays a state whose number is adapted so that a step
-/// has about 262,144 samples of a fixed length, and 30,000 steps. Here the numbers of rays and of samples
+/// The defaults suit a processor and are smaller than the published ones: hash grids of 16 levels up to
+/// 4096 nodes a side ([`Self::published_field`]), 256 rays a state, their number then adapted to about
+/// 262,144 samples of a fixed length a step, and 30,000 steps. Here the numbers of rays and of samples
 /// a ray are fixed; the samples of a ray divide its way through the scene cube.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -37,11 +37,11 @@ pub struct RadianceConfig {
     pub rays: usize,
     /// Samples on every ray, a multiple of 16.
     pub samples: usize,
-    /// Half the side of the cube that every field spans, in normalised units (the object spans 0.9 of one;
+    /// Half the side of every field's cube, in normalised units (the object spans 0.9 of one;
     /// published: 1.5). Larger than [`Self::ray_half_side`], because a mobile part between its states may
     /// stand out of the cube of both.
     pub half_side: f64,
-    /// Half the side of the cube that rays are sampled in, normalised units (published: 1.5 as well).
+    /// Half the side of the cube of the rays' samples, normalised units (published: 1.5 as well).
     pub ray_half_side: f64,
     /// Learning rate of the fields in the published number of steps (published: 0.002).
     pub learning_rate: f64,
@@ -53,12 +53,12 @@ pub struct RadianceConfig {
     pub depth_weight: f64,
     /// Weight of the entropy of the parts' shares of a ray's opacity (published code: 0).
     pub part_entropy_weight: f64,
-    /// Samples with a smaller rendering weight have no color: they count as the white background. The
-    /// color network is not run there, which is most of the cost; 0 runs it wherever there is any weight.
+    /// Samples with a smaller rendering weight have no color: they count as the white background. The color
+    /// network, most of the cost, is not run there; 0 runs it wherever there is any weight.
     pub color_threshold: f64,
-    /// Whether the second phase, with typed joints, goes on with the fields that the first one found.
+    /// Whether the second phase, with typed joints, goes on with the fields of the first one.
     pub keep_fields: bool,
-    /// Nodes along a side of the grid that a part's surface is cut from (published: 256).
+    /// Nodes along a side of the grid of a part's surface (published: 256).
     pub mesh_nodes: usize,
 }
 
@@ -110,7 +110,7 @@ impl RadianceConfig {
         }
     }
 
-    /// Refuses values that cannot be trained with.
+    /// Refuses values out of their ranges.
     ///
     /// # Errors
     /// [`FieldError::Config`] with the key and its range.

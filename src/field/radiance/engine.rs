@@ -9,7 +9,7 @@ use std::sync::Mutex;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::block::{PartSlot, PartView, Scratch, StepContext, train_block};
+use super::block::{PartSlot, PartView, RenderContext, RenderScratch, train_block};
 use super::columns::{PartColumns, turned};
 use super::half_motion::PoseGradient;
 use super::loss::{RadianceLosses, RayShare};
@@ -52,7 +52,7 @@ impl RadianceEngine {
         Self { fields, columns }
     }
 
-    /// What [`Self::new`] needs.
+    /// The states for [`Self::new`].
     pub(super) fn states(&self) -> Vec<EngineState> {
         self.fields.iter().map(Learner::state).collect()
     }
@@ -123,10 +123,11 @@ impl RadianceEngine {
             columns.features = features;
         }
         let networks: Vec<Network> = self.fields.iter().map(|f| Network::pack(&f.params)).collect();
-        // Only what moves has a use for the gradient by view directions.
-        let first = |k: usize| if k == 0 { VIEW_COEFFICIENTS } else { 0 };
-        let backwards: Vec<_> =
-            networks.iter().enumerate().map(|(k, n)| BackwardNetwork::pack(n, first(k))).collect();
+        let mut backwards = Vec::with_capacity(networks.len());
+        for (k, network) in networks.iter().enumerate() {
+            // Only mobile parts use the gradient by view directions.
+            backwards.push(BackwardNetwork::pack(network, if k == 0 { VIEW_COEFFICIENTS } else { 0 }));
+        }
         let groups = groups(batch.rays.len(), batch.samples);
         let mut tasks: Vec<(Range<usize>, Vec<&mut [f32]>)> =
             groups.iter().map(|g| (g.clone(), Vec::new())).collect();
@@ -149,34 +150,32 @@ impl RadianceEngine {
         }
         let (parts, points): (Vec<_>, Vec<_>) = parts.into_iter().unzip();
         let isa = self.fields[0].isa;
-        let context = StepContext { isa, config, batch, shares: shares(batch), parts };
+        let context = RenderContext { isa, config, batch, shares: shares(batch), parts };
         let fields = &self.fields;
         // As many buffers as threads are at work, in place of one a group.
         let pool = Mutex::new(Vec::new());
-        let run = |(rays, mut pieces): (Range<usize>, Vec<&mut [f32]>)| {
-            let scratch = pool.lock().ok().and_then(|mut p| p.pop());
-            let widest = block_rays(batch.samples) * batch.samples;
-            let mut scratch = scratch.unwrap_or_else(|| Scratch::new(&context, widest));
-            let mut sum = run_group(&context, rays.clone(), &halves, &mut scratch, &mut pieces);
-            if let Ok(mut p) = pool.lock() {
-                p.push(scratch);
-            }
-            for (m, by_pose) in sum.by_pose.iter_mut().enumerate() {
-                let k = m + 1;
-                let rays = rays.clone();
-                let moved = by_position(
-                    &fields[k],
-                    points[k],
-                    pieces[k],
-                    (batch, rays),
-                    &halves[k],
-                    config.half_side,
-                );
-                by_pose.merge(&moved);
-            }
-            sum
-        };
-        let sums: Vec<_> = tasks.into_par_iter().with_max_len(1).map(run).collect();
+        let sums: Vec<RadianceGradient> = tasks
+            .into_par_iter()
+            .with_max_len(1)
+            .map(|(rays, mut pieces)| {
+                let scratch = pool.lock().ok().and_then(|mut p| p.pop());
+                let widest = block_rays(batch.samples) * batch.samples;
+                let mut scratch = scratch.unwrap_or_else(|| RenderScratch::new(&context, widest));
+                let mut sum = run_group(&context, rays.clone(), &halves, &mut scratch, &mut pieces);
+                if let Ok(mut p) = pool.lock() {
+                    p.push(scratch);
+                }
+                for (m, by_pose) in sum.by_pose.iter_mut().enumerate() {
+                    let k = m + 1;
+                    let field = &fields[k];
+                    let half = &halves[k];
+                    let moved =
+                        by_position(field, points[k], pieces[k], batch, &rays, half, config.half_side);
+                    by_pose.merge(&moved);
+                }
+                sum
+            })
+            .collect();
         // Summed in the order of the groups, whatever the number of threads.
         let mut total = RadianceGradient::zeros(&networks);
         sums.iter().for_each(|sum| total.add(sum));
@@ -206,10 +205,10 @@ impl RadianceGradient {
 
 /// The blocks of a group of rays, without the motions' gradient by positions.
 fn run_group(
-    context: &StepContext<'_>,
+    context: &RenderContext<'_>,
     rays: Range<usize>,
     halves: &[Pose],
-    scratch: &mut Scratch,
+    scratch: &mut RenderScratch,
     pieces: &mut [&mut [f32]],
 ) -> RadianceGradient {
     let batch = context.batch;

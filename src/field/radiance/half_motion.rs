@@ -1,7 +1,7 @@
-//! The half motion of a mobile part: from state 0 to the canonical frame, which stands midway between the
+//! The half motion of a mobile part: from state 0 to the canonical frame, midway between the
 //! states (Liu, Mahdavi-Amiri and Savva 2023: `t* = 0.5`). The same motion leads from there to state 1.
 //!
-//! Rotations are stepped from the left, `R <- exp(w) R`. A unit quaternion whose parts move by `e` turns by
+//! Rotations are stepped from the left, `R <- exp(w) R`. A unit quaternion with parts moved by `e` turns by
 //! `2 e` radians, so the published rates of quaternions are doubled for `w`.
 
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
@@ -125,7 +125,7 @@ impl HalfMotion {
         }
     }
 
-    /// Gradient by the coordinates of [`Self::stepped`], given that by the pose.
+    /// Gradient by the coordinates of [`Self::stepped`], given the gradient by the pose.
     pub(super) fn gradient(&self, by_pose: &PoseGradient) -> [f64; COORDINATES] {
         let PoseGradient { torque, force } = by_pose;
         let [a, b] = match self {

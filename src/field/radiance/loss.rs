@@ -8,7 +8,7 @@ use super::ray_batch::Ray;
 /// Opacities are kept this far from 0 and 1 in the cross entropy, where its logarithms are not finite
 /// (chosen: a limit on the loss of one ray of 7).
 const OPACITY_MARGIN: f64 = 1e-3;
-/// Below this opacity a ray has no parts whose shares would mean anything (chosen: a hundredth).
+/// Below this opacity the shares of a ray's parts mean nothing (chosen: a hundredth).
 const SHARED_OPACITY: f64 = 0.01;
 /// Smallest share in a logarithm (chosen: a share below it adds less than 2e-5 to an entropy).
 const SMALLEST_SHARE: f64 = 1e-6;
@@ -48,7 +48,7 @@ impl RadianceLosses {
     }
 }
 
-/// What a ray shows. `color = 1 + sum_ki w_ki (c_ki - 1)`: the background is white.
+/// Rendered values of a ray. `color = 1 + sum_ki w_ki (c_ki - 1)`: the background is white.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Rendered {
     pub color: [f64; 3],
@@ -58,7 +58,7 @@ pub(super) struct Rendered {
     pub distance: f64,
 }
 
-/// Derivatives of a ray's loss by what it shows.
+/// Derivatives of a ray's loss by its rendered values.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct RenderedGradient {
     pub color: [f64; 3],

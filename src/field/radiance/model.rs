@@ -11,7 +11,7 @@ use surface::{TriangleMesh, marching_cubes};
 
 /// Density of the surface, per normalised unit (published). derived: the published one
 const SURFACE_DENSITY: f64 = 10.0;
-/// Half the side of the cube that is meshed, normalised units (published); less where the fields span less.
+/// Half the side of the meshed cube, normalised units (published); less where the fields span less.
 /// derived: the published one
 const MESH_HALF_SIDE: f64 = 1.3;
 /// Largest density in a grid: marching cubes takes finite numbers (chosen: far above any surface).
@@ -26,7 +26,7 @@ pub struct RadianceModel {
     pub half_side: f64,
     /// One field a part.
     pub fields: Vec<FieldParams>,
-    /// One half motion a mobile part: that of part `k` is `motions[k - 1]`.
+    /// One half motion a mobile part: `motions[k - 1]` of part `k`.
     pub motions: Vec<HalfMotion>,
 }
 
@@ -57,7 +57,7 @@ impl RadianceModel {
 
     /// Surface of a part in state 0, world frame, meters: marching cubes at density 10 per normalised unit on
     /// `nodes` nodes along a side (published: 256, for free motions 512) of a cube of 1.3 normalised units
-    /// about the center. A vertex has the color that is seen straight from above it.
+    /// about the center. A vertex has its color as seen from straight above it.
     ///
     /// # Panics
     /// If `nodes` is below 2 or the part does not exist.

@@ -37,7 +37,7 @@ impl MotionState {
         self.steps += 1;
         let pairs = self.motions.iter().zip(by_pose);
         let mut gradient: Vec<f32> = pairs.flat_map(|(m, g)| m.gradient(g).map(|x| x as f32)).collect();
-        // The kernel moves zeros: what comes out is the change at a rate of 1, which every coordinate scales.
+        // The kernel moves zeros: its result is the change at a rate of 1; every coordinate scales it.
         let mut change = vec![0.0; gradient.len()];
         let adam = AdamStep::with_betas(1.0, self.steps, BETAS);
         isa.adam(adam, &mut change, &mut self.first, &mut self.second, &mut gradient);

@@ -1,4 +1,4 @@
-//! The pieces that a batch is cut into, whatever the number of threads.
+//! The pieces of a batch, whatever the number of threads.
 
 use std::ops::Range;
 

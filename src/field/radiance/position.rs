@@ -1,4 +1,4 @@
-//! The gradient of a half motion by the places that it takes samples to.
+//! The gradient of a half motion by the places of its samples.
 
 use std::ops::Range;
 
@@ -14,17 +14,18 @@ use crate::matrix::padded;
 use crate::simd::{LevelGeometry, LevelJacobian, PointColumns};
 use geometry::Pose;
 
-/// Gradient by the half motion of a part, given that of the encoded features of a group of rays, block by
-/// block.
+/// Gradient by the half motion of a part, given the gradient of the encoded features of a group of rays,
+/// block by block.
 pub(super) fn by_position(
     field: &Learner,
     points: PointColumns<'_>,
     d_features: &[f32],
-    (batch, rays): (&RayBatch, Range<usize>),
+    batch: &RayBatch,
+    rays: &Range<usize>,
     half: &Pose,
     half_side: f64,
 ) -> PoseGradient {
-    let by_unit = by_unit_coordinates(field, points, d_features, batch, &rays);
+    let by_unit = by_unit_coordinates(field, points, d_features, batch, rays);
     let mut gradient = PoseGradient::default();
     let first = rays.start * batch.samples;
     for (i, by_unit) in by_unit.into_iter().enumerate() {

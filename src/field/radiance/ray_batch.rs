@@ -12,7 +12,7 @@ use geometry::SceneBox;
 
 /// Pixels drawn for a ray until one crosses the cube.
 const TRIES: usize = 32;
-/// Pixels along a side of a frame that are looked at to know whether it sees the cube.
+/// Pixels along a side of a frame in the test whether it sees the cube.
 const LATTICE: usize = 24;
 
 /// One ray in normalised coordinates.
@@ -23,7 +23,7 @@ pub(super) struct Ray {
     pub origin: Point3<f64>,
     /// Unit direction.
     pub direction: Vector3<f64>,
-    /// Length that one sample stands for; 0 on a ray that misses the cube.
+    /// Length of one sample; 0 on a ray beside the cube.
     pub step: f64,
     /// Observed color in `[0, 1]`; white beside the object.
     pub color: [f64; 3],
@@ -52,6 +52,22 @@ impl RayBatch {
             (of_state.clone().count(), of_state.filter(|r| r.distance.is_some()).count())
         })
     }
+}
+
+/// A ray's way through the cube, in normalised coordinates.
+struct Crossing {
+    origin: Point3<f64>,
+    /// Its z in the camera is 1.
+    direction: Vector3<f64>,
+    /// First and last parameter in the cube: z-depth in meters times the scale.
+    inside: Option<(f64, f64)>,
+}
+
+/// A pixel of an image, with its ray.
+struct DrawnPixel<'a> {
+    frame: &'a RgbdFrame,
+    pixel: usize,
+    crossing: Crossing,
 }
 
 /// Images to draw rays from.
@@ -85,29 +101,29 @@ impl<'a> RaySource<'a> {
         let on_lattice = |i: usize, of: usize| (2 * i + 1) * of / (2 * LATTICE);
         (0..LATTICE * LATTICE)
             .map(|i| on_lattice(i / LATTICE, h) * w + on_lattice(i % LATTICE, w))
-            .any(|pixel| self.crossing(frame, pixel).2.is_some())
+            .any(|pixel| self.crossing(frame, pixel).inside.is_some())
     }
 
-    /// Normalised origin and direction of a pixel's ray (its parameter is z-depth in meters times the scale)
-    /// and where it is in the cube.
-    fn crossing(&self, frame: &RgbdFrame, pixel: usize) -> (Point3<f64>, Vector3<f64>, Option<(f64, f64)>) {
+    /// The way of a pixel's ray through the cube.
+    fn crossing(&self, frame: &RgbdFrame, pixel: usize) -> Crossing {
         let view = View { intrinsics: frame.intrinsics, world_from_camera: frame.world_from_camera };
         let (origin, direction) = view.ray(pixel as u32);
         let origin = self.scene.normalise(&origin);
         let mut enter = 0.0f64;
         let mut leave = f64::INFINITY;
         for k in 0..3 {
-            // A ray along a face divides by 0: infinities of the right sign, or NaN, which max and min pass
-            // over.
+            // A ray along a face divides by 0: infinities of the right sign, or NaN, passed over by max and
+            // min.
             let [a, b] = [-self.ray_half_side, self.ray_half_side].map(|x| (x - origin[k]) / direction[k]);
             enter = enter.max(a.min(b));
             leave = leave.min(a.max(b));
         }
-        (origin, direction, (enter < leave && leave.is_finite()).then_some((enter, leave)))
+        let inside = (enter < leave && leave.is_finite()).then_some((enter, leave));
+        Crossing { origin, direction, inside }
     }
 
-    /// The rays of a step, whose random key is `key`: as many of each state as configured, each through a
-    /// random pixel of a random image among those that cross the cube.
+    /// The rays of a step with the random key `key`: as many of each state as configured, each through a
+    /// random pixel of a random image, if possible across the cube.
     pub(super) fn batch(&self, config: &RadianceConfig, key: u64) -> RayBatch {
         let samples = config.samples;
         let mut distances = vec![0.0; 2 * config.rays * samples];
@@ -115,7 +131,7 @@ impl<'a> RaySource<'a> {
             .par_chunks_exact_mut(samples)
             .enumerate()
             .map(|(i, distances)| {
-                // Streams of 2^32 numbers each, so that those of two rays never overlap.
+                // Streams of 2^32 numbers each: those of two rays never overlap.
                 let mut stream = Stream(key.wrapping_add((i as u64) << 32));
                 self.ray(i / config.rays, &mut stream, distances)
             })
@@ -125,21 +141,14 @@ impl<'a> RaySource<'a> {
 
     /// One ray of a state; its samples are stratified over its way through the cube.
     fn ray(&self, state: usize, stream: &mut Stream, distances: &mut [f64]) -> Ray {
-        let frames = self.states[state];
-        let below = |u: f64, n: usize| ((u * n as f64) as usize).min(n - 1);
-        let mut draw = || {
-            let frame = &frames[below(stream.next(), frames.len())];
-            let pixel = below(stream.next(), frame.rgb.len());
-            (frame, pixel, self.crossing(frame, pixel))
-        };
-        let mut drawn = draw();
+        let mut drawn = self.drawn_pixel(state, stream);
         for _ in 1..TRIES {
-            if drawn.2.2.is_some() {
+            if drawn.crossing.inside.is_some() {
                 break;
             }
-            drawn = draw();
+            drawn = self.drawn_pixel(state, stream);
         }
-        let (frame, pixel, (origin, direction, inside)) = drawn;
+        let DrawnPixel { frame, pixel, crossing: Crossing { origin, direction, inside } } = drawn;
         let length = direction.norm();
         let (enter, leave) = inside.map_or((0.0, 0.0), |(a, b)| (a * length, b * length));
         let step = (leave - enter) / distances.len() as f64;
@@ -158,6 +167,19 @@ impl<'a> RaySource<'a> {
             distance: (object && depth_m > 0.0).then_some(depth_m * length * self.scene.scale),
         }
     }
+
+    /// A random pixel of a random image of a state.
+    fn drawn_pixel(&self, state: usize, stream: &mut Stream) -> DrawnPixel<'a> {
+        let frames = self.states[state];
+        let frame = &frames[index_at(stream.next(), frames.len())];
+        let pixel = index_at(stream.next(), frame.rgb.len());
+        DrawnPixel { frame, pixel, crossing: self.crossing(frame, pixel) }
+    }
+}
+
+/// The index of `count` at a share of all of them.
+fn index_at(share: f64, count: usize) -> usize {
+    ((share * count as f64) as usize).min(count - 1)
 }
 
 #[cfg(test)]

@@ -66,7 +66,7 @@ pub(super) fn loss(
     config: &RadianceConfig,
 ) -> f64 {
     mean(batch, config, |i, ray| {
-        let mut color = vec![0.0; 3];
+        let mut color = [0.0; 3];
         let mut distance = 0.0;
         let mut transmittance = 1.0;
         let mut opacities = vec![0.0; fields.len()];

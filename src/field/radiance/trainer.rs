@@ -13,7 +13,7 @@ use capture::RgbdFrame;
 use geometry::SceneBox;
 use numeric::random::stage_rng;
 
-/// What the fields are trained on.
+/// Input of the training of the fields.
 #[derive(Clone, Copy)]
 pub struct RadianceInput<'a> {
     /// Frames of state 0 and of state 1, with masks; depth is used where its loss has a weight.
@@ -26,7 +26,7 @@ pub struct RadianceInput<'a> {
 /// step number: a resumed run gives the parameters of an uninterrupted one, bit by bit.
 ///
 /// As recommended for PARIS it is used twice: [`Self::free`] finds free motions, and [`Self::typed`] goes on
-/// with the revolute or prismatic joints that they show.
+/// with revolute or prismatic joints by them.
 pub struct RadianceTrainer<'a> {
     config: RadianceConfig,
     scene: SceneBox,
@@ -38,7 +38,7 @@ pub struct RadianceTrainer<'a> {
     done: usize,
 }
 
-/// Everything that a stopped training needs besides its input and configuration.
+/// State of a stopped training, beside its input and configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RadianceCheckpoint {
     /// Parameters and moments of every part's field.
@@ -53,7 +53,7 @@ impl<'a> RadianceTrainer<'a> {
     /// Fresh fields, and free motions at their published start. `stage` names the random streams.
     ///
     /// # Errors
-    /// [`FieldError`]: a value out of range, or a state that no frame shows.
+    /// [`FieldError`]: a value out of range, or a state without frames of the cube.
     pub fn free(
         input: &RadianceInput<'a>,
         config: &RadianceConfig,
@@ -64,12 +64,12 @@ impl<'a> RadianceTrainer<'a> {
         Self::from_motions(input, config, motions, seed, stage)
     }
 
-    /// Typed joints that start from the motions of a model; its fields go on if the configuration says so,
+    /// Typed joints from the motions of a model; its fields go on if the configuration says so,
     /// else there are fresh ones.
     ///
     /// # Errors
-    /// [`FieldError`]: a value out of range, another number or shape of parts, or a state that no frame
-    /// shows.
+    /// [`FieldError`]: a value out of range, another number or shape of parts, or a state without frames of
+    /// the cube.
     pub fn typed(
         input: &RadianceInput<'a>,
         config: &RadianceConfig,
@@ -90,8 +90,8 @@ impl<'a> RadianceTrainer<'a> {
     /// Fresh fields, and the half motions of the mobile parts as they are given.
     ///
     /// # Errors
-    /// [`FieldError`]: a value out of range, another number of motions than of mobile parts, or a state that
-    /// no frame shows.
+    /// [`FieldError`]: a value out of range, another number of motions than of mobile parts, or a state
+    /// without frames of the cube.
     pub fn from_motions(
         input: &RadianceInput<'a>,
         config: &RadianceConfig,
@@ -102,15 +102,16 @@ impl<'a> RadianceTrainer<'a> {
         config.validate()?;
         expect("motions", motions.len(), config.parts - 1)?;
         let source = RaySource::new(input.states, input.scene, config)?;
-        let init = |part: usize| {
+        let mut fields = Vec::with_capacity(config.parts);
+        for part in 0..config.parts {
             let mut rng = stage_rng(seed, &format!("{stage}/init"), part as u64);
-            fresh_state(FieldParams::init(&config.field, &mut rng))
-        };
+            fields.push(fresh_state(FieldParams::init(&config.field, &mut rng)));
+        }
         Ok(Self {
             config: config.clone(),
             scene: input.scene,
             source,
-            engine: RadianceEngine::new((0..config.parts).map(init).collect()),
+            engine: RadianceEngine::new(fields),
             motions: MotionState::new(motions),
             seed,
             stage: stage.to_owned(),
@@ -130,7 +131,9 @@ impl<'a> RadianceTrainer<'a> {
         for field in &fields {
             expect("steps", field.steps as usize, done)?;
         }
-        (self.engine, self.motions, self.done) = (RadianceEngine::new(fields), motions, done);
+        self.engine = RadianceEngine::new(fields);
+        self.motions = motions;
+        self.done = done;
         Ok(())
     }
 
@@ -185,7 +188,7 @@ impl<'a> RadianceTrainer<'a> {
         }
     }
 
-    /// What [`Self::restore`] needs.
+    /// The state for [`Self::restore`].
     #[must_use]
     pub fn checkpoint(&self) -> RadianceCheckpoint {
         RadianceCheckpoint { fields: self.engine.states(), motions: self.motions.clone(), done: self.done }
@@ -198,7 +201,7 @@ fn fresh_state(params: FieldParams) -> EngineState {
     EngineState { params, first: vec![0.0; n], second: vec![0.0; n], steps: 0 }
 }
 
-/// Refuses a count that is not the expected one.
+/// Refuses an unexpected count.
 fn expect(what: &'static str, found: usize, expected: usize) -> Result<(), FieldError> {
     if found == expected { Ok(()) } else { Err(FieldError::Checkpoint { what, found, expected }) }
 }

@@ -5,13 +5,13 @@ use nalgebra::{Point3, Unit};
 use super::HalfMotion;
 use geometry::{Pose, SceneBox, Screw, rotation_angle_rad};
 
-/// A half motion that turns by less is a shift, radians.
+/// A half motion with a smaller turn is a shift, radians.
 ///
 /// derived: the published rule, 5 degrees (Liu, Mahdavi-Amiri and Savva 2023)
 const LEAST_HALF_TURN_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
 
 impl HalfMotion {
-    /// The joint that starts where this motion is: a turn about its axis (its shift along the axis is
+    /// The joint for this motion: a turn about its axis (its shift along the axis is
     /// dropped), or the shift by its translation (its turn is dropped) where it turns by less than 5 degrees.
     #[must_use]
     pub fn typed(&self) -> Self {

@@ -30,7 +30,7 @@ impl AdamStep {
 }
 
 /// A first moment below this is set to 0: it would move a parameter by less than `1e-30 / epsilon = 1e-15`
-/// and would become a denormal number, which is slow. chosen: above the smallest normal number
+/// and would become a slow denormal number. chosen: above the smallest normal number
 const SMALLEST_FIRST: f32 = 1e-30;
 /// The same for second moments; their roots are far below epsilon. chosen: above the smallest normal number
 const SMALLEST_SECOND: f32 = 1e-37;
@@ -66,7 +66,7 @@ pub(super) fn update<S: Lanes>(
         }
     }
     if whole < n {
-        // The rest is padded to a whole vector, so that every parameter sees the same operations.
+        // The rest is padded to a whole vector: every parameter sees the same operations.
         let mut tail = [[0.0f32; 16]; 4];
         for (copy, from) in tail.iter_mut().zip([&*params, &*first, &*second, &*gradient]) {
             copy[..n - whole].copy_from_slice(&from[whole..]);

@@ -9,8 +9,7 @@ const HASH_Z: i32 = 805_459_861;
 /// Tables are indexed by 32-bit integers of pairs.
 const MAX_ENTRIES: usize = 1 << 28;
 
-/// What a kernel needs to know of a level; made only of consistent values, so that every index lies in the
-/// table.
+/// A level for the kernels; made only of consistent values: every index lies in the table.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LevelGeometry {
     scale: f32,
@@ -21,8 +20,8 @@ pub(crate) struct LevelGeometry {
 
 impl LevelGeometry {
     /// # Panics
-    /// If the layout is inconsistent: a dense level smaller than its nodes, a hashed one whose size is no
-    /// power of two.
+    /// If the layout is inconsistent: a dense level smaller than its nodes, a hashed one with another size
+    /// than a power of two.
     pub(crate) fn new(level: &LevelLayout) -> Self {
         let nodes = level.resolution.checked_pow(3);
         let consistent = if level.hashed {
@@ -44,7 +43,7 @@ impl LevelGeometry {
     }
 }
 
-/// Unit coordinates of points, one slice an axis, all of one length that is a multiple of 16.
+/// Unit coordinates of points, one slice an axis, all of one length, a multiple of 16.
 #[derive(Clone, Copy)]
 pub(crate) struct PointColumns<'a> {
     /// Along x.
@@ -254,7 +253,7 @@ pub(super) fn scatter<S: Lanes>(
             }
             for p in 0..S::N {
                 let pair = (first[i + p], second[i + p]);
-                // Padding, and samples whose loss has no slope.
+                // Padding, and samples without a slope of their loss.
                 if pair.0 == 0.0 && pair.1 == 0.0 {
                     continue;
                 }

@@ -1,6 +1,6 @@
-//! The operations that a kernel may use.
+//! The operations of the kernels.
 
-/// Columns come in multiples of this, whatever the instruction set, so that every set sees the same layout.
+/// Columns come in multiples of this, whatever the instruction set: every set sees the same layout.
 pub(crate) const COLUMN_ALIGN: usize = 16;
 
 /// A vector of `N` single floats and one of `N` 32-bit integers of an instruction set. The value itself is a

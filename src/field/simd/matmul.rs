@@ -24,7 +24,7 @@ impl Columns<'_> {
     }
 }
 
-/// What is done to a product before it is stored.
+/// The last operation on a product before it is stored.
 #[derive(Clone, Copy)]
 pub(crate) enum Epilogue<'a> {
     /// Nothing.
@@ -112,7 +112,7 @@ unsafe fn panels<S: Lanes, const E: u8>(
     let mut col = 0;
     // SAFETY: every panel lies within `cols` columns; the rest is the caller's promise.
     unsafe {
-        // AVX-512 has 32 registers, which hold 4 x 4 sums; the other sets hold 4 x 2.
+        // AVX-512 has 32 registers, for 4 x 4 sums; the other sets hold 4 x 2.
         if S::TILE == 4 {
             while col + 4 * S::N <= shape.cols {
                 panel::<S, E, 4>(s, shape, w, b, x, y, mask, col);
@@ -210,7 +210,7 @@ pub(super) fn weight_gradient<S: Lanes>(
         // SAFETY: rows `o..o + 4` of `dy` and `k..k + K` of `x` exist, each with `cols` columns (checked
         // above).
         unsafe {
-            // Four inputs at a time share what is read of `dy`.
+            // Four inputs at a time share the reads of `dy`.
             while k + 4 <= x.rows {
                 gradient_tile::<S, 4>(s, dy, x, cols, o, k, d_weights);
                 k += 4;

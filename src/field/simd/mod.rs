@@ -1,5 +1,5 @@
-//! Vector kernels of the field networks, chosen at run time: AVX-512, AVX2 with FMA, or portable code (which
-//! the compiler turns into NEON on aarch64).
+//! Vector kernels of the field networks, chosen at run time: AVX-512, AVX2 with FMA, or portable code (NEON
+//! on aarch64 by the compiler).
 //!
 //! Every kernel is written once, generic over [`Lanes`], and compiled once for every instruction set. This
 //! folder holds most `unsafe` code of the crate's numeric layers: kernels check the lengths of their slices
@@ -21,11 +21,11 @@ pub(super) use hash::{LevelGeometry, LevelJacobian, PointColumns};
 pub(super) use lanes::COLUMN_ALIGN;
 pub(super) use matmul::{Columns, Epilogue};
 
-/// An instruction set that this processor has.
+/// An instruction set of this processor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InstructionSet(Kind);
 
-/// Only made after detection: holding `InstructionSet(Kind::Avx512)` proves that the processor has it.
+/// Only made after detection: holding `InstructionSet(Kind::Avx512)` proves its presence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     #[cfg(target_arch = "x86_64")]
@@ -42,7 +42,7 @@ impl InstructionSet {
         Self::available()[0]
     }
 
-    /// All sets that this processor can run, fastest first; never empty.
+    /// All sets of this processor, fastest first; never empty.
     #[must_use]
     pub fn available() -> Vec<Self> {
         let mut sets = Vec::new();
@@ -85,7 +85,7 @@ macro_rules! dispatch {
                     Kind::Avx512 => {
                         #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
                         fn run($($arg: $ty),*) {
-                            // SAFETY: this function's features are those that the token stands for.
+                            // SAFETY: this function has the features of the token.
                             $kernel(unsafe { avx512::Avx512::assume() }, $($arg),*);
                         }
                         // SAFETY: `Kind::Avx512` is only made after these features were detected.
@@ -95,7 +95,7 @@ macro_rules! dispatch {
                     Kind::Avx2 => {
                         #[target_feature(enable = "avx2,fma")]
                         fn run($($arg: $ty),*) {
-                            // SAFETY: this function's features are those that the token stands for.
+                            // SAFETY: this function has the features of the token.
                             $kernel(unsafe { avx2::Avx2::assume() }, $($arg),*);
                         }
                         // SAFETY: `Kind::Avx2` is only made after these features were detected.
