@@ -104,23 +104,29 @@ pub fn actuated(
         ..Actuator::default()
     };
     for log in fitted.iter_mut().chain(held_out) {
-        let errors = position_errors(log, delay_s);
-        let velocity = |k: usize| {
-            let next = (k + 1).min(log.time_s.len() - 1);
-            (log.position[next] - log.position[k]) / (log.time_s[next] - log.time_s[k]).max(1e-9)
-        };
-        let act = |(k, e): (usize, &f64)| (stiffness * e - damping * velocity(k)).clamp(-limit, limit);
-        log.effort = errors.iter().enumerate().map(act).collect();
+        log.effort = servo_efforts(log, delay_s, stiffness, damping, limit);
     }
     Ok(Plant { actuator, ..plant.clone() })
+}
+
+/// Efforts of a servo from each sample to the next, N m or N.
+fn servo_efforts(log: &JointLog, delay_s: f64, stiffness: f64, damping: f64, limit: f64) -> Vec<f64> {
+    let errors = position_errors(log, delay_s);
+    let mut efforts = Vec::with_capacity(errors.len());
+    for (k, error) in errors.iter().enumerate() {
+        let next = (k + 1).min(log.time_s.len() - 1);
+        let velocity = (log.position[next] - log.position[k]) / (log.time_s[next] - log.time_s[k]).max(1e-9);
+        efforts.push((stiffness * error - damping * velocity).clamp(-limit, limit));
+    }
+    efforts
 }
 
 /// What a servo sees from each sample to the next: the command less the reading in the middle.
 fn position_errors(log: &JointLog, delay_s: f64) -> Vec<f64> {
     let drive = Drive::with_steps(log, Hold::Zero, delay_s, 1);
     let n = log.time_s.len();
-    let reading = |k: usize| 0.5 * (log.position[k] + log.position[(k + 1).min(n - 1)]);
-    drive.means(log.commanded.last().copied()).into_iter().enumerate().map(|(k, c)| c - reading(k)).collect()
+    let means = drive.means(log.commanded.last().copied()).into_iter().enumerate();
+    means.map(|(k, c)| c - 0.5 * (log.position[k] + log.position[(k + 1).min(n - 1)])).collect()
 }
 
 /// What a regression finds.
@@ -135,14 +141,18 @@ struct Regressed {
 /// Stiffness and damping of a servo, without the samples at its limit.
 fn servo(moments: &[Moment], errors: &[Vec<f64>], given: &ToldServo, limit: f64) -> Regressed {
     let error = |m: &Moment| errors[m.log][m.sample];
-    let fitted = |of: &[Moment]| regressed(of, &error, given.stiffness, given.damping);
-    let first = fitted(moments);
+    let first = regressed(moments, &error, given.stiffness, given.damping);
     if limit.is_infinite() {
         return first;
     }
-    let effort = |m: &Moment| first.factor * error(m) - first.damping * m.velocity;
-    let is_free = |m: &&Moment| effort(m).abs() < AT_LIMIT * limit;
-    fitted(&moments.iter().filter(is_free).copied().collect::<Vec<_>>())
+    let mut free = Vec::new();
+    for m in moments {
+        let effort = first.factor * error(m) - first.damping * m.velocity;
+        if effort.abs() < AT_LIMIT * limit {
+            free.push(*m);
+        }
+    }
+    regressed(&free, &error, given.stiffness, given.damping)
 }
 
 /// Factor of a signal that makes the required efforts, beside damping, Coulomb friction and a constant. What

@@ -75,16 +75,17 @@ fn rows(seen: &[Seen], effort: &[f64], turns: bool) -> Vec<SVector<f64, COLUMNS>
     let (speed, travel) = (rms(&|s| s.velocity), rms(&|s| s.position - mean));
     let need = rms(&|s| s.rest);
     let size = (effort.iter().map(|u| u * u).sum::<f64>() / n).sqrt().max(1e-300);
-    let one = |(s, u): (&Seen, &f64)| {
+    let mut rows = Vec::with_capacity(seen.len());
+    for (s, u) in seen.iter().zip(effort) {
         let (sine, cosine) = if turns { s.position.sin_cos() } else { (0.0, 0.0) };
         let v = s.velocity / speed;
         let q = (s.position - mean) / travel;
         let sign = s.velocity.signum();
         let by_effort = u.abs() / size * sign;
         let by_need = s.rest.abs() / need * sign;
-        SVector::from([s.inertial, s.rest, *u, 1.0, v, sign, q, sine, cosine, by_effort, by_need])
-    };
-    seen.iter().zip(effort).map(one).collect()
+        rows.push(SVector::from([s.inertial, s.rest, *u, 1.0, v, sign, q, sine, cosine, by_effort, by_need]));
+    }
+    rows
 }
 
 /// Share of the stretches that say something new: what of the efforts no factor of what is known, and
@@ -95,21 +96,15 @@ pub fn independent_share(seen: &[Seen], effort: &[f64], turns: bool, follows: &[
     let rows = rows(seen, effort, turns);
     let scale = rows.iter().fold(SVector::<f64, COLUMNS>::zeros(), |sum, r| sum + r.component_mul(r));
     let scale = scale.map(|x| if x > 0.0 { 1.0 / x.sqrt() } else { 0.0 });
-    // The effort's own column is what is explained.
-    let without = |r: &SVector<f64, COLUMNS>| {
-        let mut r = r.component_mul(&scale);
-        let own = std::mem::take(&mut r[2]);
-        r[KNOWN + BY_EFFORT] = 0.0;
-        (r, own)
-    };
     let mut normal = SMatrix::<f64, COLUMNS, COLUMNS>::identity() * RIDGE;
     let mut right = SVector::<f64, COLUMNS>::zeros();
-    for (r, own) in rows.iter().map(without) {
+    for (r, own) in rows.iter().map(|r| without_effort(r, &scale)) {
         normal += r * r.transpose();
         right += r * own;
     }
     let Some(found) = normal.cholesky().map(|c| c.solve(&right)) else { return 0.0 };
-    let error: Vec<f64> = rows.iter().map(without).map(|(r, own)| own - r.dot(&found)).collect();
+    let scaled = rows.iter().map(|r| without_effort(r, &scale));
+    let error: Vec<f64> = scaled.map(|(r, own)| own - r.dot(&found)).collect();
     let square: f64 = error.iter().map(|e| e * e).sum();
     let pairs = error.windows(2).zip(&follows[1.min(follows.len())..]).filter(|(_, f)| **f);
     let mut product = 0.0;
@@ -124,6 +119,17 @@ pub fn independent_share(seen: &[Seen], effort: &[f64], turns: bool, follows: &[
     let alike = (product / count) / (square / error.len() as f64);
     // Of a first-order process.
     ((1.0 - alike) / (1.0 + alike)).clamp(0.0, 1.0)
+}
+
+/// A scaled row with zeros in the columns of the effort, and its effort: the explained column.
+fn without_effort(
+    row: &SVector<f64, COLUMNS>,
+    scale: &SVector<f64, COLUMNS>,
+) -> (SVector<f64, COLUMNS>, f64) {
+    let mut row = row.component_mul(scale);
+    let effort = std::mem::take(&mut row[2]);
+    row[KNOWN + BY_EFFORT] = 0.0;
+    (row, effort)
 }
 
 /// Ridge of a regression of columns of unit length.
@@ -172,27 +178,29 @@ impl Regression {
         // One grid of noises for all inertias, which share the work.
         let sizes = inertias.iter().map(|i| self.needed(*i));
         let range = sizes.fold((f64::INFINITY, 0.0), |r: (f64, f64), s| (r.0.min(s), r.1.max(s)));
-        let projected = self.projected((effort, self.size(1)), BY_NEED, range);
-        let one = |inertia: &f64| {
+        let projected = self.projected(effort, self.size(1), BY_NEED, range.0, range.1);
+        let mut all = Vec::with_capacity(inertias.len());
+        for inertia in inertias {
             let needed = SVector::<f64, KNOWN>::new(*inertia, 1.0, 0.0);
-            let mut best = self.best(&projected, &needed, &effort_alone(), gain);
+            let mut best = self.best(&projected, &needed, &effort_alone(), gain.0, gain.1);
             best.evidence += self.weight * (inertia.ln() + self.log_inertia);
-            best
-        };
-        inertias.iter().map(one).collect()
+            all.push(best);
+        }
+        all
     }
 
     /// What explains the efforts by the motion.
     #[must_use]
     pub fn of_effort(&self, inertias: &[f64], gain: (f64, f64)) -> Vec<Explained> {
         let by = 1.0 / (gain.0 * gain.1).sqrt();
-        let projected =
-            self.projected((self.size(2), by * self.size(1)), BY_EFFORT, (self.size(2), self.size(2)));
-        let one = |inertia: &f64| {
+        let size = self.size(2);
+        let projected = self.projected(size, by * self.size(1), BY_EFFORT, size, size);
+        let mut all = Vec::with_capacity(inertias.len());
+        for inertia in inertias {
             let needed = SVector::<f64, KNOWN>::new(*inertia, 1.0, 0.0);
-            self.best(&projected, &effort_alone(), &needed, (1.0 / gain.1, 1.0 / gain.0))
-        };
-        inertias.iter().map(one).collect()
+            all.push(self.best(&projected, &effort_alone(), &needed, 1.0 / gain.1, 1.0 / gain.0));
+        }
+        all
     }
 
     /// Size of what the twin needs with an inertia.
@@ -202,14 +210,10 @@ impl Regression {
         ((needed.transpose() * known * needed)[0] / self.weight).max(0.0).sqrt()
     }
 
-    /// What is left of the known columns beside what may be missing, for every noise of what has a size
-    /// within a range; deviations of an effort and of a load. `unused` is what would explain itself.
-    fn projected(
-        &self,
-        (effort, load): (f64, f64),
-        unused: usize,
-        (least, most): (f64, f64),
-    ) -> Vec<Projected> {
+    /// The known columns without the columns of missing effects, one entry for each noise. `effort` and `load`
+    /// are prior deviations; `unused` is a column to leave out; `least` and `most` are the sizes of the erring
+    /// signal.
+    fn projected(&self, effort: f64, load: f64, unused: usize, least: f64, most: f64) -> Vec<Projected> {
         let mut sd = SVector::<f64, MISSING>::repeat(effort);
         sd[unused] = 0.0;
         TILTING.into_iter().for_each(|i| sd[i] += load);
@@ -217,17 +221,18 @@ impl Regression {
         let known = self.gram.fixed_view::<KNOWN, KNOWN>(0, 0);
         let missing = self.gram.fixed_view::<MISSING, MISSING>(KNOWN, KNOWN);
         let across = self.gram.fixed_view::<MISSING, KNOWN>(KNOWN, 0);
-        let one = |i: i32| {
+        let more = (most / least.max(1e-300)).log2().clamp(0.0, MOST_NOISES) as i32;
+        let mut all = Vec::new();
+        for i in 0..NOISES + more {
             let variance = (most * f64::from(-i).exp2()).powi(2).max(1e-300);
             let whole = SMatrix::identity() + deviation * missing * deviation / variance;
-            let cholesky = whole.cholesky()?;
+            let Some(cholesky) = whole.cholesky() else { continue };
             let right = deviation * across / variance;
             let products = known / variance - right.transpose() * cholesky.solve(&right);
             let log_determinant = 2.0 * (0..MISSING).map(|k| cholesky.l_dirty()[(k, k)].ln()).sum::<f64>();
-            Some(Projected { products, twice: self.weight * variance.ln() + log_determinant })
-        };
-        let more = (most / least.max(1e-300)).log2().clamp(0.0, MOST_NOISES) as i32;
-        (0..NOISES + more).filter_map(one).collect()
+            all.push(Projected { products, twice: self.weight * variance.ln() + log_determinant });
+        }
+        all
     }
 
     /// The best of the noises: `left` explained by a multiple of `right` in a range, by Laplace's
@@ -237,7 +242,8 @@ impl Regression {
         all: &[Projected],
         left: &SVector<f64, KNOWN>,
         right: &SVector<f64, KNOWN>,
-        (low, high): (f64, f64),
+        low: f64,
+        high: f64,
     ) -> Explained {
         let mut best = Explained { evidence: f64::NEG_INFINITY, factor: 1.0, left: 1.0 };
         for one in all {

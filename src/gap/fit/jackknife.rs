@@ -34,20 +34,18 @@ pub struct Witness {
 #[must_use]
 pub fn alike(problem: &Problem) -> Vec<Vec<usize>> {
     let windows = &problem.windows;
-    let mean = |w: &Span, of: fn(&Trace) -> &Vec<f64>, size: fn(&f64) -> f64| {
-        own(problem, w, of).iter().map(size).sum::<f64>() / w.len.max(1) as f64
-    };
     let coordinates: [&dyn Fn(&Span) -> f64; 4] = [
-        &|w| mean(w, |t| &t.position, |q| *q),
-        &|w| mean(w, |t| &t.velocity, |v| v.abs()),
-        &|w| mean(w, |t| &t.effort, |u| u.abs()),
+        &|w| window_mean(problem, w, |t| &t.position, |q| *q),
+        &|w| window_mean(problem, w, |t| &t.velocity, |v| v.abs()),
+        &|w| window_mean(problem, w, |t| &t.effort, |u| u.abs()),
         &|w| w.start as f64,
     ];
-    let goes_back = |w: &Span| {
+    // 1 where the position falls over the window.
+    let mut back = Vec::with_capacity(windows.len());
+    for w in windows {
         let positions = own(problem, w, |t| &t.position);
-        usize::from(positions.last() < positions.first())
-    };
-    let back: Vec<usize> = windows.iter().map(goes_back).collect();
+        back.push(usize::from(positions.last() < positions.first()));
+    }
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for coordinate in coordinates {
         let ranks = ranks(&windows.iter().map(coordinate).collect::<Vec<_>>());
@@ -63,6 +61,11 @@ pub fn alike(problem: &Problem) -> Vec<Vec<usize>> {
 /// What a window has of its trace.
 fn own<'p>(problem: &'p Problem, w: &Span, of: fn(&Trace) -> &Vec<f64>) -> &'p [f64] {
     &of(&problem.traces[w.log])[w.start..w.start + w.len]
+}
+
+/// Mean over a window of a quantity of its trace.
+fn window_mean(problem: &Problem, w: &Span, of: fn(&Trace) -> &Vec<f64>, size: fn(&f64) -> f64) -> f64 {
+    own(problem, w, of).iter().map(size).sum::<f64>() / w.len.max(1) as f64
 }
 
 /// Rank of every value, the first of equal ones lowest.
@@ -83,7 +86,8 @@ fn ranks(values: &[f64]) -> Vec<usize> {
 pub fn covariance(
     mut matrix: DMatrix<f64>,
     windows: &[Witness],
-    (groups, repeat): (&[Vec<usize>], bool),
+    groups: &[Vec<usize>],
+    repeat: bool,
     frozen: &[bool],
 ) -> (DMatrix<f64>, Vec<f64>) {
     let n = matrix.nrows();
@@ -183,18 +187,17 @@ mod tests {
         let groups: Vec<usize> = (0..40).map(|k| k / 10).collect();
         let (matrix, windows) = mean(&errors);
         let variance =
-            |groups: &[Vec<usize>]| covariance(matrix.clone(), &windows, (groups, false), &[false]).0[(0, 0)];
+            |groups: &[Vec<usize>]| covariance(matrix.clone(), &windows, groups, false, &[false]).0[(0, 0)];
         // As 40 independent readings: 1 / 40. As four of the size 1: 1 / 4, times (4 / 3)^2 of the jackknife.
         assert!((variance(&[]) * 40.0 - 1.0).abs() < 0.1, "{}", variance(&[]));
         let wide = variance(std::slice::from_ref(&groups));
         assert!((wide - 0.25 * 16.0 / 9.0).abs() < 1e-9, "{wide}");
-        let count =
-            covariance(matrix.clone(), &windows, (std::slice::from_ref(&groups), true), &[false]).1[0];
+        let count = covariance(matrix.clone(), &windows, std::slice::from_ref(&groups), true, &[false]).1[0];
         assert!((count - 4.0).abs() < 1e-9, "{count}");
         // Errors that differ within a place are no more than those of windows.
         let within: Vec<f64> = (0..40).map(|k| if k % 2 == 0 { 1.0 } else { -1.0 }).collect();
         let (matrix, windows) = mean(&within);
-        let narrow = covariance(matrix, &windows, (&[groups], true), &[false]).0[(0, 0)];
+        let narrow = covariance(matrix, &windows, &[groups], true, &[false]).0[(0, 0)];
         assert!((narrow * 40.0 - 1.0).abs() < 0.1, "{narrow}");
     }
 }

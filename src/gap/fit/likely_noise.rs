@@ -66,16 +66,18 @@ pub fn most_likely_noise(
 /// states, the share of each independent number.
 fn deflection(problem: &Problem, rollouts: &[Vec<[f64; 3]>]) -> f64 {
     let ridge = start_ridge(problem);
-    let square = |rows: &Vec<[f64; 3]>| {
-        let mut sums = Products::default();
-        rows.iter().for_each(|row| sums.add(row));
-        let inverse = (sums.start() + ridge).try_inverse().unwrap_or_else(Matrix2::zeros);
-        sums.cost() - sums.gradient().dot(&(inverse * sums.gradient()))
-    };
-    let squares: f64 = rollouts.iter().map(square).sum();
+    let squares: f64 = rollouts.iter().map(|rows| square_beyond_start(rows, &ridge)).sum();
     // Two of the independent numbers of a window go to its start state.
     let free = problem.independent() - 2.0 * rollouts.len() as f64;
     (squares / free.max(1.0)).sqrt().max(problem.noise_floor())
+}
+
+/// Sum of the squared residuals of a window with its best start state.
+fn square_beyond_start(rows: &[[f64; 3]], ridge: &Matrix2<f64>) -> f64 {
+    let mut sums = Products::default();
+    rows.iter().for_each(|row| sums.add(row));
+    let inverse = (sums.start() + ridge).try_inverse().unwrap_or_else(Matrix2::zeros);
+    sums.cost() - sums.gradient().dot(&(inverse * sums.gradient()))
 }
 
 /// Residuals of all windows under a model, ready to be weighed under any noise.

@@ -224,8 +224,7 @@ impl<'c> Problem<'c> {
     /// The same logs no finer than the steps of a rollout.
     #[must_use]
     pub fn at_steps(self) -> Self {
-        let is_finer = |l: &JointLog| l.samples_in(MAX_STEP_S) > 1;
-        if self.logs.iter().any(is_finer) { self.coarser(MAX_STEP_S) } else { self }
+        if self.logs.iter().any(|l| l.samples_in(MAX_STEP_S) > 1) { self.coarser(MAX_STEP_S) } else { self }
     }
 
     /// The same logs with samples of about `interval_s`, where those recorded lie closer.
@@ -245,19 +244,20 @@ impl<'c> Problem<'c> {
     /// together); of a single run its halves.
     #[must_use]
     pub fn folds(&self) -> Vec<[Self; 2]> {
-        let of = |holds: &dyn Fn(usize) -> bool| {
-            let logs =
-                self.logs.iter().enumerate().filter(|(i, _)| holds(*i)).map(|(_, log)| log.clone()).collect();
-            self.of_logs(logs)
-        };
         if let [log] = self.logs.as_slice() {
-            let half = |from: usize, to: usize| self.of_logs(vec![log.part(from, to)]);
             let n = log.time_s.len();
-            let [first, second] = [half(0, n / 2), half(n / 2, n)];
+            let first = self.of_logs(vec![log.part(0, n / 2)]);
+            let second = self.of_logs(vec![log.part(n / 2, n)]);
             return vec![[first.clone(), second.clone()], [second, first]];
         }
         let count = self.logs.len().min(FOLDS);
-        (0..count).map(|k| [of(&|i| i % count != k), of(&|i| i % count == k)]).collect()
+        (0..count).map(|k| [self.of_runs(|i| i % count != k), self.of_runs(|i| i % count == k)]).collect()
+    }
+
+    /// The logs with an index accepted by `is_kept`.
+    fn of_runs(&self, is_kept: impl Fn(usize) -> bool) -> Self {
+        let kept = self.logs.iter().enumerate().filter(|(i, _)| is_kept(*i));
+        self.of_logs(kept.map(|(_, log)| log.clone()).collect())
     }
 
     /// The same with windows of a share of their length.
@@ -276,14 +276,15 @@ impl<'c> Problem<'c> {
     #[must_use]
     pub fn starts(&self, model: &JointModel) -> Vec<Start> {
         let sensor = model.sensor(self.catalogue);
-        let start = |w: &Span| {
+        let mut starts = Vec::with_capacity(self.windows.len());
+        for w in &self.windows {
             let trace = &self.traces[w.log];
-            // A joint that moves up drags what measures it behind, at the lower end of the gap.
+            // A joint moving up drags its sensor behind, at the lower end of the gap.
             let play = -trace.direction[w.start];
             let position = (trace.position[w.start] - sensor.bias) / sensor.scale - play * sensor.half_gap;
-            Start { position, velocity: trace.velocity[w.start] / sensor.scale, play }
-        };
-        self.windows.iter().map(start).collect()
+            starts.push(Start { position, velocity: trace.velocity[w.start] / sensor.scale, play });
+        }
+        starts
     }
 
     /// The effort of every log, acting as late as the model has it.
@@ -296,31 +297,33 @@ impl<'c> Problem<'c> {
     /// The effort of every log, acting so much late.
     #[must_use]
     pub fn drives_late(&self, delay_s: f64) -> Vec<Drive> {
-        let one = |(log, steps): (&JointLog, &usize)| {
-            Drive::with_steps(log, self.hold, delay_s, steps * self.finer)
-        };
-        self.logs.iter().zip(&self.steps).map(one).collect()
+        let logs = self.logs.iter().zip(&self.steps);
+        logs.map(|(l, steps)| Drive::with_steps(l, self.hold, delay_s, steps * self.finer)).collect()
     }
 
     /// Effects that may be looked for: not what is found of the actuator anyway.
     #[must_use]
     pub fn sought(&self) -> Vec<usize> {
+        (0..self.catalogue.len()).filter(|e| self.is_sought(*e)).collect()
+    }
+
+    /// Whether an effect is looked for.
+    fn is_sought(&self, effect: usize) -> bool {
         let [gain, damping] = self.plant.actuator.is_found;
-        let is_told = |e: &usize| match self.catalogue[*e].place() {
+        match self.catalogue[effect].place() {
             Place::Gain => !gain,
             Place::Delay => !self.plant.actuator.is_late,
-            // Without a load that depends on the position, a scale of it is a gain.
+            // Under a load independent of the position, a scale of the position is a gain.
             Place::Scale => !gain || self.coverage.has_load_slope,
-            _ => !(damping && self.catalogue[*e].is_of_damping()),
-        };
-        (0..self.catalogue.len()).filter(is_told).collect()
+            _ => !(damping && self.catalogue[effect].is_of_damping()),
+        }
     }
 
     /// Standard deviation of the readings in the windows, root mean square, rad or m.
     #[must_use]
     pub fn noise_floor(&self) -> f64 {
-        let of = |w: &Span| self.readings[w.log][w.start..w.start + w.len].iter().sum::<f64>();
-        (self.windows.iter().map(of).sum::<f64>() / self.samples().max(1) as f64).sqrt()
+        let variances = self.windows.iter().map(|w| self.readings[w.log][w.start..w.start + w.len].iter());
+        (variances.map(|v| v.sum::<f64>()).sum::<f64>() / self.samples().max(1) as f64).sqrt()
     }
 
     /// Number of measurements in the windows that say something new.
@@ -361,13 +364,6 @@ fn cover(plant: &Plant, turns: bool, logs: &[JointLog], traces: &[Trace], sigma_
     let efforts: Vec<f64> = traces.iter().flat_map(|t| t.effort.iter().copied()).collect();
     let low = positions().fold(f64::INFINITY, f64::min);
     let high = positions().fold(f64::NEG_INFINITY, f64::max);
-    let range = |t: &Trace| {
-        let [lo, hi] = t
-            .position
-            .iter()
-            .fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], p| [lo.min(*p), hi.max(*p)]);
-        hi - lo
-    };
     // Every twentieth sample is enough to see whether the load depends on the position at all.
     let carried = logs.iter().flat_map(|l| l.carried.iter().step_by(20).map(Some));
     let seen: Vec<_> =
@@ -379,7 +375,7 @@ fn cover(plant: &Plant, turns: bool, logs: &[JointLog], traces: &[Trace], sigma_
     let slope = slopes.fold(0.0f64, |m, s| m.max(s.abs()));
     Coverage {
         position: (low, high),
-        travel: traces.iter().map(range).fold(0.0, f64::max),
+        travel: traces.iter().map(Trace::travel).fold(0.0, f64::max),
         speed: (at(SPEED_QUANTILES[0]), at(SPEED_QUANTILES[1])),
         effort_rms: (efforts.iter().map(|u| u * u).sum::<f64>() / efforts.len().max(1) as f64).sqrt(),
         interval_s: logs.iter().filter_map(JointLog::interval_s).fold(0.0, f64::max),

@@ -31,7 +31,14 @@ pub struct Rollout {
     pub rows: Vec<Row>,
 }
 
-/// State that a window starts in.
+impl Rollout {
+    fn push(&mut self, position: f64, row: &Row) {
+        self.position.push(position);
+        self.rows.push(*row);
+    }
+}
+
+/// Start state of a window.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Start {
     /// Position of the joint, rad or m.
@@ -61,11 +68,7 @@ pub fn roll(
 ) {
     out.position.clear();
     out.rows.clear();
-    let Rollout { position, rows } = out;
-    let keep = |q: f64, row: &Row| {
-        position.push(q);
-        rows.push(*row);
-    };
+    let keep = |q: f64, row: &Row| out.push(q, row);
     match width(model.free()) {
         4 => roll_columns::<4>(model, catalogue, log, drive, span, start, keep),
         8 => roll_columns::<8>(model, catalogue, log, drive, span, start, keep),
@@ -104,19 +107,18 @@ struct Layout {
 
 impl Layout {
     fn of(model: &JointModel, catalogue: &Catalogue) -> Self {
-        let scalar = |place, neutral| {
-            // The first two columns are the start state.
-            model.scalar(catalogue, place).map_or((neutral, None), |(x, at)| (x, Some(at + 2)))
-        };
-        let (added, inertia_column) = scalar(Place::Inertia, 0.0);
-        let (gain, gain_column) = scalar(Place::Gain, 1.0);
+        // The first two columns are the start state.
+        let scalar = |place| model.scalar(catalogue, place).map(|(x, at)| (x, at + 2));
+        let column = |place| scalar(place).map(|s| s.1);
+        let inertia = scalar(Place::Inertia);
+        let gain = scalar(Place::Gain);
         Self {
-            gain,
-            gain_column,
-            added,
-            inertia_column,
-            delay_column: scalar(Place::Delay, 0.0).1,
-            sensors: [scalar(Place::Bias, 0.0).1, scalar(Place::Scale, 1.0).1, scalar(Place::Play, 0.0).1],
+            gain: gain.map_or(1.0, |g| g.0),
+            gain_column: gain.map(|g| g.1),
+            added: inertia.map_or(0.0, |i| i.0),
+            inertia_column: inertia.map(|i| i.1),
+            delay_column: column(Place::Delay),
+            sensors: [Place::Bias, Place::Scale, Place::Play].map(column),
             actuator: model.actuator_columns().map(|c| c.map(|at| at + 2)),
         }
     }
@@ -128,7 +130,8 @@ impl Layout {
         &self,
         sum: &Sum,
         acted: &Acted,
-        (by_delay, q): (f64, f64),
+        by_delay: f64,
+        q: f64,
         effort_p: &mut Row,
         friction_p: &mut Row,
     ) {
@@ -224,7 +227,7 @@ impl Kicks<'_> {
         let inverse = self.inverse;
         let v = moving.v;
         let mut sum = self.acting.add_up(at, &mut self.effort_p, &mut self.friction_p);
-        self.layout.by_drive(&sum, acted, (by_delay, at.q), &mut self.effort_p, &mut self.friction_p);
+        self.layout.by_drive(&sum, acted, by_delay, at.q, &mut self.effort_p, &mut self.friction_p);
         let total = at.u + sum.effort;
         // (14.7): implicit in the velocity, so that strong damping does not overshoot; the floor bounds
         // the step where an effort drives the joint.

@@ -380,7 +380,7 @@ fn fit_settled(
     let end = end.unwrap_or_else(|| evaluate(problem, &model, &starts, &whitening, &frozen));
     let log_likelihood = restricted(problem, &model, &end, &whitening);
     let (matrix, windows) = witnesses(&end.normal);
-    let (covariance, witnesses) = covariance(matrix, &windows, (&alike(problem), noise.remains()), &frozen);
+    let (covariance, witnesses) = covariance(matrix, &windows, &alike(problem), noise.remains(), &frozen);
     let costs = end.normal.blocks.iter().map(|b| b.cost).collect();
     Fit { model, starts, noise, log_likelihood, covariance, witnesses, costs }
 }
@@ -439,18 +439,22 @@ fn iterate(
 /// What every window adds, the start states eliminated, and the matrix of all.
 fn witnesses(normal: &Normal) -> (DMatrix<f64>, Vec<Witness>) {
     let mut matrix = normal.hessian.clone();
-    let witness = |b: &Block| {
-        // A window without its start state determined says nothing.
+    let mut windows = Vec::with_capacity(normal.blocks.len());
+    for b in &normal.blocks {
+        // A window with an undetermined start state adds nothing.
         let Some(inverse) = b.start.try_inverse() else {
             let n = b.hessian.nrows();
-            return Witness { hessian: DMatrix::zeros(n, n), gradient: DVector::zeros(n) };
+            windows.push(Witness { hessian: DMatrix::zeros(n, n), gradient: DVector::zeros(n) });
+            continue;
         };
         let weighted = b.cross.transpose() * inverse;
         let lost = &weighted * &b.cross;
         matrix -= &lost;
-        Witness { hessian: &b.hessian - lost, gradient: &b.gradient - &weighted * b.start_gradient }
-    };
-    let windows = normal.blocks.iter().map(witness).collect();
+        windows.push(Witness {
+            hessian: &b.hessian - lost,
+            gradient: &b.gradient - &weighted * b.start_gradient,
+        });
+    }
     (matrix, windows)
 }
 

@@ -35,6 +35,15 @@ pub struct Trace {
     pub direction: Vec<f64>,
 }
 
+impl Trace {
+    /// Range of its positions, rad or m.
+    pub(super) fn travel(&self) -> f64 {
+        let ends = [f64::INFINITY, f64::NEG_INFINITY];
+        let [low, high] = self.position.iter().fold(ends, |[low, high], p| [low.min(*p), high.max(*p)]);
+        high - low
+    }
+}
+
 #[derive(Clone, Copy, Default)]
 struct Belief {
     q: f64,
@@ -87,32 +96,36 @@ impl Predict<'_> {
 /// variance of every position.
 #[must_use]
 pub fn smooth(logs: &[JointLog], hold: Hold, plant: &Plant, readings: &[Vec<f64>]) -> Vec<Trace> {
-    let means = |log: &JointLog, values: &[f64]| {
-        Drive::of(&log.time_s, values, hold, 0.0, Drive::steps(log)).means(values.last().copied())
-    };
-    let effort: Vec<Vec<f64>> = logs.iter().map(|l| means(l, &l.effort)).collect();
+    let effort: Vec<Vec<f64>> = logs.iter().map(|l| means(l, &l.effort, hold)).collect();
     let count: usize = effort.iter().map(Vec::len).sum();
     let rms = (effort.iter().flatten().map(|u| u * u).sum::<f64>() / count.max(1) as f64).sqrt();
     // A joint that was released has no effort; then the load sets the scale.
     let scale = rms.max(plant.load.amplitude()).max(1e-9);
-    let likelihood = |noise: f64| -> f64 {
-        let each = logs
-            .iter()
-            .enumerate()
-            .map(|(i, log)| forward(log, i, &effort[i], &Predict { plant, noise }, &readings[i]).1);
-        each.sum()
-    };
-    let best = (0..9)
-        .map(|i| scale * LEAST_NOISE * NOISE_RATIO.powi(i))
-        .map(|n| (likelihood(n), n))
-        .max_by(|a, b| a.0.total_cmp(&b.0));
+    let mut trials: Vec<(f64, f64)> = Vec::new();
+    for i in 0..9 {
+        let noise = scale * LEAST_NOISE * NOISE_RATIO.powi(i);
+        let predict = Predict { plant, noise };
+        let each = logs.iter().enumerate();
+        let likelihood = each.map(|(i, log)| forward(log, i, &effort[i], &predict, &readings[i]).1).sum();
+        trials.push((likelihood, noise));
+    }
+    let best = trials.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
     let noise = best.map_or(scale, |(_, n)| n);
     let predict = Predict { plant, noise };
-    let one = |(i, log): (usize, &JointLog)| {
-        let trace = backward(log, i, &effort[i], &predict, &readings[i]);
-        if log.commanded.is_empty() { trace } else { Trace { signal: means(log, &log.commanded), ..trace } }
-    };
-    logs.iter().enumerate().map(one).collect()
+    let mut traces = Vec::with_capacity(logs.len());
+    for (i, log) in logs.iter().enumerate() {
+        let mut trace = backward(log, i, &effort[i], &predict, &readings[i]);
+        if !log.commanded.is_empty() {
+            trace.signal = means(log, &log.commanded, hold);
+        }
+        traces.push(trace);
+    }
+    traces
+}
+
+/// Mean of a signal of a log from each sample to the next.
+fn means(log: &JointLog, values: &[f64], hold: Hold) -> Vec<f64> {
+    Drive::of(&log.time_s, values, hold, 0.0, Drive::steps(log)).means(values.last().copied())
 }
 
 type Passed = (Belief, Belief, [f64; 4]);

@@ -72,15 +72,23 @@ impl Bench<'_, '_> {
             .zip(&self.whitening.gains[window]);
         let mut filter = Filter::<3>::default();
         let [mut cost, mut aa, mut ab, mut bb, mut ae, mut be] = [0.0; 6];
-        let each = |predicted: f64, row: &Row| {
-            let Some(((measured, local), gain)) = whitening.next() else { return };
-            let mut white = [row[0], row[1], measured - predicted];
-            filter.pass(&mut white, local, gain);
-            let [a, b, e] = white;
-            cost += e * e;
-            (aa, ab, bb, ae, be) = (aa + a * a, ab + a * b, bb + b * b, ae + a * e, be + b * e);
-        };
-        roll_starts(self.model, self.problem.catalogue, log, &self.drives[span.log], span, start, each);
+        let drive = &self.drives[span.log];
+        roll_starts(
+            self.model,
+            self.problem.catalogue,
+            log,
+            drive,
+            span,
+            start,
+            |predicted: f64, row: &Row| {
+                let Some(((measured, local), gain)) = whitening.next() else { return };
+                let mut white = [row[0], row[1], measured - predicted];
+                filter.pass(&mut white, local, gain);
+                let [a, b, e] = white;
+                cost += e * e;
+                (aa, ab, bb, ae, be) = (aa + a * a, ab + a * b, bb + b * b, ae + a * e, be + b * e);
+            },
+        );
         let normal = self.ridge + Matrix2::new(aa, ab, ab, bb);
         Trial {
             start,

@@ -93,25 +93,26 @@ fn means(run: &RunMotion, key: (usize, usize), time_s: (f64, f64)) -> Stretch {
 /// Mean over each stretch of a signal by the stamps of a log, `delay_s` late; `None` where these have a gap.
 #[must_use]
 pub fn mean_signal(
-    (log, values): (&JointLog, &[f64]),
+    log: &JointLog,
+    values: &[f64],
     stretches: &[&Stretch],
     hold: Hold,
     delay_s: f64,
 ) -> Vec<Option<f64>> {
     let spans = log.segments(0);
     let mut signal = Signal::new(&log.time_s, values, hold);
-    let mut one = |s: &&Stretch| {
+    let mut means = Vec::with_capacity(stretches.len());
+    for s in stretches {
         let (from, to) = s.time_s;
-        let holds = spans
+        let has_no_gap = spans
             .iter()
             .any(|p| log.time_s[p.start] <= from + 1e-9 && to <= log.time_s[p.start + p.len - 1] + 1e-9);
-        if !holds {
-            return None;
-        }
-        let before = signal.at(from - delay_s).1;
-        Some((signal.at(to - delay_s).1 - before) / (to - from))
-    };
-    stretches.iter().map(&mut one).collect()
+        means.push(has_no_gap.then(|| {
+            let before = signal.at(from - delay_s).1;
+            (signal.at(to - delay_s).1 - before) / (to - from)
+        }));
+    }
+    means
 }
 
 #[cfg(test)]
@@ -130,7 +131,7 @@ mod tests {
         let found = stretches(&runs, 0);
         assert!(found.len() > 100);
         let all: Vec<&Stretch> = found.iter().collect();
-        let efforts = mean_signal((&log, &effort), &all, Hold::Linear, 0.0);
+        let efforts = mean_signal(&log, &effort, &all, Hold::Linear, 0.0);
         // The smoother begins without a velocity.
         for (s, u) in found.iter().zip(efforts).skip(2) {
             assert!((s.acceleration[0] - u.unwrap()).abs() < 0.05, "{s:?} {u:?}");

@@ -37,6 +37,16 @@ pub struct Local {
     pub interval_s: f64,
 }
 
+impl Local {
+    /// (Position, velocity, wander) at the next sample; `kept` is the share of the wander left then.
+    #[inline]
+    fn moved(&self, q: f64, v: f64, d: f64, kept: f64) -> [f64; 3] {
+        let a = &self.a;
+        let g = &self.g;
+        [a[0] * q + a[1] * v + g[0] * d, a[2] * q + a[3] * v + g[1] * d, kept * d]
+    }
+}
+
 /// Linearizes a model along the smoothed motion of a log.
 #[must_use]
 pub fn linearize(
@@ -153,11 +163,8 @@ impl Belief {
 
     /// At the next sample; the wander acts as an effort does.
     fn next(&self, local: &Local, noise: &EffortNoise, kept: f64) -> Self {
-        let a = &local.a;
         let g = &local.g;
-        let moved = |q: f64, v: f64, d: f64| {
-            [a[0] * q + a[1] * v + g[0] * d, a[2] * q + a[3] * v + g[1] * d, kept * d]
-        };
+        let moved = |q: f64, v: f64, d: f64| local.moved(q, v, d, kept);
         // The transition times the covariance by columns, then times the transition by rows.
         let [qq, vq, dq] = moved(self.qq, self.qv, self.qd);
         let [qv, vv, dv] = moved(self.qv, self.vv, self.vd);

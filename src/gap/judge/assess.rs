@@ -24,7 +24,7 @@ use crate::{
     },
     record::{
         drive::Hold,
-        log::{JointLog, Span},
+        log::{JointLog, rms},
         off_axis::MAX_LEFT,
     },
 };
@@ -114,21 +114,9 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
         diagnosis.verdict = Verdict::Unknown;
     }
     // Names that the held-out runs do not bear out are taken back; the proof is then that of the twin.
-    let is_borne_out = |model: &JointModel, gap: &Gap, noise: EffortNoise| {
-        // Of an effect that acts at a place or for a moment, the held-out run may show nothing.
-        let closes = is_proven(gap);
-        let may_better = !is_surely_worse(gap);
-        // Beside an effort that lasts, and where little is to be explained, one held-out run says little.
-        if closes && !noise.remains() && gap.before > REPORTED_NOISES * gap.noise_floor {
-            return true;
-        }
-        if !closes && !may_better {
-            return false;
-        }
-        let unseen = Unseen::of(&problem, &held_out, [model, &twin], noise);
-        (closes && unseen.agree()) || (may_better && unseen.bear_out())
-    };
-    if !updated.terms.is_empty() && !is_borne_out(&updated, &proof.0, diagnosis.noise) {
+    if !updated.terms.is_empty()
+        && !is_borne_out(&problem, &held_out, [&updated, &twin], &proof.0, diagnosis.noise)
+    {
         diagnosis.withdraw();
         updated = twin.clone();
         proof = prove(&held_out, &twin, &twin);
@@ -137,14 +125,14 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
         let whole = prove(&held_out, &twin, &nearest.model);
         let fewer = if given.is_empty() { fewer(&problem, &nearest.model) } else { None };
         // A smaller set is diagnosed and proven like any other.
-        let asked = |effects: Vec<usize>| {
+        let smaller = fewer.map(|effects| {
             let mut diagnosis = diagnose(&problem, &effects, &[], rng);
             diagnosis.ask(problem.catalogue);
             diagnosis
-        };
-        let fewer = fewer.map(asked).filter(|d| d.named().next().is_some());
-        let proven = fewer.map(|d| (prove(&held_out, &twin, &d.model), d));
-        match proven.filter(|(p, d)| is_borne_out(&d.model, &p.0, d.noise)) {
+        });
+        let smaller = smaller.filter(|d| d.named().next().is_some());
+        let proven = smaller.map(|d| (prove(&held_out, &twin, &d.model), d));
+        match proven.filter(|(p, d)| is_borne_out(&problem, &held_out, [&d.model, &twin], &p.0, d.noise)) {
             Some((proved, found)) => {
                 (updated, proof) = (found.model.clone(), proved);
                 diagnosis = Diagnosis { before: diagnosis.before, ..found };
@@ -163,7 +151,29 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
     report
 }
 
-/// The report of a diagnosis of which nothing is proven.
+/// Whether held-out runs confirm the names of a model against the twin, the second model.
+fn is_borne_out(
+    problem: &Problem,
+    held_out: &Problem,
+    [model, twin]: [&JointModel; 2],
+    gap: &Gap,
+    noise: EffortNoise,
+) -> bool {
+    // A held-out run may show nothing of an effect acting at a place or for a moment.
+    let closes = is_proven(gap);
+    let may_better = !is_surely_worse(gap);
+    // Beside a lasting effort, and where little is to be explained, one held-out run shows little.
+    if closes && !noise.remains() && gap.before > REPORTED_NOISES * gap.noise_floor {
+        return true;
+    }
+    if !closes && !may_better {
+        return false;
+    }
+    let unseen = Unseen::of(problem, held_out, [model, twin], noise);
+    (closes && unseen.agree()) || (may_better && unseen.bear_out())
+}
+
+/// The report of an unproven diagnosis.
 pub(super) fn unproven(
     joint: String,
     turns: bool,
@@ -190,15 +200,13 @@ pub(super) fn unproven(
 
 /// Measured positions of all runs.
 pub(super) fn tracks(runs: &Runs) -> Vec<Track> {
-    let track = |is_held_out| {
-        move |log: &JointLog| Track {
-            run: log.run.clone(),
-            is_held_out,
-            time_s: log.time_s.clone(),
-            position: log.position.clone(),
-        }
-    };
-    runs.fitted.iter().map(track(false)).chain(runs.held_out.iter().map(track(true))).collect()
+    let fitted = runs.fitted.iter().map(|log| track(log, false));
+    fitted.chain(runs.held_out.iter().map(|log| track(log, true))).collect()
+}
+
+fn track(log: &JointLog, is_held_out: bool) -> Track {
+    let run = log.run.clone();
+    Track { run, is_held_out, time_s: log.time_s.clone(), position: log.position.clone() }
 }
 
 /// Another diagnosis, by how whole windows are predicted, where much is left that is no noise: beside a floor
@@ -238,24 +246,17 @@ fn fewer(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> {
     }
     let folds = problem.folds();
     let noise = EffortNoise::white(FIRST_NOISE * problem.coverage.effort_rms);
-    let predicted = |model: &JointModel| {
-        let one = |[fitted, other]: &[Problem; 2]| {
-            // Parameters come from the other runs; a run's own samples give its start states alone.
-            let known = fit(fitted, model, None, noise, Free::All, Pace::thorough(2)).model;
-            windowed_rmse(other, &known).powi(2)
-        };
-        folds.iter().map(one).sum::<f64>().sqrt()
-    };
-    let whole = predicted(nearest);
+    let whole = predicted_rmse(&folds, nearest, noise);
     let mut model = nearest.clone();
     let mut rmse = whole;
     while model.terms.len() > 1 {
-        let without = |i: usize| {
-            let mut fewer = model.clone();
-            fewer.terms.remove(i);
-            (predicted(&fewer), fewer)
-        };
-        let best = (0..model.terms.len()).map(without).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let mut trials: Vec<(f64, JointModel)> = Vec::with_capacity(model.terms.len());
+        for i in 0..model.terms.len() {
+            let mut without = model.clone();
+            without.terms.remove(i);
+            trials.push((predicted_rmse(&folds, &without, noise), without));
+        }
+        let best = trials.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
         if best.0 > rmse {
             break;
         }
@@ -265,6 +266,18 @@ fn fewer(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> {
     let pushes = model.terms.iter().any(|t| problem.catalogue[t.effect].is_of_one_run());
     let much = rmse < CLEARLY * whole;
     (much && !pushes).then(|| model.terms.iter().map(|t| t.effect).collect())
+}
+
+/// Root of the summed mean square residuals of the second problem of each fold, rad or m, under parameters
+/// from the first.
+fn predicted_rmse(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNoise) -> f64 {
+    let mut squares = Vec::with_capacity(folds.len());
+    for [fitted, other] in folds {
+        // Parameters come from the other runs; a run's own samples give its start states alone.
+        let known = fit(fitted, model, None, noise, Free::All, Pace::thorough(2)).model;
+        squares.push(windowed_rmse(other, &known).powi(2));
+    }
+    squares.iter().sum::<f64>().sqrt()
 }
 
 /// Share of a residual that is clearly less: the effects taken away misled.
@@ -286,32 +299,31 @@ fn is_proven(gap: &Gap) -> bool {
     windows.sort_by(|a, b| a.after.total_cmp(&b.after));
     // One that starts on an edge (of a stop, a catch, a balance) cannot be predicted.
     windows.truncate(windows.len() - (MAX_LEFT * windows.len() as f64) as usize);
-    let mean = |of: fn(&WindowGap) -> f64| {
-        (windows.iter().map(|w| of(w).powi(2)).sum::<f64>() / windows.len().max(1) as f64).sqrt()
-    };
-    let floor = gap.noise_floor;
-    let closes = |before: f64, after: f64| {
-        after <= before && (left_of(before, after, floor) <= MAX_LEFT || after <= MAX_FLOORS * floor)
-    };
-    // An effect that acts in few windows shows in all of them alone.
-    closes(gap.before, gap.after) || closes(mean(|w| w.before), mean(|w| w.after))
+    let before: Vec<f64> = windows.iter().map(|w| w.before).collect();
+    let after: Vec<f64> = windows.iter().map(|w| w.after).collect();
+    // An effect acting in few windows shows in all of them alone.
+    is_closed(gap.before, gap.after, gap.noise_floor) || is_closed(rms(&before), rms(&after), gap.noise_floor)
+}
+
+/// Whether little is left of a gap, or it comes near the noise.
+fn is_closed(before: f64, after: f64, floor: f64) -> bool {
+    after <= before && (left_of(before, after, floor) <= MAX_LEFT || after <= MAX_FLOORS * floor)
 }
 
 /// The windows with their start states as the sensor sees them.
 fn replay(name: &str, held_out: &Problem, model: &JointModel, starts: &[Start]) -> Vec<ReplayWindow> {
     let sensor = model.sensor(held_out.catalogue);
-    let one = |(span, s): (&Span, &Start)| {
+    let mut windows = Vec::with_capacity(starts.len());
+    for (span, start) in held_out.windows.iter().zip(starts) {
         let log = &held_out.logs[span.log];
-        let position = sensor.scale * (s.position + s.play * sensor.half_gap) + sensor.bias;
-        let start_s = log.time_s[span.start];
-        ReplayWindow {
+        windows.push(ReplayWindow {
             joint: name.to_owned(),
             run: log.run.clone(),
-            start_s,
+            start_s: log.time_s[span.start],
             samples: span.len,
-            position,
-            velocity: s.velocity * sensor.scale,
-        }
-    };
-    held_out.windows.iter().zip(starts).map(one).collect()
+            position: sensor.scale * (start.position + start.play * sensor.half_gap) + sensor.bias,
+            velocity: start.velocity * sensor.scale,
+        });
+    }
+    windows
 }

@@ -53,15 +53,8 @@ pub fn predictive(problem: &Problem, found: &Search, chosen: &Candidate) -> Cand
     let predicted = |model: &JointModel| crossed(&folds, model, chosen.fit.noise);
     let mut model = chosen.fit.model.clone();
     let mut with = predicted(&model);
-    let least = |models: Vec<JointModel>, with: &Residuals| {
-        let tried = models.into_iter().map(|simpler| {
-            let residuals = predicted(&simpler);
-            (surest(with, &residuals), simpler, residuals)
-        });
-        tried.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(errors, ..)| !(*errors > SURELY))
-    };
-    while let Some((_, simpler, residuals)) =
-        least(fewer(problem, &model), &with).or_else(|| least(special(problem, &model, chosen), &with))
+    while let Some((simpler, residuals)) = least_worse(fewer(problem, &model), &with, predicted)
+        .or_else(|| least_worse(special(problem, &model, chosen), &with, predicted))
     {
         (model, with) = (simpler, residuals);
     }
@@ -85,6 +78,22 @@ pub fn predictive(problem: &Problem, found: &Search, chosen: &Candidate) -> Cand
     refitted(problem, chosen, &model)
 }
 
+/// The model with the least worse predictions than `with`, and its residuals; `None` where all are surely
+/// worse.
+fn least_worse(
+    models: Vec<JointModel>,
+    with: &Residuals,
+    predicted: impl Fn(&JointModel) -> Residuals,
+) -> Option<(JointModel, Residuals)> {
+    let tried = models.into_iter().map(|model| {
+        let residuals = predicted(&model);
+        (surest(with, &residuals), model, residuals)
+    });
+    let (errors, model, residuals) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    // Negated: a number of errors that is not a number passes.
+    (!(errors > SURELY)).then_some((model, residuals))
+}
+
 /// How much a model assumes: its effects, and their parameters.
 #[must_use]
 pub fn assumes(model: &JointModel) -> (usize, usize) {
@@ -98,8 +107,7 @@ pub fn predicted_weights(problem: &Problem, chosen: &Candidate, others: &[&Candi
     let folds = problem.folds();
     let predicted = |c: &Candidate| crossed(&folds, &c.fit.model, chosen.fit.noise);
     let own = predicted(chosen);
-    let weight = |c: &&Candidate| (-LOGISTIC * surest(&own, &predicted(c))).exp();
-    others.iter().take(CONTENDERS).map(weight).collect()
+    others.iter().take(CONTENDERS).map(|c| (-LOGISTIC * surest(&own, &predicted(c))).exp()).collect()
 }
 
 /// Slope of the logistic function that is next to the normal distribution's.
@@ -118,23 +126,27 @@ fn surest(with: &Residuals, without: &Residuals) -> f64 {
 
 /// A model without each of its effects.
 fn fewer(problem: &Problem, model: &JointModel) -> Vec<JointModel> {
-    // A push of one run predicts no other run.
-    let repeats = |i: &usize| !problem.catalogue[model.terms[*i].effect].is_of_one_run();
-    let without = |i: usize| {
-        let mut fewer = model.clone();
-        fewer.terms.remove(i);
-        fewer
-    };
-    (0..model.terms.len()).filter(repeats).map(without).collect()
+    let mut all = Vec::new();
+    for (i, term) in model.terms.iter().enumerate() {
+        // A push of one run predicts no other run.
+        if !problem.catalogue[term.effect].is_of_one_run() {
+            let mut fewer = model.clone();
+            fewer.terms.remove(i);
+            all.push(fewer);
+        }
+    }
+    all
 }
 
 /// A model with each special case in the place of what contains it.
 fn special(problem: &Problem, model: &JointModel, chosen: &Candidate) -> Vec<JointModel> {
-    let of = |(i, term)| {
-        let placed = move |special| replaced(problem, model, (i, special), &chosen.fit).model;
-        special_terms(problem, term).into_iter().map(placed)
-    };
-    model.terms.iter().enumerate().flat_map(of).collect()
+    let mut all = Vec::new();
+    for (i, term) in model.terms.iter().enumerate() {
+        for special in special_terms(problem, term) {
+            all.push(replaced(problem, model, i, special, &chosen.fit).model);
+        }
+    }
+    all
 }
 
 /// Whether a model surely predicts windows of some length better than another, and explains more of the
@@ -198,11 +210,8 @@ impl Unseen {
     /// betters it, and leaves little of the squared residuals.
     #[must_use]
     pub fn bear_out(&self) -> bool {
-        let is_better = |windows: &Vec<Compared>| {
-            let [with, without] = both(&acting(windows));
-            surely_leaves(&with, &without, self.floor, MOST_LEFT)
-        };
-        self.windows.iter().any(is_better)
+        let mut acting = self.windows.iter().map(|windows| both(&acting(windows)));
+        acting.any(|[with, without]| surely_leaves(&with, &without, self.floor, MOST_LEFT))
     }
 
     /// Whether they surely are better with the model, in windows of some length.
@@ -228,11 +237,12 @@ impl Unseen {
 
 /// Windows of two models.
 fn compared(with: &[Vec<f64>], without: &[Vec<f64>]) -> Vec<Compared> {
-    let one = |(with, without): (&Vec<f64>, &Vec<f64>)| {
+    let mut windows = Vec::with_capacity(with.len());
+    for (with, without) in with.iter().zip(without) {
         let change: Vec<f64> = with.iter().zip(without).map(|(a, b)| a - b).collect();
-        Compared { with: rms(with), without: rms(without), change: rms(&change) }
-    };
-    with.iter().zip(without).map(one).collect()
+        windows.push(Compared { with: rms(with), without: rms(without), change: rms(&change) });
+    }
+    windows
 }
 
 /// The windows in which predictions differ most, that hold most of what they differ by.
@@ -241,12 +251,13 @@ fn acting(windows: &[Compared]) -> Vec<Compared> {
     sorted.sort_by(|a, b| b.change.total_cmp(&a.change));
     let total: f64 = sorted.iter().map(|w| w.change * w.change).sum();
     let mut held = 0.0;
-    let is_needed = |w: &Compared| {
-        let needed = held < ACTING * total;
-        held += w.change * w.change;
-        needed
-    };
-    sorted.into_iter().take_while(is_needed).collect()
+    let mut count = 0;
+    while count < sorted.len() && held < ACTING * total {
+        held += sorted[count].change * sorted[count].change;
+        count += 1;
+    }
+    sorted.truncate(count);
+    sorted
 }
 
 /// Residuals with and without.
@@ -256,11 +267,10 @@ fn both(windows: &[Compared]) -> [Vec<f64>; 2] {
 
 /// Residuals of the windows of each part under a model with parameters that its complement gives.
 fn crossed(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNoise) -> Residuals {
-    let one = |[fitted, other]: &[Problem; 2]| {
-        let known = fit(fitted, model, None, noise, Free::All, Pace::WARM).model;
-        left(other, &known)
-    };
-    let parts: Vec<_> = folds.par_iter().map(one).collect();
+    let parts: Vec<Residuals> = folds
+        .par_iter()
+        .map(|[fitted, other]| left(other, &fit(fitted, model, None, noise, Free::All, Pace::WARM).model))
+        .collect();
     std::array::from_fn(|length| parts.iter().flat_map(|p| p[length].iter().cloned()).collect())
 }
 

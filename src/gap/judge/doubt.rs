@@ -151,18 +151,18 @@ impl<'a> JointScene<'a> {
         let all: Vec<&Stretch> = own.stretches.iter().collect();
         let seen = own.seen(&all, &AS_GIVEN);
         let efforts = own.efforts(joint, &all, 0.0);
-        own.with_share((&all, &seen), &efforts)
+        own.with_share(&all, &seen, &efforts)
     }
 
     /// With the share of the stretches that says something new by what is left of efforts over them.
     #[must_use]
-    pub fn with_share(&self, (stretches, seen): (&[&Stretch], &[Seen]), efforts: &[Option<f64>]) -> Self {
+    pub fn with_share(&self, stretches: &[&Stretch], seen: &[Seen], efforts: &[Option<f64>]) -> Self {
         let known: Vec<usize> = (0..seen.len()).filter(|i| efforts[*i].is_some()).collect();
         let rows: Vec<Seen> = known.iter().map(|i| seen[*i]).collect();
         let effort: Vec<f64> = known.iter().filter_map(|i| efforts[*i]).collect();
-        let key = |k: usize| stretches[known[k]].key;
-        let follows = |k: usize| k > 0 && key(k) == (key(k - 1).0, key(k - 1).1 + 1);
-        let follows: Vec<bool> = (0..known.len()).map(follows).collect();
+        let keys: Vec<(usize, usize)> = known.iter().map(|i| stretches[*i].key).collect();
+        let follows: Vec<bool> =
+            (0..keys.len()).map(|k| k > 0 && keys[k] == (keys[k - 1].0, keys[k - 1].1 + 1)).collect();
         let share = independent_share(&rows, &effort, self.turns(), &follows);
         Self { scene: self.scene, joint: self.joint, stretches: self.stretches.clone(), share }
     }
@@ -181,26 +181,25 @@ impl<'a> JointScene<'a> {
         let zero = vec![0.0; n];
         let mut unit = zero.clone();
         unit[joint] = 1.0;
-        let scaled =
-            |values: &[f64]| -> Vec<f64> { values.iter().zip(&factor).map(|(x, f)| x * f).collect() };
         let spec = &tree.joints[joint];
-        let one = |s: &&Stretch| {
-            let q = scaled(&s.position);
-            let v = scaled(&s.velocity);
-            let a = scaled(&s.acceleration);
+        let mut seen = Vec::with_capacity(stretches.len());
+        for s in stretches {
+            let q = products(&s.position, &factor);
+            let v = products(&s.velocity, &factor);
+            let a = products(&s.acceleration, &factor);
             let inertia = tree.inverse_dynamics(&q, &zero, &unit, false)[joint];
             let whole = tree.inverse_dynamics(&q, &v, &a, true)[joint];
             let inertial = inertia * a[joint];
             let own = spec.damping * v[joint] + spec.friction * v[joint].signum();
-            Seen {
+            seen.push(Seen {
                 position: q[joint],
                 velocity: v[joint],
                 inertial,
                 rest: whole - inertial + own,
                 inertia: inertia * factor[joint],
-            }
-        };
-        stretches.iter().map(one).collect()
+            });
+        }
+        seen
     }
 
     /// Recorded efforts of a joint over stretches, late by a delay.
@@ -223,7 +222,7 @@ impl<'a> JointScene<'a> {
                 brought = resampled(&other.time_s, &other.effort, &own.time_s, hold);
                 &brought
             };
-            let means = mean_signal((own, values), part, hold, delay_s);
+            let means = mean_signal(own, values, part, hold, delay_s);
             found.extend(means.into_iter().map(|u| u.filter(|u| u.is_finite())));
         }
         found
@@ -313,13 +312,21 @@ impl<'a> JointScene<'a> {
             // A slide knows nothing of lengths.
             return None;
         }
-        let efforts = |delay_s: f64| -> Vec<Option<f64>> {
-            let own = self.efforts(self.joint, &stretches, delay_s);
-            own.into_iter().map(|u| u.map(|u| u * convention.effort)).collect()
-        };
+        let efforts = |delay_s: f64| self.scaled_efforts(&stretches, delay_s, convention.effort);
         let odds = self.odds(&seen, &efforts, given, &about_one(), (0.0, -convention.effort.abs().ln()))?;
-        let size = |s: &[Seen]| s.iter().map(|s| s.inertial.powi(2)).sum::<f64>().sqrt();
-        Some(Odds { inertia_ratio: odds.inertia_ratio * size(&taken) / size(&seen).max(1e-300), ..odds })
+        let inertia_ratio = odds.inertia_ratio * inertial_size(&taken) / inertial_size(&seen).max(1e-300);
+        Some(Odds { inertia_ratio, ..odds })
+    }
+
+    /// Recorded efforts of the joint over stretches, late by a delay, times a factor.
+    fn scaled_efforts(&self, stretches: &[&Stretch], delay_s: f64, factor: f64) -> Vec<Option<f64>> {
+        let own = self.efforts(self.joint, stretches, delay_s);
+        own.into_iter().map(|u| u.map(|u| u * factor)).collect()
+    }
+
+    /// The joint without its stretches, with another share of new stretches.
+    fn with_new_share(&self, share: f64) -> Self {
+        Self { scene: self.scene, joint: self.joint, stretches: Vec::new(), share }
     }
 
     /// Log odds that the efforts of another joint move this one: that they explain its motion better than its
@@ -333,14 +340,23 @@ impl<'a> JointScene<'a> {
         let efforts = |delay_s: f64| self.efforts(other.joint, &both, delay_s);
         // What wrong efforts leave of a motion resembles itself for long: the better explanation decides how
         // much each stretch says.
-        let share = self.share.max(self.with_share((&both, &seen), &efforts(0.0)).share);
-        let of = |scene: &Self| Self { scene: scene.scene, joint: scene.joint, stretches: Vec::new(), share };
+        let share = self.share.max(self.with_share(&both, &seen, &efforts(0.0)).share);
         let gains = all_gains();
-        let own = of(self).baseline(&both, &gains)?;
-        let their = of(other).baseline(&theirs, &gains)?;
+        let own = self.with_new_share(share).baseline(&both, &gains)?;
+        let their = other.with_new_share(share).baseline(&theirs, &gains)?;
         let given = Baseline { motion: own.motion, ..their };
-        of(self).odds(&seen, &efforts, &given, &about_one(), (0.0, 0.0))
+        self.with_new_share(share).odds(&seen, &efforts, &given, &about_one(), (0.0, 0.0))
     }
+}
+
+/// Values times factors, one by one.
+fn products(values: &[f64], factors: &[f64]) -> Vec<f64> {
+    values.iter().zip(factors).map(|(x, f)| x * f).collect()
+}
+
+/// Root mean square inertial effort, up to the root of the number of stretches.
+fn inertial_size(seen: &[Seen]) -> f64 {
+    seen.iter().map(|s| s.inertial.powi(2)).sum::<f64>().sqrt()
 }
 
 /// Doubts about the input, by joint of the twin.
@@ -354,12 +370,17 @@ pub fn doubts(scene: &Scene) -> BTreeMap<usize, Doubt> {
         // Efforts of another joint leave so much that lasts that these stretches alone tell nothing.
         let given = own.baseline(&stretches, &all_gains());
         let motion = scene.tree.joints[own.joint].motion;
-        let of = |c: &Convention| Some((Looks::Convention(*c), own.of_convention(c, given.as_ref()?)?));
-        let mut all: Vec<(Looks, Odds)> =
-            CONVENTIONS.iter().filter(|c| c.concerns(motion)).filter_map(of).collect();
+        let mut all: Vec<(Looks, Odds)> = Vec::new();
+        if let Some(given) = &given {
+            for convention in CONVENTIONS.iter().filter(|c| c.concerns(motion)) {
+                let odds = own.of_convention(convention, given);
+                all.extend(odds.map(|odds| (Looks::Convention(*convention), odds)));
+            }
+        }
         for other in joints.iter().filter(|o| o.joint != own.joint) {
-            let name = || scene.tree.joints[other.joint].name.clone();
-            all.extend(own.by_efforts_of(other).map(|odds| (Looks::EffortsOf(name()), odds)));
+            if let Some(odds) = own.by_efforts_of(other) {
+                all.push((Looks::EffortsOf(scene.tree.joints[other.joint].name.clone()), odds));
+            }
         }
         if given.is_some() {
             let of_twin = all.iter().filter_map(|(looks, odds)| match looks {
@@ -413,18 +434,17 @@ fn shared(scene: &Scene, all: &[(usize, Vec<(Convention, f64)>)], found: &mut BT
     let Some(sure) = shown.max_by(|a, b| a.log_odds.total_cmp(&b.log_odds)).cloned() else { return };
     for j in scene.joints.iter().filter(|j| !found.contains_key(j)).copied().collect::<Vec<_>>() {
         let own = all.iter().find(|(joint, _)| *joint == j).map(|(_, odds)| odds.as_slice());
-        let contradicts = |looks: &Looks| {
-            let log = |own: &[(Convention, f64)]| {
-                own.iter().find(|(c, _)| *looks == Looks::Convention(*c)).map(|(_, log)| *log)
-            };
-            // What does not change with the convention does not rest on it.
-            own.is_some_and(|own| log(own).is_none_or(|log| log < LOG_PRIOR))
-        };
-        if !sure.looks.iter().all(contradicts) {
+        if !own.is_some_and(|own| sure.looks.iter().all(|looks| contradicts(own, looks))) {
             let joint = scene.tree.joints[j].name.clone();
             found.insert(j, Doubt { joint, by: Some(sure.joint.clone()), ..sure.clone() });
         }
     }
+}
+
+/// Whether the log odds of a joint's conventions contradict one, or do not depend on it.
+fn contradicts(own: &[(Convention, f64)], looks: &Looks) -> bool {
+    let known = own.iter().find(|(c, _)| *looks == Looks::Convention(*c));
+    known.is_none_or(|(_, log)| *log < LOG_PRIOR)
 }
 
 fn is_of_twin(looks: &Looks) -> bool {

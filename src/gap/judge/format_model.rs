@@ -127,10 +127,11 @@ pub fn stand_ins(
     let mut maker =
         Maker { problem: predicting, held_out, diagnosis, updated: &nearest, gap, sought: Vec::new() };
     let mut weighed: Vec<(JointModel, bool)> = Vec::new();
-    let mut one = |format: Format| {
+    let mut stand_ins = Vec::new();
+    for format in Format::ALL {
         let model = maker.best(format, &expressed(format, &nearest, problem.catalogue));
         if model.terms.is_empty() {
-            return None;
+            continue;
         }
         // Most formats hold the same.
         let known = weighed.iter().find(|(m, _)| *m == model).map(|(_, serves)| *serves);
@@ -140,17 +141,13 @@ pub fn stand_ins(
             serves
         });
         let rmse = windowed_rmse(held_out, &model);
-        let by = model.terms.clone();
-        let effects = vec![HeldEffect { effect: None, fate: Fate::Replaced, by }];
-        (serves && rmse < gap.before).then_some(FormatModel {
-            format,
-            model,
-            rmse,
-            twin_rmse: gap.before,
-            effects,
-        })
-    };
-    Format::ALL.into_iter().filter_map(&mut one).collect()
+        if serves && rmse < gap.before {
+            let by = model.terms.clone();
+            let effects = vec![HeldEffect { effect: None, fate: Fate::Replaced, by }];
+            stand_ins.push(FormatModel { format, model, rmse, twin_rmse: gap.before, effects });
+        }
+    }
+    stand_ins
 }
 
 /// Searches of one joint, shared by the formats.
@@ -251,13 +248,7 @@ impl<'c> Maker<'_, 'c> {
     /// The model that predicts the runs best, of those that a format holds.
     fn best(&mut self, format: Format, translated: &JointModel) -> JointModel {
         let problem = &self.problem;
-        let has_push = self.diagnosis.model.terms.iter().any(|t| problem.catalogue[t.effect].is_of_one_run());
-        let may = |e: &usize| {
-            let effect = problem.catalogue[*e].as_ref();
-            // A push is fitted beside the others and not written.
-            if effect.is_of_one_run() { has_push } else { self.can_hold(format, effect) }
-        };
-        let effects: Vec<usize> = problem.sought().into_iter().filter(may).collect();
+        let effects = self.holdable_effects(format);
         let known = self.sought.iter().position(|(e, _)| *e == effects);
         let at = known.unwrap_or_else(|| {
             let seeds = std::slice::from_ref(translated);
@@ -267,16 +258,11 @@ impl<'c> Maker<'_, 'c> {
             self.sought.push((effects, found));
             self.sought.len() - 1
         });
-        let own = |m: &JointModel| -> Vec<Term> {
-            let terms = m.terms.iter();
-            terms.filter(|t| !problem.catalogue[t.effect].is_of_one_run()).cloned().collect()
-        };
         // An armature below zero is none.
-        let holds = |c: &&Candidate| {
-            let model = JointModel { terms: own(&c.fit.model), ..c.fit.model.clone() };
+        let sets = self.sought[at].1.by_size.iter().flatten().filter(|c| {
+            let model = without_pushes(problem.catalogue, &c.fit.model);
             expressed(format, &model, problem.catalogue).terms == model.terms
-        };
-        let sets = self.sought[at].1.by_size.iter().flatten().filter(holds);
+        });
         let Some(best) = sets.max_by(|a, b| a.score.total_cmp(&b.score)) else {
             return translated.without_effects();
         };
@@ -288,9 +274,28 @@ impl<'c> Maker<'_, 'c> {
         if !translated.terms.is_empty() && as_found.score > found.score - SIMPLER {
             return translated.clone();
         }
-        let model = JointModel { terms: own(&found.fit.model), ..found.fit.model };
-        expressed(format, &model, problem.catalogue)
+        expressed(format, &without_pushes(problem.catalogue, &found.fit.model), problem.catalogue)
     }
+
+    /// The sought effects with a place in a file; with the push, fitted beside them and not written, where one
+    /// was found.
+    fn holdable_effects(&self, format: Format) -> Vec<usize> {
+        let catalogue = self.catalogue();
+        let has_push = self.diagnosis.model.terms.iter().any(|t| catalogue[t.effect].is_of_one_run());
+        let mut effects = self.problem.sought();
+        effects.retain(|e| {
+            let effect = catalogue[*e].as_ref();
+            if effect.is_of_one_run() { has_push } else { self.can_hold(format, effect) }
+        });
+        effects
+    }
+}
+
+/// A model without the effects that belong to one run.
+fn without_pushes(catalogue: &Catalogue, model: &JointModel) -> JointModel {
+    let mut model = model.clone();
+    model.terms.retain(|t| !catalogue[t.effect].is_of_one_run());
+    model
 }
 
 /// Whether what an effect does may be taken up by another: both resist the motion, or neither does; a gain

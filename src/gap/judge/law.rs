@@ -118,11 +118,12 @@ pub fn laws(fitted: &Problem, held_out: &Problem, diagnosis: &Diagnosis) -> Vec<
             by_variable.insert((variable, 0), Vec::new());
         }
     }
-    let law = |((variable, run), terms)| {
-        Sum { problem: fitted, model, terms, variable, run, middle: middle(&all) }
-            .law(&seen, diagnosis.spread.as_ref())
-    };
-    by_variable.into_iter().map(law).collect()
+    let mut laws = Vec::with_capacity(by_variable.len());
+    for ((variable, run), terms) in by_variable {
+        let sum = Sum { problem: fitted, model, terms, variable, run, middle: middle(&all) };
+        laws.push(sum.law(&seen, diagnosis.spread.as_ref()));
+    }
+    laws
 }
 
 /// The axis on which a dependence is drawn.
@@ -141,24 +142,22 @@ fn variable_of(effect: &dyn Effect, term: &Term, seen: &[&Observed]) -> Option<V
         Place::Effort if effect.is_of_one_run() => Some(Variable::Time),
         Place::Effort if effect.is_of_velocity() => Some(Variable::Velocity),
         Place::Effort | Place::Contact => Some(Variable::Position),
-        Place::Friction => {
-            let depends = |of: fn(&Response) -> f64| {
-                seen.iter().any(|o| {
-                    let mut r = Response::default();
-                    effect.respond(&o.at(), &term.p, &mut r);
-                    of(&r) != 0.0
-                })
-            };
-            Some(match () {
-                () if depends(|r| r.u) => Variable::Effort,
-                () if depends(|r| r.q) => Variable::Position,
-                () => Variable::Velocity,
-            })
-        }
+        Place::Friction if depends(effect, term, seen, |r| r.u) => Some(Variable::Effort),
+        Place::Friction if depends(effect, term, seen, |r| r.q) => Some(Variable::Position),
+        Place::Friction => Some(Variable::Velocity),
         Place::Inertia => Some(Variable::Acceleration),
         Place::Gain => Some(Variable::Effort),
         Place::Delay | Place::Bias | Place::Scale | Place::Play => None,
     }
+}
+
+/// Whether a derivative of an effect is not zero at any moment.
+fn depends(effect: &dyn Effect, term: &Term, seen: &[&Observed], derivative: fn(&Response) -> f64) -> bool {
+    seen.iter().any(|o| {
+        let mut r = Response::default();
+        effect.respond(&o.at(), &term.p, &mut r);
+        derivative(&r) != 0.0
+    })
 }
 
 fn run_of(push: &Term) -> i64 {
@@ -210,7 +209,7 @@ impl Sum<'_> {
         let low = low.max(ends.0 - bin);
         let high = high.min(ends.1 + bin);
         if !self.terms.is_empty() && high > low {
-            let curves = self.ways().into_iter().flat_map(|way| self.curves(way, (low, high), spread));
+            let curves = self.ways().into_iter().flat_map(|way| self.curves(way, low, high, spread));
             law.curves = curves.collect();
         }
         law
@@ -259,9 +258,6 @@ impl Sum<'_> {
 
     /// Edges of the bins; none reaches over rest.
     fn edges(&self, low: f64, high: f64) -> Vec<f64> {
-        let even = |from: f64, to: f64, n: usize| -> Vec<f64> {
-            (0..=n).map(|i| from + (to - from) * i as f64 / n as f64).collect()
-        };
         if self.variable == Variable::Velocity && low < 0.0 && high > 0.0 {
             let below = ((BINS as f64 * -low / (high - low)).round() as usize).clamp(2, BINS - 2);
             let mut edges = even(low, 0.0, below);
@@ -271,23 +267,15 @@ impl Sum<'_> {
         even(low, high, BINS)
     }
 
-    fn curves(&self, way: Way, (low, high): (f64, f64), spread: Option<&Spread>) -> Vec<Curve> {
-        let grid = |from: f64, to: f64| -> Vec<f64> {
-            (0..=GRID).map(|i| from + (to - from) * i as f64 / GRID as f64).collect()
-        };
-        let half_of = |from: f64, to: f64| {
-            // Finer where friction falls from rest to speed.
-            let power = |x: f64| x.powi(3);
-            let own = |i: usize| from + (to - from) * power(i as f64 / GRID as f64);
-            (0..=GRID).map(own).collect::<Vec<f64>>()
-        };
+    fn curves(&self, way: Way, low: f64, high: f64, spread: Option<&Spread>) -> Vec<Curve> {
         let pieces = if self.variable != Variable::Velocity {
-            vec![(way, grid(low, high))]
+            vec![(way, even(low, high, GRID))]
         } else {
-            let sides = [(Way::Falling, half_of(0.0, low)), (Way::Rising, half_of(0.0, high))];
+            let sides = [(Way::Falling, finer_near(0.0, low)), (Way::Rising, finer_near(0.0, high))];
             sides.into_iter().filter(|(w, x)| w.sign() * x[GRID] > 0.0).collect()
         };
-        let curve = |(side, x): (Way, Vec<f64>)| {
+        let mut curves = Vec::with_capacity(pieces.len());
+        for (side, x) in pieces {
             let mut effort = Vec::new();
             let mut half = Vec::new();
             for &x in &x {
@@ -295,9 +283,9 @@ impl Sum<'_> {
                 effort.push(value);
                 half.push(spread.map_or(0.0, |s| s.half_width(0, &gradient)));
             }
-            Curve { way, x, effort, half }
-        };
-        pieces.into_iter().map(curve).collect()
+            curves.push(Curve { way, x, effort, half });
+        }
+        curves
     }
 
     /// The law at a value of its variable, with its gradient by all free parameters.
@@ -339,9 +327,7 @@ impl Sum<'_> {
     }
 
     fn points(&self, way: Way, is_held_out: bool, seen: &[Observed], edges: &[f64]) -> Vec<Point> {
-        /// Sums of a bin: by window the count, the variable and the effort.
-        type Bin = BTreeMap<usize, [f64; 3]>;
-        let mut bins: Vec<Bin> = vec![Bin::new(); edges.len() - 1];
+        let mut bins: Vec<BinSums> = vec![BinSums::new(); edges.len() - 1];
         for o in seen.iter().filter(|o| self.shows(o)) {
             let own = if o.v < 0.0 { Way::Falling } else { Way::Rising };
             let x = self.x(o);
@@ -354,21 +340,36 @@ impl Sum<'_> {
             let sums = bins[bin - 1].entry(o.window).or_default();
             sums.iter_mut().zip([1.0, x, effort]).for_each(|(s, x)| *s += x);
         }
-        let point = |windows: &Bin| {
-            let total = windows.values().fold([0.0; 3], |t, w| [t[0] + w[0], t[1] + w[1], t[2] + w[2]]);
-            let [count, x, effort] = total;
-            // Beside a push there are few samples, of one window.
-            let is_push = self.variable == Variable::Time;
-            if count < 1.0 || !is_push && (count < LEAST_SAMPLES as f64 || windows.len() < LEAST_WINDOWS) {
-                return None;
-            }
-            let mean = effort / count;
-            // Samples of a window err together, so that windows are what scatters.
-            let n = windows.len() as f64;
-            let squares: f64 = windows.values().map(|w| (w[2] - mean * w[0]).powi(2)).sum();
-            let half = if n > 1.0 { HALF_WIDTH * (squares * n / (n - 1.0)).sqrt() / count } else { 0.0 };
-            Some(Point { way, is_held_out, x: x / count, effort: mean, half })
-        };
-        bins.iter().filter_map(point).collect()
+        bins.iter().filter_map(|windows| self.point(way, is_held_out, windows)).collect()
     }
+
+    /// The mean of a bin; `None` of too few samples or windows.
+    fn point(&self, way: Way, is_held_out: bool, windows: &BinSums) -> Option<Point> {
+        let total = windows.values().fold([0.0; 3], |t, w| [t[0] + w[0], t[1] + w[1], t[2] + w[2]]);
+        let [count, x, effort] = total;
+        // Beside a push there are few samples, of one window.
+        let is_push = self.variable == Variable::Time;
+        if count < 1.0 || !is_push && (count < LEAST_SAMPLES as f64 || windows.len() < LEAST_WINDOWS) {
+            return None;
+        }
+        let mean = effort / count;
+        // Samples of a window err together: the scatter is that of windows.
+        let n = windows.len() as f64;
+        let squares: f64 = windows.values().map(|w| (w[2] - mean * w[0]).powi(2)).sum();
+        let half = if n > 1.0 { HALF_WIDTH * (squares * n / (n - 1.0)).sqrt() / count } else { 0.0 };
+        Some(Point { way, is_held_out, x: x / count, effort: mean, half })
+    }
+}
+
+/// Sums of a bin: by window the count, the variable and the effort.
+type BinSums = BTreeMap<usize, [f64; 3]>;
+
+/// `n + 1` values from one end of a range to the other, evenly.
+fn even(from: f64, to: f64, n: usize) -> Vec<f64> {
+    (0..=n).map(|i| from + (to - from) * i as f64 / n as f64).collect()
+}
+
+/// Values from one end of a range to the other, finer near the first.
+fn finer_near(from: f64, to: f64) -> Vec<f64> {
+    (0..=GRID).map(|i| from + (to - from) * (i as f64 / GRID as f64).powi(3)).collect()
 }

@@ -16,7 +16,7 @@ use crate::{
         simplify::{SIMPLER, special_terms},
         spread::{Spread, with_common},
     },
-    model::joint_model::JointModel,
+    model::joint_model::{JointModel, Term},
     twin_tree::TwinTree,
 };
 
@@ -74,7 +74,8 @@ fn together(tree: &TwinTree, members: &[&mut Member]) -> Option<Vec<(JointModel,
         return None;
     }
     let mut first = 0;
-    let own = |(model, member): (&JointModel, &&mut Member)| {
+    let mut own = Vec::with_capacity(members.len());
+    for (model, member) in fitted.models.iter().zip(members) {
         let n = model.free();
         let mut covariance = fitted.covariance.view((first, first), (n, n)).into_owned();
         let witnesses = fitted.witnesses[first..first + n].to_vec();
@@ -82,9 +83,9 @@ fn together(tree: &TwinTree, members: &[&mut Member]) -> Option<Vec<(JointModel,
             covariance = with_common(&covariance, &witnesses);
         }
         first += n;
-        (model.clone(), Spread { covariance, witnesses })
-    };
-    Some(fitted.models.iter().zip(members).map(own).collect())
+        own.push((model.clone(), Spread { covariance, witnesses }));
+    }
+    Some(own)
 }
 
 /// The members' effects fitted together, without those that the chain does not need, and special cases in
@@ -93,16 +94,12 @@ fn simpler(joints: &Joints, models: &[JointModel]) -> Option<MultibodyFit> {
     if joints.windows() == 0 || models.iter().all(|m| m.terms.is_empty()) {
         return None;
     }
-    let score = |fitted: &MultibodyFit| {
-        let prices = joints.problems.iter().zip(&fitted.models).map(|(p, m)| price(p, m));
-        fitted.twice_likelihood - prices.sum::<f64>()
-    };
     let mut chosen = fit(joints, models, None, Free::All, Pace::THOROUGH);
     loop {
-        let own = score(&chosen);
+        let own = score(joints, &chosen);
         let trials = less(joints, &chosen).into_iter().map(|(models, lead)| {
             let trial = fit(joints, &models, Some(&chosen.starts), Free::All, Pace::TRIAL);
-            (score(&trial) - own + lead, trial)
+            (score(joints, &trial) - own + lead, trial)
         });
         match trials.max_by(|a, b| a.0.total_cmp(&b.0)) {
             Some((ahead, trial)) if ahead > 0.0 => {
@@ -113,7 +110,13 @@ fn simpler(joints: &Joints, models: &[JointModel]) -> Option<MultibodyFit> {
     }
 }
 
-/// Deviations from its neutral value at which a strength is so sure that its effect stays.
+/// Twice the log likelihood less the prices of the models.
+fn score(joints: &Joints, fitted: &MultibodyFit) -> f64 {
+    let prices = joints.problems.iter().zip(&fitted.models).map(|(p, m)| price(p, m));
+    fitted.twice_likelihood - prices.sum::<f64>()
+}
+
+/// Deviations of a strength from its neutral value from which its effect stays.
 /// chosen: twice the log likelihood falls by their square without it, more than any effect costs.
 const SURE: f64 = 6.0;
 
@@ -122,32 +125,29 @@ fn less(joints: &Joints, fitted: &MultibodyFit) -> Vec<(Vec<JointModel>, f64)> {
     let models = &fitted.models;
     let mut all = Vec::new();
     let mut first = 0;
-    let mut with = |i: usize, model: JointModel, lead: f64| {
-        let mut models = models.clone();
-        models[i] = model;
-        all.push((models, lead));
-    };
     for (i, model) in models.iter().enumerate() {
-        let catalogue = joints.problems[i].catalogue;
         for (t, (at, term)) in model.placed().enumerate() {
-            let is_sure = |k: usize| {
-                let column = first + at + k;
-                let neutral = catalogue[term.effect].parameters()[k].neutral;
-                let deviation = fitted.covariance[(column, column)].sqrt();
-                neutral.is_some_and(|neutral| (term.p[k] - neutral).abs() > SURE * deviation)
-            };
-            if !(0..term.p.len()).any(is_sure) {
-                let mut without = model.clone();
-                without.terms.remove(t);
-                with(i, without, 0.0);
+            if !has_sure_strength(&joints.problems[i], fitted, first + at, term) {
+                let mut without = models.clone();
+                without[i].terms.remove(t);
+                all.push((without, 0.0));
             }
             for special_term in special_terms(&joints.problems[i], term) {
-                let mut special = model.clone();
-                special.terms[t] = special_term;
-                with(i, special, SIMPLER);
+                let mut special = models.clone();
+                special[i].terms[t] = special_term;
+                all.push((special, SIMPLER));
             }
         }
         first += model.free();
     }
     all
+}
+
+/// Whether a strength of a term, with columns from `first` on, is far from its neutral value.
+fn has_sure_strength(problem: &Problem, fitted: &MultibodyFit, first: usize, term: &Term) -> bool {
+    let parameters = problem.catalogue[term.effect].parameters();
+    (0..term.p.len()).any(|k| {
+        let deviation = fitted.covariance[(first + k, first + k)].sqrt();
+        parameters[k].neutral.is_some_and(|neutral| (term.p[k] - neutral).abs() > SURE * deviation)
+    })
 }

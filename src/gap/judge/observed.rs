@@ -3,7 +3,7 @@
 use crate::{
     fit::problem::Problem,
     model::{
-        effect::{At, Place, Response, run_time_s},
+        effect::{At, Place, run_time_s},
         joint_model::JointModel,
     },
     record::carried::Carried,
@@ -118,21 +118,16 @@ fn found_beside_inertia(problem: &Problem, model: &JointModel, o: &Observed, smo
     let mut sum = (gain - 1.0) * o.u;
     let mut at = At { u: gain * o.u, ..o.at() };
     let of = |place: Place| model.terms.iter().filter(move |t| problem.catalogue[t.effect].place() == place);
-    let respond = |effect: usize, p: &[f64], at: &At| {
-        let mut r = Response::default();
-        problem.catalogue[effect].respond(at, p, &mut r);
-        r.value
-    };
     for term in of(Place::Effort) {
-        sum += respond(term.effect, &term.p, &at);
+        sum += term.value_at(problem.catalogue, &at);
     }
     // A contact feels the sum of the others.
     at.load = smooth + sum;
     for term in of(Place::Contact) {
-        sum += respond(term.effect, &term.p, &at);
+        sum += term.value_at(problem.catalogue, &at);
     }
     for term in of(Place::Friction) {
-        sum -= respond(term.effect, &term.p, &at).max(0.0) * at.direction;
+        sum -= term.value_at(problem.catalogue, &at).max(0.0) * at.direction;
     }
     sum
 }

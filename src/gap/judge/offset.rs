@@ -19,7 +19,8 @@ const OFFSET: f64 = 0.15;
 #[must_use]
 pub fn with_offset(
     problem: &Problem,
-    (model, spread): (JointModel, Spread),
+    model: JointModel,
+    spread: Spread,
     given: &[usize],
 ) -> (JointModel, Spread) {
     if !given.is_empty() {
@@ -87,9 +88,9 @@ mod tests {
         let of = |p: [f64; 2]| {
             with(&effects, &plant, &[("asymmetric_friction", &p), ("viscous_friction", &[0.1])])
         };
-        let (same, _) = with_offset(&problem, (of([0.1, 0.3]), spread()), &[]);
+        let (same, _) = with_offset(&problem, of([0.1, 0.3]), spread(), &[]);
         assert_eq!(same, of([0.1, 0.3]));
-        let (other, known) = with_offset(&problem, (of([0.2, 0.24]), spread()), &[]);
+        let (other, known) = with_offset(&problem, of([0.2, 0.24]), spread(), &[]);
         let names: Vec<&str> = other.terms.iter().map(|t| effects[t.effect].name()).collect();
         assert_eq!(names, ["coulomb_friction", "constant_bias", "viscous_friction"]);
         assert!((known.covariance[(1, 1)] - 2.0).abs() < 1e-12 && known.covariance[(3, 3)] == 1.0);

@@ -132,15 +132,12 @@ pub fn prove(
     let mut runs = Vec::new();
     let mut series = Vec::new();
     for (index, log) in held_out.logs.iter().enumerate() {
-        let of = |all: &[(Span, Vec<f64>)]| -> Vec<f64> {
-            all.iter().filter(|(s, _)| s.log == index).flat_map(|(_, r)| r.clone()).collect()
-        };
         runs.push(RunGap {
             run: log.run.clone(),
-            before: rms(&of(&one)),
-            after: rms(&of(&other)),
-            full_before: rms(&of(&full_one)),
-            full_after: rms(&of(&full_other)),
+            before: rms_of_log(&one, index),
+            after: rms_of_log(&other, index),
+            full_before: rms_of_log(&full_one, index),
+            full_after: rms_of_log(&full_other, index),
         });
         series.push(RunSeries {
             windows: series_of(log, index, [&one, &other]),
@@ -155,6 +152,12 @@ pub fn prove(
         series,
         after_starts,
     )
+}
+
+/// Root mean square of the residuals of one log, rad or m.
+fn rms_of_log(all: &[(Span, Vec<f64>)], index: usize) -> f64 {
+    let own = all.iter().filter(|(s, _)| s.log == index).flat_map(|(_, r)| r.clone());
+    rms(&own.collect::<Vec<f64>>())
 }
 
 /// Residuals of each window from its start state.

@@ -31,11 +31,7 @@ const NEAR: [f64; 4] = [0.7, 0.85, 1.2, 1.45];
 pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     let problem = &problem.refined();
     let pace = Pace { rounds: 1, steps: 6, enough: ENOUGH, settles: false, searches: false, hears: false };
-    let at = |settle_s: f64, from: &Fit, steps: usize| {
-        let model = JointModel { settle_s, ..from.model.clone() };
-        fit(problem, &model, Some(&from.starts), from.noise, Free::All, Pace { steps, ..pace })
-    };
-    let fine = at(coarse.model.settle_s, coarse, pace.steps);
+    let fine = fit_at(problem, coarse.model.settle_s, coarse, pace);
     let mut fits = vec![fine.clone()];
     if fine.model.has_friction(problem.catalogue) {
         let own = fine.model.settle_s;
@@ -45,7 +41,7 @@ pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
             .chain(near)
             .collect::<Vec<_>>()
             .par_iter()
-            .map(|s| at(*s, &fine, pace.steps / 2))
+            .map(|s| fit_at(problem, *s, &fine, Pace { steps: pace.steps / 2, ..pace }))
             .collect();
         fits.extend(more);
     }
@@ -83,7 +79,13 @@ pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     (model, Spread { covariance, witnesses: fine.witnesses })
 }
 
-/// By how much the parameters move where a measured effort is larger by one deviation of its sensor's gain.
+/// A fit from another one, with a given settle time.
+fn fit_at(problem: &Problem, settle_s: f64, from: &Fit, pace: Pace) -> Fit {
+    let model = JointModel { settle_s, ..from.model.clone() };
+    fit(problem, &model, Some(&from.starts), from.noise, Free::All, pace)
+}
+
+/// Change of the parameters with a measured effort larger by one deviation of its sensor's gain.
 fn by_gain(problem: &Problem, fitted: &Fit, pace: Pace) -> Option<DVector<f64>> {
     let mut model = fitted.model.clone();
     if !model.plant.actuator.is_measured() {

@@ -3,7 +3,10 @@
 
 use crate::{
     fit::problem::Problem,
-    judge::screen::{Columns, Hit, Screen, amplitudes},
+    judge::{
+        columns::Columns,
+        screen::{Hit, Screen, amplitudes},
+    },
     model::{
         effect::{At, Place},
         joint_model::{JointModel, Term},
@@ -44,18 +47,16 @@ pub fn regressed(
         }
     })?;
     let mut at = 0;
-    let with = |(t, count): (&Term, &usize)| {
-        let effect = &problem.catalogue[t.effect];
-        let mut p = t.p.clone();
+    let mut found = terms.to_vec();
+    for (term, count) in found.iter_mut().zip(&counts) {
+        let effect = &problem.catalogue[term.effect];
         for i in 0..*count {
             let neutral = effect.parameters()[i].neutral.unwrap_or(0.0);
             let (low, high) = effect.bounds(i, &problem.coverage);
-            p[i] = (neutral + score.amplitude[at + i]).clamp(low, high);
+            term.p[i] = (neutral + score.amplitude[at + i]).clamp(low, high);
         }
         at += count;
-        Term { effect: t.effect, p }
-    };
-    let found = terms.iter().zip(&counts).map(with).collect();
+    }
     Some((score.gain, found))
 }
 
@@ -94,17 +95,19 @@ pub fn regressed_sets(
     let mut terms = Vec::<Term>::new();
     let mut reached = 0.0;
     while terms.len() < largest {
-        let with = |hit: &Hit| {
+        let mut trials = Vec::new();
+        for hit in &hits {
+            let spec = problem.catalogue[hit.effect].spec();
+            if terms.iter().any(|t| problem.catalogue[t.effect].spec().overlaps(spec)) {
+                continue;
+            }
             let mut more = terms.clone();
             more.push(Term { effect: hit.effect, p: hit.p.clone() });
-            let (gain, found) = regressed(problem, screen, &states, &more)?;
+            let Some((gain, found)) = regressed(problem, screen, &states, &more) else { continue };
             let parameters: usize = found.iter().map(|t| t.p.len()).sum();
-            Some((gain - price * parameters as f64, found))
-        };
-        let spec = |effect: usize| problem.catalogue[effect].spec();
-        let is_free = |h: &&Hit| !terms.iter().any(|t| spec(t.effect).overlaps(spec(h.effect)));
-        let free = hits.iter().filter(is_free);
-        let best = free.filter_map(with).max_by(|a, b| a.0.total_cmp(&b.0));
+            trials.push((gain - price * parameters as f64, found));
+        }
+        let best = trials.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
         let Some((gain, found)) = best.filter(|(gain, _)| *gain > reached) else { break };
         (reached, terms) = (gain, found);
         sets.push(JointModel { terms: terms.clone(), ..JointModel::of(&problem.plant) });

@@ -246,12 +246,14 @@ pub fn overall(joints: &[JointReport]) -> Verdict {
 /// first.
 #[must_use]
 pub fn main_joint(joints: &[JointReport]) -> Option<&JointReport> {
-    let size = |j: &&JointReport| {
-        // Added as a number larger than any gap over its noise.
-        let found = f64::from(u8::from(!j.diagnosis.findings.is_empty()));
-        j.gap.as_ref().map_or(-1.0, |g| found * 1e12 + g.before / g.noise_floor.max(1e-12))
-    };
+    let size = |j: &JointReport| j.gap.as_ref().map_or(-1.0, |g| headline_size(j, g));
     joints.iter().filter(|j| j.gap.is_some()).max_by(|a, b| size(a).total_cmp(&size(b)))
+}
+
+/// The gap over its noise, larger than any other where effects were found.
+fn headline_size(joint: &JointReport, gap: &Gap) -> f64 {
+    let found = f64::from(u8::from(!joint.diagnosis.findings.is_empty()));
+    found * 1e12 + gap.before / gap.noise_floor.max(1e-12)
 }
 
 /// The report.
@@ -299,16 +301,19 @@ fn actuator(joint: &JointReport) -> Option<ActuatorJson> {
 fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
     // Over a whole run an unstable twin may leave all bounds, and JSON has no infinity.
     let finite = |x: f64| x.is_finite().then_some(x);
-    let one = |r: &crate::judge::proof::RunGap| RunJson {
-        run: r.run.clone(),
-        joint: joint.joint.clone(),
-        unit: if joint.turns { "rad" } else { "m" }.to_owned(),
-        before: r.before,
-        after: r.after,
-        full_length_before: finite(r.full_before),
-        full_length_after: finite(r.full_after),
-    };
-    gap.runs.iter().map(one).collect()
+    let mut runs = Vec::with_capacity(gap.runs.len());
+    for r in &gap.runs {
+        runs.push(RunJson {
+            run: r.run.clone(),
+            joint: joint.joint.clone(),
+            unit: if joint.turns { "rad" } else { "m" }.to_owned(),
+            before: r.before,
+            after: r.after,
+            full_length_before: finite(r.full_before),
+            full_length_after: finite(r.full_after),
+        });
+    }
+    runs
 }
 
 /// Share of the gap from which what names leave is reported.
@@ -363,22 +368,23 @@ fn nearest(joint: &JointReport) -> Option<NearestJson> {
 }
 
 fn findings<'f>(joint: &JointReport, found: impl Iterator<Item = &'f Finding>) -> Vec<FindingJson> {
-    let one = |f: &Finding| FindingJson {
+    found.map(|f| finding(joint, f)).collect()
+}
+
+fn finding(joint: &JointReport, f: &Finding) -> FindingJson {
+    let experiment = &f.experiment;
+    let alternatives = f.alternatives.iter().map(|(effect, weight)| AlternativeJson {
+        effect: effect.clone(),
+        weight: *weight,
+        experiment: experiment.clone(),
+    });
+    FindingJson {
         joint: joint.joint.clone(),
         effect: f.effect.clone(),
         parameters: f.parameters.iter().map(parameter).collect(),
         weight: f.weight,
-        alternatives: f
-            .alternatives
-            .iter()
-            .map(|(effect, weight)| AlternativeJson {
-                effect: effect.clone(),
-                weight: *weight,
-                experiment: f.experiment.clone(),
-            })
-            .collect(),
-    };
-    found.map(one).collect()
+        alternatives: alternatives.collect(),
+    }
 }
 
 /// Level at which a dependence is reported.

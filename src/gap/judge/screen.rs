@@ -12,7 +12,7 @@ use crate::{
         whiten::{respond, whiten},
         whitening::{Whitening, predict},
     },
-    judge::{locate::STILL, orthogonal::orthogonal},
+    judge::{columns::Columns, locate::STILL, orthogonal::orthogonal},
     model::{
         effect::{At, Effect, Extent, Place, Response, run_time_s},
         joint_model::{Catalogue, JointModel},
@@ -69,36 +69,6 @@ pub struct Middle {
     pub grip: Vec<f64>,
     /// Positions of the other joints.
     pub others: Vec<[f64; 8]>,
-}
-
-/// Columns over one window that are scored together.
-pub struct Columns {
-    /// Efforts by column and sample.
-    pub effort: Vec<Vec<f64>>,
-    /// Changes of the measurement by column and sample; empty where there are none.
-    pub direct: Vec<Vec<f64>>,
-    /// Columns that are not zero.
-    pub active: Vec<bool>,
-}
-
-impl Columns {
-    /// So many columns.
-    #[must_use]
-    pub fn new(count: usize) -> Self {
-        Self { effort: vec![Vec::new(); count], direct: Vec::new(), active: vec![false; count] }
-    }
-
-    /// Zero over a window of so many samples.
-    pub fn clear(&mut self, len: usize) {
-        for (effort, active) in self.effort.iter_mut().zip(&mut self.active) {
-            // Only what was written is cleared: most local shapes reach few windows.
-            if *active || effort.len() != len {
-                effort.clear();
-                effort.resize(len, 0.0);
-            }
-            *active = false;
-        }
-    }
 }
 
 /// What a set of columns would explain.
@@ -302,18 +272,21 @@ impl<'p, 'c> Screen<'p, 'c> {
     fn states(&self, index: usize) -> Vec<At<'_>> {
         let log = &self.problem.logs[index];
         let m = &self.middle[index];
-        let at = |k: usize| At {
-            q: m.position[k],
-            v: m.velocity[k],
-            u: m.effort[k],
-            feedback: [0.0; 2],
-            t: run_time_s(index, log, k),
-            direction: if m.velocity[k] < 0.0 { -1.0 } else { 1.0 },
-            others: &m.others[k],
-            load: 0.0,
-            carried: log.carried.get(k),
-        };
-        (0..m.position.len()).map(at).collect()
+        let mut states = Vec::with_capacity(m.position.len());
+        for k in 0..m.position.len() {
+            states.push(At {
+                q: m.position[k],
+                v: m.velocity[k],
+                u: m.effort[k],
+                feedback: [0.0; 2],
+                t: run_time_s(index, log, k),
+                direction: if m.velocity[k] < 0.0 { -1.0 } else { 1.0 },
+                others: &m.others[k],
+                load: 0.0,
+                carried: log.carried.get(k),
+            });
+        }
+        states
     }
 
     fn hit(&self, index: usize, effect: &dyn Effect, shape: &[f64], states: &[Vec<At>]) -> Option<Hit> {
@@ -363,12 +336,13 @@ impl<'p, 'c> Screen<'p, 'c> {
                 let half_gap = shape[0];
                 let predicted = &self.predicted[window];
                 let mut gauge = predicted[0] - problem.traces[span.log].direction[span.start] * half_gap;
-                let follow = |q: &f64| {
+                let mut play = Vec::with_capacity(predicted.len());
+                for q in predicted {
                     gauge = gauge.clamp(q - half_gap, q + half_gap);
-                    gauge - q
-                };
+                    play.push(gauge - q);
+                }
                 columns.active[0] = true;
-                columns.direct = vec![predicted.iter().map(follow).collect()];
+                columns.direct = vec![play];
             }),
             Place::Inertia | Place::Gain | Place::Bias | Place::Scale => Box::new(move |_, span, columns| {
                 columns.active[0] = true;
@@ -431,15 +405,17 @@ pub fn amplitudes(effect: &dyn Effect) -> usize {
 
 /// Positions and times that a window runs through.
 fn extents(problem: &Problem, middle: &[Middle]) -> Vec<Extent> {
-    let one = |span: &Span| {
+    let mut extents = Vec::with_capacity(problem.windows.len());
+    for span in &problem.windows {
         let log = &problem.logs[span.log];
         let position = &middle[span.log].position[span.start..span.start + span.len];
         let low = position.iter().copied().fold(f64::INFINITY, f64::min);
         let high = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let time = |k: usize| run_time_s(span.log, log, k);
-        Extent { position: (low, high), time_s: (time(span.start), time(span.start + span.len - 1)) }
-    };
-    problem.windows.iter().map(one).collect()
+        let first_s = run_time_s(span.log, log, span.start);
+        let last_s = run_time_s(span.log, log, span.start + span.len - 1);
+        extents.push(Extent { position: (low, high), time_s: (first_s, last_s) });
+    }
+    extents
 }
 
 /// States between samples and the model's acceleration there.
@@ -448,7 +424,8 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
     let added = model.scalar(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);
     let gain = model.scalar(catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
     let acting = Acting::of(model, catalogue);
-    let one = |(index, trace): (usize, &crate::fit::smooth::Trace)| {
+    let mut middles = Vec::with_capacity(problem.traces.len());
+    for (index, trace) in problem.traces.iter().enumerate() {
         let log = &problem.logs[index];
         let n = trace.position.len();
         let mut now = [0.0; 8];
@@ -494,7 +471,7 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
                 (trace.velocity[next] - trace.velocity[k]) / (log.time_s[next] - log.time_s[k]).max(1e-12),
             );
         }
-        m
-    };
-    problem.traces.iter().enumerate().map(one).collect()
+        middles.push(m);
+    }
+    middles
 }

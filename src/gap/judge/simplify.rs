@@ -53,24 +53,26 @@ pub fn refitted(problem: &Problem, from: &Candidate, model: &JointModel) -> Cand
 #[must_use]
 pub fn special_terms(problem: &Problem, term: &Term) -> Vec<Term> {
     let general = &problem.catalogue[term.effect];
-    let one = |name: &&str| {
-        let effect = problem.catalogue.iter().position(|e| e.name() == *name)?;
-        let mut p = problem.catalogue[effect].shapes(&problem.coverage).into_iter().next()?;
-        let own = problem.catalogue[effect].parameters();
-        for (k, (own, other)) in own.iter().zip(general.parameters()).enumerate() {
-            // Shared parameters come first in both, so the same place and unit mean the same number.
-            if own.dimension == other.dimension {
-                p[k] = term.p[k];
-            }
+    general.spec().contains.iter().filter_map(|name| special_term(problem, term, name)).collect()
+}
+
+/// The special case of a name; `None` where the catalogue or the motion has none.
+fn special_term(problem: &Problem, term: &Term, name: &str) -> Option<Term> {
+    let effect = problem.catalogue.iter().position(|e| e.name() == name)?;
+    let mut p = problem.catalogue[effect].shapes(&problem.coverage).into_iter().next()?;
+    let own = problem.catalogue[effect].parameters();
+    for (k, (own, other)) in own.iter().zip(problem.catalogue[term.effect].parameters()).enumerate() {
+        // Shared parameters come first in both, so the same place and unit mean the same number.
+        if own.dimension == other.dimension {
+            p[k] = term.p[k];
         }
-        Some(Term { effect, p })
-    };
-    general.spec().contains.iter().filter_map(one).collect()
+    }
+    Some(Term { effect, p })
 }
 
 /// A model with another effect in the place of its term `i`, fitted a little from the start states of a fit.
 #[must_use]
-pub fn replaced(problem: &Problem, model: &JointModel, (i, other): (usize, Term), from: &Fit) -> Fit {
+pub fn replaced(problem: &Problem, model: &JointModel, i: usize, other: Term, from: &Fit) -> Fit {
     let mut model = model.clone();
     model.terms[i] = other;
     fit(problem, &model, Some(&from.starts), from.noise, Free::All, Pace::NEXT)
@@ -86,7 +88,7 @@ fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
             let own = problem.catalogue[special.effect].parameters();
             let is_shared = |k: usize| own.get(k).is_some_and(|o| o.name == general.parameters()[k].name);
             let lost_is_sure = (0..term.p.len()).any(|k| !is_shared(k) && is_sure(problem, chosen, i, at, k));
-            let begun = candidate(problem, replaced(problem, &chosen.fit.model, (i, special), &chosen.fit));
+            let begun = candidate(problem, replaced(problem, &chosen.fit.model, i, special, &chosen.fit));
             let fitted = refitted(problem, &begun, &begun.fit.model);
             if fitted.score > chosen.score - SIMPLER || (!lost_is_sure && fitted.score.is_finite()) {
                 simpler.push(fitted);
@@ -107,8 +109,11 @@ fn is_sure(problem: &Problem, chosen: &Candidate, i: usize, at: usize, k: usize)
 
 /// The first effect from the `first` on of which no strength is sure to differ from its neutral value.
 fn doubtful_term(problem: &Problem, chosen: &Candidate, first: usize) -> Option<usize> {
-    let is_doubtful = |(i, (at, term)): &(usize, (usize, &Term))| {
-        *i >= first && !(0..term.p.len()).any(|k| is_sure(problem, chosen, *i, *at, k))
-    };
-    chosen.fit.model.placed().enumerate().find(is_doubtful).map(|(i, _)| i)
+    let terms = chosen.fit.model.placed().enumerate().skip(first);
+    for (i, (at, term)) in terms {
+        if !(0..term.p.len()).any(|k| is_sure(problem, chosen, i, at, k)) {
+            return Some(i);
+        }
+    }
+    None
 }

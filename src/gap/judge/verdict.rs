@@ -177,7 +177,7 @@ impl Diagnosis {
     /// Takes effects that were fitted again, of which some may be gone, in place of its own.
     pub fn fit_again(&mut self, problem: &Problem, model: JointModel, spread: Spread, is_given: bool) {
         let own = self.nearest.as_mut().map_or(&mut self.findings, |n| &mut n.findings);
-        let mut again = findings(problem, &model, &spread, (&[], 1.0));
+        let mut again = findings(problem, &model, &spread, &[], 1.0);
         for finding in &mut again {
             if let Some(known) = own.iter().find(|f| f.index == finding.index) {
                 (finding.weight, finding.alternatives) = (known.weight, known.alternatives.clone());
@@ -278,8 +278,9 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     let (rivals, total) = in_doubt(diagnosis.weighed.clone());
     diagnosis.weighed.push((chosen.effects(), 1.0));
     diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
-    let (model, spread) = with_offset(problem, refined(problem, &chosen.fit), effects);
-    diagnosis.findings = findings(problem, &model, &spread, (&rivals, total));
+    let (model, spread) = refined(problem, &chosen.fit);
+    let (model, spread) = with_offset(problem, model, spread, effects);
+    diagnosis.findings = findings(problem, &model, &spread, &rivals, total);
     diagnosis.actuator = actuator_estimates(&model, &spread, problem.turns);
     (diagnosis.model, diagnosis.spread) = (model, Some(spread));
     // What was given stands or falls with the held-out runs alone.
@@ -304,8 +305,9 @@ fn gain_to_explain(twin_at_noise: &Fit, twin: &Fit, chosen: &Fit) -> f64 {
 /// gain what one more of so many tables must.
 fn unexplained_gain(tables: &[Dependence], independent: f64) -> f64 {
     let least = least_gain(Variable::ALL.len());
-    let priced = |table: &Dependence| table.gain - independent.ln() * table.bins.len() as f64;
-    tables.iter().filter(|t| t.q <= LEVEL).map(priced).filter(|gain| *gain > least).fold(0.0, f64::max)
+    let standing = tables.iter().filter(|t| t.q <= LEVEL);
+    let gains = standing.map(|t| t.gain - independent.ln() * t.bins.len() as f64);
+    gains.filter(|gain| *gain > least).fold(0.0, f64::max)
 }
 
 /// Share of what was to be explained that is left, at most 1.
@@ -331,26 +333,29 @@ fn explains_too_little(
 fn actuator_estimates(model: &JointModel, spread: &Spread, turns: bool) -> Vec<ParameterEstimate> {
     let actuator = &model.plant.actuator;
     let [gain, damping] = model.actuator_columns();
-    let estimate = |name: &str, unit: &str, value: f64, scale: f64, at: usize| {
-        let half = spread.half_width(at, &[scale]);
-        let interval = (value - half, value + half);
-        ParameterEstimate { name: name.to_owned(), value, unit: unit.to_owned(), interval }
-    };
-    let gain = gain.map(|at| match actuator.servo {
-        Some(servo) => {
-            let unit = Dimension::Stiffness.unit(turns);
-            estimate("stiffness", unit, servo.stiffness * actuator.gain, servo.stiffness, at)
-        }
-        None => {
-            let unit = if turns { "N m per unit" } else { "N per unit" };
-            estimate("gain", unit, actuator.unit * actuator.gain, actuator.unit, at)
-        }
-    });
-    let damping =
-        damping.map(|at| estimate("damping", Dimension::Damping.unit(turns), actuator.damping, 1.0, at));
-    // The lag is the first of the free parameters.
-    let delay = actuator.is_late.then(|| estimate("delay", "s", actuator.delay_s + model.lag_s, 1.0, 0));
-    [gain, damping, delay].into_iter().flatten().collect()
+    let mut all = Vec::new();
+    if let Some(at) = gain {
+        let (name, unit, scale) = match actuator.servo {
+            Some(servo) => ("stiffness", Dimension::Stiffness.unit(turns), servo.stiffness),
+            None => ("gain", if turns { "N m per unit" } else { "N per unit" }, actuator.unit),
+        };
+        all.push(estimate(name, scale * actuator.gain, unit, spread.half_width(at, &[scale])));
+    }
+    if let Some(at) = damping {
+        let unit = Dimension::Damping.unit(turns);
+        all.push(estimate("damping", actuator.damping, unit, spread.half_width(at, &[1.0])));
+    }
+    if actuator.is_late {
+        // The lag is the first of the free parameters.
+        let half = spread.half_width(0, &[1.0]);
+        all.push(estimate("delay", actuator.delay_s + model.lag_s, "s", half));
+    }
+    all
+}
+
+fn estimate(name: &str, value: f64, unit: &str, half: f64) -> ParameterEstimate {
+    let interval = (value - half, value + half);
+    ParameterEstimate { name: name.to_owned(), value, unit: unit.to_owned(), interval }
 }
 
 /// The set of effects that a search ends in, or that is given.
@@ -393,50 +398,39 @@ fn is_shaped(problem: &Problem, chosen: &Candidate) -> bool {
     {
         return false;
     }
-    let is_at_end = |(at, term): (usize, &Term), i: usize| {
-        let (low, high) = of(term).bounds(i, &problem.coverage);
-        let half = HALF_WIDTH_95 * chosen.fit.deviation(at + i);
-        of(term).parameters()[i].neutral.is_none() && (term.p[i] - half <= low || term.p[i] + half >= high)
-    };
-    let mut positions = chosen.fit.model.placed().filter(|(_, t)| of(t).is_of_position());
-    !positions.any(|(at, t)| (0..t.p.len()).any(|i| is_at_end((at, t), i)))
+    for (at, term) in chosen.fit.model.placed().filter(|(_, t)| of(t).is_of_position()) {
+        for (i, parameter) in of(term).parameters().iter().enumerate().take(term.p.len()) {
+            let (low, high) = of(term).bounds(i, &problem.coverage);
+            let half = HALF_WIDTH_95 * chosen.fit.deviation(at + i);
+            let is_at_end = term.p[i] - half <= low || term.p[i] + half >= high;
+            if parameter.neutral.is_none() && is_at_end {
+                return false;
+            }
+        }
+    }
+    true
 }
 
 /// Candidates of the same size with their weights relative to the chosen one. Effects that contain a chosen
 /// one do not count, nor do other shapes of the same effect.
 fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usize>, f64)> {
     let own = chosen.effects();
-    let names = |effects: &[usize]| effects.iter().map(|e| problem.catalogue[*e].name()).collect::<Vec<_>>();
-    let own_names = names(&own);
-    let generalizes = |effects: &[usize]| {
-        effects.iter().any(|e| {
-            !own.contains(e) && problem.catalogue[*e].spec().contains.iter().any(|n| own_names.contains(n))
-        })
-    };
-    let mut same = own.iter().filter_map(|e| {
-        let effect = &problem.catalogue[*e];
-        Some((effect.name(), effect.indistinguishable(&problem.coverage)?))
-    });
-    // A partner that no recording separates from an effect is a rival of the same weight.
-    let twin = same.next().map(|(a, b)| {
-        let of = |name: &str| problem.catalogue.iter().position(|e| e.name() == name);
-        let mut effects: Vec<usize> =
-            own.iter().copied().filter(|e| Some(*e) != of(a)).chain(of(b)).collect();
-        effects.sort_unstable();
-        effects
-    });
-    let is_twin = |effects: &[usize]| twin.as_deref() == Some(effects);
+    let own_names = names_of(problem.catalogue, &own);
+    let twin = indistinguishable_set(problem, &own);
     let predicts = problem.weighing != Weighing::Innovations;
-    let is_rival = |c: &&Candidate| {
-        let effects = c.effects();
-        // Scores price parameters; predictions do not, and what assumes more is no rival there.
-        (!predicts || assumes(&c.fit.model) <= assumes(&chosen.fit.model))
+    let mut others: Vec<&Candidate> = Vec::new();
+    for candidate in &found.by_size[own.len()] {
+        let effects = candidate.effects();
+        // Scores price parameters; predictions do not, and a set that assumes more is no rival there.
+        let is_rival = (!predicts || assumes(&candidate.fit.model) <= assumes(&chosen.fit.model))
             && effects != own
-            && !generalizes(&effects)
-            && names(&effects) != own_names
-            && !is_twin(&effects)
-    };
-    let others: Vec<&Candidate> = found.by_size[own.len()].iter().filter(is_rival).collect();
+            && !generalizes(problem.catalogue, &effects, &own)
+            && names_of(problem.catalogue, &effects) != own_names
+            && twin.as_ref() != Some(&effects);
+        if is_rival {
+            others.push(candidate);
+        }
+    }
     let weights = if predicts {
         predicted_weights(problem, chosen, &others)
     } else {
@@ -444,6 +438,30 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
     };
     let weighed = others.iter().map(|c| c.effects()).zip(weights);
     weighed.chain(twin.clone().map(|effects| (effects, 1.0))).collect()
+}
+
+fn names_of(catalogue: &Catalogue, effects: &[usize]) -> Vec<&'static str> {
+    effects.iter().map(|e| catalogue[*e].name()).collect()
+}
+
+/// Whether an effect of a set contains one of another set, `own`, as a special case.
+fn generalizes(catalogue: &Catalogue, effects: &[usize], own: &[usize]) -> bool {
+    let own_names = names_of(catalogue, own);
+    let mut others = effects.iter().filter(|e| !own.contains(e));
+    others.any(|e| catalogue[*e].spec().contains.iter().any(|n| own_names.contains(n)))
+}
+
+/// A set with a partner in place of its first effect with an indistinguishable one: a rival of the same weight.
+fn indistinguishable_set(problem: &Problem, own: &[usize]) -> Option<Vec<usize>> {
+    let (name, partner) = own.iter().find_map(|e| {
+        let effect = &problem.catalogue[*e];
+        Some((effect.name(), effect.indistinguishable(&problem.coverage)?))
+    })?;
+    let index = |name: &str| problem.catalogue.iter().position(|e| e.name() == name);
+    let kept = own.iter().copied().filter(|e| Some(*e) != index(name));
+    let mut effects: Vec<usize> = kept.chain(index(partner)).collect();
+    effects.sort_unstable();
+    Some(effects)
 }
 
 /// Whether an effect is of a size that a model of the joint, not its discretization, would show.

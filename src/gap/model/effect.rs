@@ -297,21 +297,13 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     fn write(&self, _p: &[f64], _joint: &mut JointNumbers) {}
     /// Parameters as a report names them, each with its gradient by the internal parameters.
     fn reported(&self, p: &[f64]) -> Vec<Reported> {
-        let unit = |i: usize| {
-            let mut g = [0.0; MAX_PARAMETERS];
-            g[i] = 1.0;
-            g
-        };
-        self.parameters()
-            .iter()
-            .enumerate()
-            .map(|(i, spec)| Reported {
-                name: spec.name,
-                dimension: spec.dimension,
-                value: p[i],
-                gradient: unit(i),
-            })
-            .collect()
+        let mut all = Vec::new();
+        for (i, spec) in self.parameters().iter().enumerate() {
+            let mut gradient = [0.0; MAX_PARAMETERS];
+            gradient[i] = 1.0;
+            all.push(Reported { name: spec.name, dimension: spec.dimension, value: p[i], gradient });
+        }
+        all
     }
 }
 

@@ -1,7 +1,7 @@
 //! A joint with effects: the twin's plant and the terms added to it.
 
 use crate::model::{
-    effect::{Effect, Place},
+    effect::{At, Effect, Place, Response},
     plant::Plant,
 };
 
@@ -17,7 +17,17 @@ pub struct Term {
     pub p: Vec<f64>,
 }
 
-/// A plant and what was added to it.
+impl Term {
+    /// Effort of the effect at a state, or bound of its friction, N m or N.
+    #[must_use]
+    pub fn value_at(&self, catalogue: &Catalogue, at: &At) -> f64 {
+        let mut response = Response::default();
+        catalogue[self.effect].respond(at, &self.p, &mut response);
+        response.value
+    }
+}
+
+/// A plant with added effects.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointModel {
     /// The twin's joint.

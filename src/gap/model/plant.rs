@@ -101,19 +101,17 @@ impl Plant {
     /// its dynamics are no numbers.
     pub fn of(tree: &TwinTree, joint: usize) -> Result<Self, PlantError> {
         let spec = &tree.joints[joint];
-        let name = || spec.name.clone();
         if tree.chain(joint).iter().any(|&j| tree.joints[j].is_mimic) {
-            return Err(PlantError::Coupled(name()));
+            return Err(PlantError::Coupled(spec.name.clone()));
         }
-        let sane = |x: f64| x.is_finite() && x >= 0.0;
-        if !sane(spec.damping) || !sane(spec.friction) {
-            return Err(PlantError::BadDynamics(name()));
+        if ![spec.damping, spec.friction].iter().all(|x| x.is_finite() && *x >= 0.0) {
+            return Err(PlantError::BadDynamics(spec.name.clone()));
         }
         let position = vec![0.0; tree.joints.len()];
         let inertia = tree.mass_matrix(&position)[(joint, joint)];
         // Negated, so that an inertia that is not a number is refused as well.
         if !(inertia > 1e-12) {
-            return Err(PlantError::NoMass(name()));
+            return Err(PlantError::NoMass(spec.name.clone()));
         }
         let load = load(tree, joint);
         // Along three axes the squares of a turning load add up to twice that of a flat axis.
@@ -138,24 +136,28 @@ impl Plant {
 
 /// Gravity load of a joint, the others at 0.
 fn load(tree: &TwinTree, joint: usize) -> Load {
-    let mut position = vec![0.0; tree.joints.len()];
-    let mut load_at = |q: f64| {
-        position[joint] = q;
-        tree.gravity_effort(&position)[joint]
-    };
     match tree.joints[joint].motion {
         Motion::Turn => {
             let quarter = std::f64::consts::FRAC_PI_2;
             // Three positions fix a constant, a sine and a cosine (14.3).
-            let a = load_at(0.0);
-            let b = load_at(quarter);
-            let c = load_at(2.0 * quarter);
+            let a = gravity_effort_at(tree, joint, 0.0);
+            let b = gravity_effort_at(tree, joint, quarter);
+            let c = gravity_effort_at(tree, joint, 2.0 * quarter);
             let constant = 0.5 * (a + c);
             Load { constant: clean(constant), sine: clean(b - constant), cosine: clean(a - constant) }
         }
         // Gravity along a straight axis is the same everywhere.
-        Motion::Slide | Motion::Fixed => Load { constant: clean(load_at(0.0)), sine: 0.0, cosine: 0.0 },
+        Motion::Slide | Motion::Fixed => {
+            Load { constant: clean(gravity_effort_at(tree, joint, 0.0)), sine: 0.0, cosine: 0.0 }
+        }
     }
+}
+
+/// Effort of gravity on a joint at a position, the others at 0, N m or N.
+fn gravity_effort_at(tree: &TwinTree, joint: usize, q: f64) -> f64 {
+    let mut position = vec![0.0; tree.joints.len()];
+    position[joint] = q;
+    tree.gravity_effort(&position)[joint]
 }
 
 /// Rounding of a rotation is no load.

@@ -39,39 +39,42 @@ pub fn carried(
     unit[joint] = 1.0;
     // A unit acceleration of this joint alone: the diagonal of the mass matrix.
     let inertia = |position: &[f64]| tree.inverse_dynamics(position, &zero, &unit, false)[joint];
-    let one = |t: &f64| {
+    let mut all = Vec::with_capacity(stamps.len());
+    // Values count from stamp to stamp, so they are taken in the middle.
+    for (from, to) in stamps.iter().zip(stamps.iter().skip(1).chain(stamps.last())) {
         let mut q = zero.clone();
         let mut v = zero.clone();
         let mut a = zero.clone();
         for (o, motion) in others {
-            let state = motion.at(*t);
+            let state = motion.at(0.5 * (from + to));
             (q[*o], v[*o], a[*o]) = (state[0], state[1], state[2]);
         }
         let moved = |by: f64| -> Vec<f64> { q.iter().zip(&v).map(|(q, v)| q + by * v).collect() };
         let inertia_rate =
             (inertia(&moved(RATE_STEP_S)) - inertia(&moved(-RATE_STEP_S))) / (2.0 * RATE_STEP_S);
-        let now = inertia(&q);
-        let mut load_at = |own: f64| {
-            q[joint] = own;
-            tree.inverse_dynamics(&q, &v, &a, true)[joint]
-        };
-        let load = match tree.joints[joint].motion {
-            Motion::Turn => harmonics(&mut load_at),
-            Motion::Slide | Motion::Fixed => {
-                let a = load_at(0.0);
-                let b = load_at(1.0);
-                [a, b - a, 0.0, 0.0, 0.0, 0.0]
-            }
-        };
-        Carried { inertia: now, inertia_rate, load }
+        all.push(Carried { inertia: inertia(&q), inertia_rate, load: load(tree, joint, q, &v, &a) });
+    }
+    all
+}
+
+/// Factors of the load of a joint ([`Carried::load`]) under the motion of all others, `q` to `a` by joint.
+fn load(tree: &TwinTree, joint: usize, mut q: Vec<f64>, v: &[f64], a: &[f64]) -> [f64; 6] {
+    let mut load_at = |own: f64| {
+        q[joint] = own;
+        tree.inverse_dynamics(&q, v, a, true)[joint]
     };
-    // Values count from stamp to stamp, so they are taken in the middle.
-    let next = stamps.iter().skip(1).chain(stamps.last());
-    stamps.iter().zip(next).map(|(a, b)| one(&(0.5 * (a + b)))).collect()
+    match tree.joints[joint].motion {
+        Motion::Turn => harmonics(load_at),
+        Motion::Slide | Motion::Fixed => {
+            let at_zero = load_at(0.0);
+            let at_one = load_at(1.0);
+            [at_zero, at_one - at_zero, 0.0, 0.0, 0.0, 0.0]
+        }
+    }
 }
 
 /// The trigonometric polynomial of second order through five angles.
-fn harmonics(load_at: &mut impl FnMut(f64) -> f64) -> [f64; 6] {
+fn harmonics(mut load_at: impl FnMut(f64) -> f64) -> [f64; 6] {
     let mut load = [0.0; 6];
     for i in 0..5 {
         // derived: five angles.
@@ -112,11 +115,12 @@ pub fn motions(
     let logs = logs.filter(|l| told.unit != EffortUnit::Unknown && l.iter().all(|x| is_usable(x, &l[0])));
     let Some(logs) = logs else { return Ok(free) };
     let expected = expected(tree, &free, &logs, hold);
-    let smoothed = |((j, log), expected): ((&usize, &JointLog), &Vec<f64>)| {
+    let mut motions = Vec::with_capacity(joints.len());
+    for ((j, log), expected) in joints.iter().zip(&logs).zip(&expected) {
         let noise = reading_noise(std::slice::from_ref(log));
-        (*j, SmoothMotion::of(&log.time_s, &log.position, &noise, expected))
-    };
-    Ok(joints.iter().zip(&logs).zip(&expected).map(smoothed).collect())
+        motions.push((*j, SmoothMotion::of(&log.time_s, &log.position, &noise, expected)));
+    }
+    Ok(motions)
 }
 
 /// Accelerations of the twin from each stamp to the next, by joint.

@@ -36,28 +36,29 @@ impl Command {
 
     /// The same by stamps. Velocities alone add up from `start`, where the joint was at the first of them.
     fn at_stamps(&self, stamps: &[f64], start: f64) -> Vec<f64> {
-        let positions = if self.position.iter().any(|q| q.is_finite()) {
-            let known: Vec<usize> =
-                (0..self.time_s.len()).filter(|k| self.position[*k].is_finite()).collect();
-            let of = |values: &[f64]| known.iter().map(|k| values[*k]).collect::<Vec<f64>>();
-            (of(&self.time_s), of(&self.position), self.is_straight)
-        } else {
-            (self.time_s.clone(), self.integrated(start), true)
-        };
-        let (time_s, position, is_straight) = positions;
-        held(&time_s, &position, is_straight, stamps)
+        if !self.position.iter().any(|q| q.is_finite()) {
+            return held(&self.time_s, &self.integrated(start), true, stamps);
+        }
+        let mut time_s = Vec::new();
+        let mut position = Vec::new();
+        for (t, q) in self.time_s.iter().zip(&self.position).filter(|(_, q)| q.is_finite()) {
+            time_s.push(*t);
+            position.push(*q);
+        }
+        held(&time_s, &position, self.is_straight, stamps)
     }
 
     /// Positions that held velocities add up to.
     fn integrated(&self, start: f64) -> Vec<f64> {
         let mut at = start;
         let mut last = (self.time_s.first().copied().unwrap_or(0.0), 0.0);
-        let add = |(t, v): (&f64, &f64)| {
+        let mut positions = Vec::with_capacity(self.time_s.len());
+        for (t, v) in self.time_s.iter().zip(&self.velocity) {
             at += last.1 * (t - last.0);
             last = (*t, if v.is_finite() { *v } else { 0.0 });
-            at
-        };
-        self.time_s.iter().zip(&self.velocity).map(add).collect()
+            positions.push(at);
+        }
+        positions
     }
 }
 
@@ -67,14 +68,15 @@ fn held(time_s: &[f64], position: &[f64], is_straight: bool, stamps: &[f64]) -> 
     let Some(first) = time_s.first() else { return vec![f64::NAN; stamps.len()] };
     let mut signal = Signal::new(time_s, position, if is_straight { Hold::Linear } else { Hold::Zero });
     let mut here = signal.at(stamps.first().copied().unwrap_or(*first));
-    let mut mean = |(k, t): (usize, &f64)| {
+    let mut means = Vec::with_capacity(stamps.len());
+    for (k, t) in stamps.iter().enumerate() {
         let width = stamps.get(k + 1).map_or(0.0, |next| next - t);
         let next = signal.at(t + width);
         let mean = if width > 0.0 { (next.1 - here.1) / width } else { here.0 };
         here = next;
-        if t + 1e-9 < *first { f64::NAN } else { mean }
-    };
-    stamps.iter().enumerate().map(&mut mean).collect()
+        means.push(if t + 1e-9 < *first { f64::NAN } else { mean });
+    }
+    means
 }
 
 /// What is known of actuators; what is not is found.

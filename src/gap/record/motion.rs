@@ -80,12 +80,13 @@ impl SmoothMotion {
     #[must_use]
     pub fn likelihood(&self, position: &[f64], noise: &ReadingNoise) -> f64 {
         let variances = self.variances(noise);
-        let of = |level| {
+        let mut best = f64::NEG_INFINITY;
+        // Noise taken for motion asked for more jerk.
+        for level in self.level - LOWER..=self.level + 1 {
             let jerk = jerk(position, &variances, level);
-            filter(&self.time_s, position, &variances, jerk, &self.expected).1
-        };
-        // Noise that was taken for motion asked for more jerk.
-        (self.level - LOWER..=self.level + 1).map(of).fold(f64::NEG_INFINITY, f64::max)
+            best = best.max(filter(&self.time_s, position, &variances, jerk, &self.expected).1);
+        }
+        best
     }
 
     /// Position, velocity and acceleration at a time; before and after the recording it stands where that
@@ -132,9 +133,8 @@ fn filter(
         if k > 0 {
             let h = time_s[k] - time_s[k - 1];
             transition = Matrix3::new(1.0, h, 0.5 * h * h, 0.0, 1.0, h, 0.0, 0.0, 1.0);
-            // derived: integrals of white jerk.
-            let [a, b, c, d, e] =
-                [h.powi(5) / 20.0, h.powi(4) / 8.0, h.powi(3) / 6.0, h.powi(3) / 3.0, h.powi(2) / 2.0];
+            let [a, b] = [h.powi(5) / 20.0, h.powi(4) / 8.0]; // derived: integrals of white jerk.
+            let [c, d, e] = [h.powi(3) / 6.0, h.powi(3) / 3.0, h.powi(2) / 2.0]; // derived: likewise.
             // (14.5)
             let noise = Matrix3::new(a, b, c, b, d, e, c, e, h) * (jerk * jerk);
             let push = expected.get(k - 1).copied().unwrap_or(0.0);

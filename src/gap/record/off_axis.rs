@@ -254,11 +254,9 @@ fn suspect(joint: &TwinJoint, position: &[f64], poses: &[Pose], e: &OffAxis) -> 
     if e.measured.is_within(NOISES, &e.noise) {
         return Suspect::None;
     }
-    let range = |values: &mut dyn Iterator<Item = f64>| {
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-        high - low
-    };
-    let travel = range(&mut position.iter().copied());
+    let ends = (f64::INFINITY, f64::NEG_INFINITY);
+    let (low, high) = position.iter().fold(ends, |(l, h), q| (l.min(*q), h.max(*q)));
+    let travel = high - low;
     // Neither another axis nor another tracked frame explains these poses.
     if !e.left.is_within(NOISES, &e.noise) && !e.left.is_within(MAX_LEFT, &e.measured) {
         // The type is called wrong only where the other type makes the poses; else there is a second
@@ -299,14 +297,8 @@ fn is_one_turn(poses: &[Pose], noise: &Across) -> bool {
         poses.iter().map(|p| (p.rotation * first).to_rotation_matrix().into_inner()).collect();
     let mut normal = Matrix6::zeros();
     let mut right = Vector6::zeros();
-    let design = |turn: &Matrix3<f64>| {
-        let mut rows = Matrix3x6::zeros();
-        rows.fixed_columns_mut::<3>(0).copy_from(&Matrix3::identity());
-        rows.fixed_columns_mut::<3>(3).copy_from(&(Matrix3::identity() - turn));
-        rows
-    };
     for (turn, pose) in turns.iter().zip(poses) {
-        let rows = design(turn);
+        let rows = design_rows(turn);
         normal += rows.transpose() * rows;
         right += rows.transpose() * pose.translation.vector;
     }
@@ -316,7 +308,7 @@ fn is_one_turn(poses: &[Pose], noise: &Across) -> bool {
     let left: Vec<f64> = turns
         .iter()
         .zip(poses)
-        .map(|(turn, pose)| (pose.translation.vector - design(turn) * found).norm())
+        .map(|(turn, pose)| (pose.translation.vector - design_rows(turn) * found).norm())
         .collect();
     let logs: Vec<Vector3<f64>> = poses.iter().map(|p| log_so3(&(p.rotation * first))).collect();
     let scatter: Matrix3<f64> = logs.iter().map(|w| w * w.transpose()).sum();
@@ -330,7 +322,15 @@ fn is_one_turn(poses: &[Pose], noise: &Across) -> bool {
     rms(&left) <= NOISES * noise.shift_m.hypot(lever_m * noise.turn_rad) && across <= NOISES * noise.turn_rad
 }
 
-/// Least variance of a basis that changes, as a share of its mean square.
+/// Derivative of the shift of a turned pose by (a, c), see [`is_one_turn`].
+fn design_rows(turn: &Matrix3<f64>) -> Matrix3x6<f64> {
+    let mut rows = Matrix3x6::zeros();
+    rows.fixed_columns_mut::<3>(0).copy_from(&Matrix3::identity());
+    rows.fixed_columns_mut::<3>(3).copy_from(&(Matrix3::identity() - turn));
+    rows
+}
+
+/// Least variance of a changing basis, as a share of its mean square.
 /// chosen: above rounding, below any motion.
 const SPREAD: f64 = 1e-6;
 
@@ -352,11 +352,13 @@ fn split(values: &[Complex<f64>], basis: &[Complex<f64>]) -> (Complex<f64>, Comp
 
 /// White noise of vectors, root of the summed variances.
 fn noise(time_s: &[f64], values: &[Vector3<f64>]) -> f64 {
-    let one = |i: usize| {
+    let mut variance = 0.0;
+    for i in 0..3 {
         let position = values.iter().map(|v| v[i]).collect();
-        position_noise(&[JointLog { time_s: time_s.to_vec(), position, ..JointLog::default() }])
-    };
-    (0..3).map(|i| one(i).powi(2)).sum::<f64>().sqrt()
+        let log = JointLog { time_s: time_s.to_vec(), position, ..JointLog::default() };
+        variance += position_noise(&[log]).powi(2);
+    }
+    f64::sqrt(variance)
 }
 
 impl OffAxis {

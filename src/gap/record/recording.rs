@@ -264,11 +264,6 @@ fn at_stamps(joint: &JointSamples, stamps: &[f64]) -> Vec<f64> {
     if usable.is_empty() {
         return vec![0.0; stamps.len()];
     }
-    let mean = |k: usize| {
-        // As wide on both sides, also at the ends: a lopsided mean would lag.
-        let half = OTHERS_HALF_WIDTH.min(k).min(usable.len() - 1 - k);
-        usable[k - half..=k + half].iter().map(|(_, q)| q).sum::<f64>() / (2 * half + 1) as f64
-    };
     let mut k = 0;
     stamps
         .iter()
@@ -279,7 +274,14 @@ fn at_stamps(joint: &JointSamples, stamps: &[f64]) -> Vec<f64> {
             let next = (k + 1).min(usable.len() - 1);
             let width = usable[next].0 - usable[k].0;
             let share = if width > 0.0 { ((t - usable[k].0) / width).clamp(0.0, 1.0) } else { 0.0 };
-            mean(k) * (1.0 - share) + mean(next) * share
+            mean_about(&usable, k) * (1.0 - share) + mean_about(&usable, next) * share
         })
         .collect()
+}
+
+/// Mean position over the neighbors of a sample (time, position).
+fn mean_about(samples: &[(f64, f64)], k: usize) -> f64 {
+    // As wide on both sides, also at the ends: a lopsided mean would lag.
+    let half = OTHERS_HALF_WIDTH.min(k).min(samples.len() - 1 - k);
+    samples[k - half..=k + half].iter().map(|(_, q)| q).sum::<f64>() / (2 * half + 1) as f64
 }

@@ -142,7 +142,8 @@ pub fn resampled(time_s: &[f64], values: &[f64], stamps: &[f64], hold: Hold) -> 
     // A value held across a gap would be an effort that nobody recorded.
     let widest = GAP_INTERVALS * usual.unwrap_or(0.0);
     let mut first = 0;
-    let one = |(k, t): (usize, &f64)| {
+    let mut all = Vec::with_capacity(stamps.len());
+    for (k, t) in stamps.iter().enumerate() {
         while first + 1 < time_s.len() && time_s[first + 1] <= t + 1e-9 {
             first += 1;
         }
@@ -150,18 +151,19 @@ pub fn resampled(time_s: &[f64], values: &[f64], stamps: &[f64], hold: Hold) -> 
         if time_s.get(first).is_none_or(|s| *s > t + 1e-9 || t - s > widest)
             || ends.is_some_and(|e| e - time_s[first] > widest)
         {
-            return f64::NAN;
+            all.push(f64::NAN);
+            continue;
         }
-        match (hold, ends) {
+        all.push(match (hold, ends) {
             (Hold::Linear, Some(end)) => {
                 let share = (t - time_s[first]) / (end - time_s[first]);
                 values[first] * (1.0 - share) + values[first + 1] * share
             }
             (Hold::Linear, None) => values[first],
             (Hold::Zero, _) => held_mean(time_s, values, first, *t, stamps.get(k + 1).copied().unwrap_or(*t)),
-        }
-    };
-    stamps.iter().enumerate().map(one).collect()
+        });
+    }
+    all
 }
 
 /// Mean of a held signal from `from` to `to`; sample `first` is the last one at or before `from`.

@@ -23,14 +23,11 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
         for j in free_joints(twin) {
             let shift_m = MISPLACED * scales.child_lever_m(twin, j);
             let turning = twin.joints[j].kind.turns();
-            let line = |of: fn(usize, usize) -> Parameter, prior: f64| -> Vec<Column> {
-                (0..2).map(|k| column(of(j, k), prior)).collect()
-            };
             // Turn, shift and both are ways of their own: one with fewer columns has more evidence where
             // it suffices.
-            let turns = line(Parameter::AxisTurn, MISPLACED);
+            let turns = columns_of_normals(Parameter::AxisTurn, j, MISPLACED);
             if turning {
-                let shifts = line(Parameter::AxisShift, shift_m);
+                let shifts = columns_of_normals(Parameter::AxisShift, j, shift_m);
                 all.push((Some(j), [turns.clone(), shifts.clone()].concat()));
                 all.push((Some(j), shifts));
             }
@@ -61,7 +58,12 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
     experiment: "film the joint at three more positions over its whole range",
 };
 
-/// A length whose interval holds what the twin itself does not know, a standard deviation.
+/// The columns of a parameter of a joint's axis, one for each of its two normals.
+fn columns_of_normals(parameter: fn(usize, usize) -> Parameter, joint: usize, prior: f64) -> Vec<Column> {
+    (0..2).map(|k| column(parameter(joint, k), prior)).collect()
+}
+
+/// A length with its interval widened by the twin's own error, `own`, a standard deviation.
 fn widened(mut p: ParameterEstimate, own: f64) -> ParameterEstimate {
     let own = HALF_WIDTH_95 * own;
     p.interval =

@@ -12,11 +12,13 @@ use crate::camera::model::{
 pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "encoder_scale",
     trials: |twin, runs, _| {
-        let reported = |j: &usize| runs.iter().all(|r| r.positions.contains_key(&twin.joints[*j].name));
-        (0..twin.joints.len())
-            .filter(reported)
-            .map(|j| (Some(j), vec![column(Parameter::EncoderScale(j), MISPLACED)]))
-            .collect()
+        let mut all = Vec::new();
+        for (j, joint) in twin.joints.iter().enumerate() {
+            if runs.iter().all(|r| r.positions.contains_key(&joint.name)) {
+                all.push((Some(j), vec![column(Parameter::EncoderScale(j), MISPLACED)]));
+            }
+        }
+        all
     },
     log_odds: 0.0,
     reported: |f| {

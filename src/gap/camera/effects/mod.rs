@@ -38,14 +38,11 @@ pub const CATALOGUE: [CameraEffect; 10] = [
 /// All ways in which the effects of the catalogue may act.
 #[must_use]
 pub fn trials(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Trial> {
-    let of = |(effect, spec): (usize, &CameraEffect)| {
-        (spec.trials)(twin, runs, scales).into_iter().map(move |(joint, columns)| Trial {
-            effect,
-            name: CATALOGUE[effect].name,
-            joint,
-            columns,
-            log_odds: CATALOGUE[effect].log_odds,
-        })
-    };
-    CATALOGUE.iter().enumerate().flat_map(of).collect()
+    let mut all = Vec::new();
+    for (effect, spec) in CATALOGUE.iter().enumerate() {
+        for (joint, columns) in (spec.trials)(twin, runs, scales) {
+            all.push(Trial { effect, name: spec.name, joint, columns, log_odds: spec.log_odds });
+        }
+    }
+    all
 }

@@ -110,13 +110,10 @@ impl FrameProblem<'_> {
         let mut steps = Vec::new();
         for (&c, &x) in subset.iter().zip(values.iter()).take(n) {
             let parameter = linear.system.columns[c].parameter;
-            let reported =
-                |r: usize, j: usize| self.runs[r].positions.contains_key(&self.twin.joints[j].name);
-            // The twin's own errors and those of reported positions explain residuals, but what was given
-            // stays.
+            // Errors of the twin and of reported positions explain residuals; twin and reports stay as given.
             let stays = match parameter {
                 Parameter::Mesh(..) | Parameter::AxisTurn(..) | Parameter::AxisShift(..) => true,
-                Parameter::Position(r, j) => reported(r, j),
+                Parameter::Position(r, j) => self.runs[r].positions.contains_key(&self.twin.joints[j].name),
                 _ => false,
             };
             if !stays {
@@ -127,12 +124,12 @@ impl FrameProblem<'_> {
         for (&c, &x) in subset.iter().zip(values.iter()).skip(n) {
             target.push((linear.system.columns[c].parameter, x));
         }
-        let of = |all: &[(Parameter, f64)], p: Parameter| all.iter().find(|a| a.0 == p).map_or(0.0, |a| a.1);
-        // Values count from the twin as given, steps from where the state is.
+        // Values count from the twin as given, steps from the present state.
         for (p, x) in &target {
-            steps.push((*p, x - of(&state.applied, *p)));
+            let applied = state.applied.iter().find(|a| a.0 == *p).map_or(0.0, |a| a.1);
+            steps.push((*p, x - applied));
         }
-        // What is no longer chosen is taken back.
+        // Effects no longer chosen are taken back.
         for (p, x) in state.applied.iter().filter(|a| !target.iter().any(|t| t.0 == a.0)) {
             steps.push((*p, -x));
         }

@@ -55,8 +55,8 @@ impl System {
         let frame_rows = DMatrix::from_fn(n, 6, |i, k| frame_derivative(&means[i].0, k, radius_m));
         let mut starts = Vec::new();
         for i in 0..n {
-            let key = |i: usize| (means[i].0.seen.run, means[i].0.seen.frame);
-            if i == 0 || key(i) != key(i - 1) {
+            let frame = (means[i].0.seen.run, means[i].0.seen.frame);
+            if i == 0 || frame != (means[i - 1].0.seen.run, means[i - 1].0.seen.frame) {
                 starts.push(i);
             }
         }

@@ -45,9 +45,11 @@ fn moved_m(problem: &FrameProblem, selected: &Selected, which: usize) -> f64 {
     let values = selected.chosen.solution.values.rows(from, own.len());
     let concerned = (0..linear.system.matrix.nrows())
         .filter(|&i| own.iter().any(|&c| linear.system.matrix[(i, c)] != 0.0));
-    let moved =
-        |i: usize| own.iter().zip(values.iter()).map(|(&c, x)| linear.system.matrix[(i, c)] * x).sum::<f64>();
-    let mut squares: Vec<f64> = concerned.map(|i| moved(i).powi(2)).collect();
+    let mut squares: Vec<f64> = Vec::new();
+    for i in concerned {
+        let moved: f64 = own.iter().zip(values.iter()).map(|(&c, x)| linear.system.matrix[(i, c)] * x).sum();
+        squares.push(moved.powi(2));
+    }
     squares.sort_unstable_by(f64::total_cmp);
     // Without the largest, so that a few conflicting patches do not count.
     let kept = squares.len() - squares.len() / 20;

@@ -22,7 +22,7 @@ use crate::camera::{
     },
     model::{
         hypothesis::Hypothesis,
-        trial::{Trial, free_joints},
+        trial::free_joints,
         twin::{SeenMotion, SeenTwin},
     },
 };
@@ -53,13 +53,16 @@ pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChan
     let statewise = first.chosen.set.iter().any(|&t| problem.trials[t].log_odds < 0.0);
     let explained = mean_cost(problem, &first.state.hypothesis);
     let before = costs(problem, if statewise { &first.null.hypothesis } else { &first.state.hypothesis });
-    // What a part uncovers or covers that stands in the wrong place conflicts on the part behind it.
-    let cost = |j: usize| {
+    let mut doubted = Vec::new();
+    for j in free_joints(problem.twin) {
         let joint = &problem.twin.joints[j];
-        before[joint.child].max(before[joint.parent])
-    };
-    let doubted = free_joints(problem.twin).map(|j| (j, cost(j))).filter(|(_, c)| *c > DOUBT);
-    let (joint, _) = doubted.max_by(|a, b| a.1.total_cmp(&b.1))?;
+        // A part in a wrong place makes conflicts on the part behind it, too.
+        let cost = before[joint.child].max(before[joint.parent]);
+        if cost > DOUBT {
+            doubted.push((j, cost));
+        }
+    }
+    let (joint, _) = doubted.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
     let coarse: Vec<CoarseRun> = problem.runs.iter().map(|r| CoarseRun::of(r, &problem.scales)).collect();
     // The run that the twin fits worst shows the motion best.
     let worst = (0..coarse.len())
@@ -141,8 +144,8 @@ fn refined(problem: &FrameProblem, joint: usize, start: Start) -> (SeenTwin, Sta
     let own = problem.of(&twin);
     let screw = matches!(twin.joints[joint].kind, SeenMotion::Screw { .. });
     let name = if screw { "wrong_joint_type" } else { "axis_offset" };
-    let free = |t: &Trial| t.joint == Some(joint) && t.name == name;
-    let set: Vec<usize> = own.trials.iter().position(free).into_iter().collect();
+    let free = own.trials.iter().position(|t| t.joint == Some(joint) && t.name == name);
+    let set: Vec<usize> = free.into_iter().collect();
     let middle = VarianceComponents::middle(&problem.scales);
     let mut state = State { hypothesis: start.hypothesis, applied: Vec::new() };
     for _ in 0..STEPS {

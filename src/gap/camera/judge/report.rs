@@ -73,8 +73,11 @@ fn place(p: &Place) -> Value {
 
 /// Positions of all joints in a run.
 fn positions(twin: &SeenTwin, d: &FrameDiagnosis, run: usize) -> Value {
-    let of = |j: usize| (twin.joints[j].name.clone(), json!(d.after.position(&d.twin, run, j)));
-    Value::Object((0..twin.joints.len()).map(of).collect())
+    let mut positions = serde_json::Map::new();
+    for (j, joint) in twin.joints.iter().enumerate() {
+        positions.insert(joint.name.clone(), json!(d.after.position(&d.twin, run, j)));
+    }
+    Value::Object(positions)
 }
 
 /// A report by motion and one by frames in one: findings, places and exports of both; the gap of the frames

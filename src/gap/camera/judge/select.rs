@@ -51,8 +51,8 @@ pub fn select(problem: &FrameProblem, mut state: State) -> Option<Selected> {
         follow(problem, &mut state, set, &VarianceComponents::middle(&problem.scales), FAR_STEPS);
         rounds(problem, state, &null, set.clone()).filter(|s| !s.chosen.set.is_empty())
     });
-    let cost = |s: &Selected| mean_cost(problem, &s.state.hypothesis);
-    let best = followed.map(|s| (cost(&s), s)).min_by(|a, b| a.0.total_cmp(&b.0));
+    let best =
+        followed.map(|s| (mean_cost(problem, &s.state.hypothesis), s)).min_by(|a, b| a.0.total_cmp(&b.0));
     let before = mean_cost(problem, &null.hypothesis);
     Some(best.filter(|b| b.0 < before).map_or(first, |b| b.1))
 }

@@ -39,6 +39,17 @@ pub struct TypeChange {
     pub cost: [f64; 2],
 }
 
+/// Half the width of the 95 % interval of a linear combination of the trials' parameters; `weight` is the
+/// factor of each.
+fn half_width(problem: &FrameProblem, freed: &Selected, weight: impl Fn(Parameter) -> f64) -> f64 {
+    let mut weights = DVector::zeros(freed.chosen.solution.values.len());
+    let columns = freed.chosen.set.iter().flat_map(|&t| &problem.trials[t].columns);
+    for (w, c) in weights.iter_mut().skip(problem.nuisance.len()).zip(columns) {
+        *w = weight(c.parameter);
+    }
+    HALF_WIDTH_95 * weights.dot(&(&freed.chosen.solution.covariance * &weights)).max(0.0).sqrt()
+}
+
 impl TypeChange {
     /// Trials that free the law of the joint: its axis, and the pitch of a screw.
     #[must_use]
@@ -54,43 +65,30 @@ impl TypeChange {
     pub fn finding(&self, problem: &FrameProblem, freed: &Selected) -> CameraFinding {
         let law = freed.state.hypothesis.laws[self.joint];
         let normals = normals_of(&law.axis);
-        let spread = |of: &dyn Fn(Parameter) -> f64| {
-            let mut weights = DVector::zeros(freed.chosen.solution.values.len());
-            let columns = freed.chosen.set.iter().flat_map(|&t| &problem.trials[t].columns);
-            for (w, c) in weights.iter_mut().skip(problem.nuisance.len()).zip(columns) {
-                *w = of(c.parameter);
-            }
-            HALF_WIDTH_95 * weights.dot(&(&freed.chosen.solution.covariance * &weights)).max(0.0).sqrt()
-        };
         let joint = self.joint;
-        // A turn about one normal moves the axis along the other.
-        let turned = |k: usize| {
-            spread(&|p| match p {
+        let mut parameters = Vec::new();
+        for (k, name) in ["axis_x", "axis_y", "axis_z"].into_iter().enumerate() {
+            let half = half_width(problem, freed, |p| match p {
+                // A turn about one normal moves the axis along the other.
                 Parameter::AxisTurn(j, n) if j == joint => normals[n].cross(&law.axis)[k],
                 _ => 0.0,
-            })
-        };
-        let shifted = |k: usize| {
-            spread(&|p| match p {
-                Parameter::AxisShift(j, n) if j == joint => normals[n][k],
-                _ => 0.0,
-            })
-        };
-        let mut parameters: Vec<_> = ["axis_x", "axis_y", "axis_z"]
-            .iter()
-            .enumerate()
-            .map(|(k, n)| estimate(n, law.axis[k], "1", turned(k)))
-            .collect();
+            });
+            parameters.push(estimate(name, law.axis[k], "1", half));
+        }
         if self.to.turns() {
             // The point of the axis next to the part's center: there turns of the axis do not move it.
             let center = problem.twin.parts[problem.twin.joints[joint].child].center;
             let point = law.point + law.axis.into_inner() * law.axis.dot(&(center - law.point));
-            parameters.extend(
-                ["x", "y", "z"].iter().enumerate().map(|(k, n)| estimate(n, point[k], "m", shifted(k))),
-            );
+            for (k, name) in ["x", "y", "z"].into_iter().enumerate() {
+                let half = half_width(problem, freed, |p| match p {
+                    Parameter::AxisShift(j, n) if j == joint => normals[n][k],
+                    _ => 0.0,
+                });
+                parameters.push(estimate(name, point[k], "m", half));
+            }
         }
         if let SeenMotion::Screw { pitch_m_per_rad } = law.kind {
-            let half = spread(&|p| f64::from(u8::from(p == Parameter::Pitch(joint))));
+            let half = half_width(problem, freed, |p| f64::from(u8::from(p == Parameter::Pitch(joint))));
             parameters.push(estimate("pitch", pitch_m_per_rad, "m/rad", half));
         }
         let finding = Finding {

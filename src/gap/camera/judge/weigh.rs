@@ -92,9 +92,10 @@ fn weigh(
     others.sort_by(|a, b| b.1.total_cmp(&a.1));
     let weights: Vec<f64> = others.iter().map(|b| share(b.1)).collect();
     others.truncate(rivals_in_doubt(own, &weights));
-    let in_words = |((effect, joint), evidence): ((&str, Option<usize>), f64)| {
+    let mut rivals = Vec::with_capacity(others.len());
+    for ((effect, joint), evidence) in others {
         let joint = joint.map_or(String::new(), |j| format!(" of {}", problem.twin.joints[j].name));
-        (format!("{effect}{joint}"), share(evidence))
-    };
-    (own, others.into_iter().map(in_words).collect())
+        rivals.push((format!("{effect}{joint}"), share(evidence)));
+    }
+    (own, rivals)
 }

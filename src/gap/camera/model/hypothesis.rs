@@ -19,6 +19,11 @@ pub struct Law {
 }
 
 impl Law {
+    /// The law of a joint as the twin has it.
+    fn of_joint(joint: &SeenJoint) -> Self {
+        Self { kind: joint.kind, axis: joint.axis, point: joint.point, frame: Pose::identity() }
+    }
+
     /// Motion of the child for a position; identity at 0.
     #[must_use]
     pub fn motion(&self, position: f64) -> Pose {
@@ -69,9 +74,8 @@ impl Hypothesis {
     /// The twin as it is, every joint at 0.
     #[must_use]
     pub fn of(twin: &SeenTwin, runs: usize) -> Self {
-        let law = |j: &SeenJoint| Law { kind: j.kind, axis: j.axis, point: j.point, frame: Pose::identity() };
         Self {
-            laws: twin.joints.iter().map(law).collect(),
+            laws: twin.joints.iter().map(Law::of_joint).collect(),
             positions: vec![vec![0.0; twin.joints.len()]; runs],
             extra: vec![vec![Pose::identity(); twin.joints.len()]; runs],
             world_from_root: vec![Pose::identity(); runs],

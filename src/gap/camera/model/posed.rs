@@ -26,6 +26,14 @@ pub struct PosedTwin<'a> {
     pub frames: Vec<Vec<Pose>>,
 }
 
+/// Velocity of a surface point with a shift or turn of a frame by one component; turns are about `center` in
+/// that frame.
+fn twist_velocity(frame: &Pose, center: Point3<f64>, k: usize, seen: &Seen) -> Vector3<f64> {
+    let (e, turns) = component(k);
+    let e = frame.rotation * e;
+    if turns { e.cross(&(seen.point - frame * center)) } else { e }
+}
+
 /// A point of the surface as a frame sees it.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen {
@@ -100,18 +108,12 @@ impl<'a> PosedTwin<'a> {
 
     /// How the surface point moves in the world with a parameter.
     fn surface_velocity(&self, parameter: Parameter, seen: &Seen) -> Vector3<f64> {
-        let zero = Vector3::zeros();
-        let twist = |pose: &Pose, center: Point3<f64>, k: usize| {
-            let (e, turns) = component(k);
-            let e = pose.rotation * e;
-            if turns { e.cross(&(seen.point - pose * center)) } else { e }
-        };
         match parameter {
             Parameter::Root(run, k) if run == seen.run => {
-                twist(&self.parts[run][0], self.twin.parts[0].center, k)
+                twist_velocity(&self.parts[run][0], self.twin.parts[0].center, k, seen)
             }
             Parameter::Mesh(part, k) if part == seen.part => {
-                twist(&self.parts[seen.run][part], self.twin.parts[part].center, k)
+                twist_velocity(&self.parts[seen.run][part], self.twin.parts[part].center, k, seen)
             }
             Parameter::Position(run, joint) if run == seen.run => self.joint_velocity(joint, seen),
             Parameter::EncoderBias(joint) => self.joint_velocity(joint, seen),
@@ -122,7 +124,7 @@ impl<'a> PosedTwin<'a> {
                 let center = self.parts[run][self.twin.joints[joint].child]
                     * self.twin.parts[self.twin.joints[joint].child].center;
                 let frame = &self.frames[run][joint];
-                twist(frame, frame.inverse_transform_point(&center), k)
+                twist_velocity(frame, frame.inverse_transform_point(&center), k, seen)
             }
             Parameter::AxisTurn(joint, k) | Parameter::AxisShift(joint, k)
                 if self.twin.carries(joint, seen.part) =>
@@ -143,7 +145,7 @@ impl<'a> PosedTwin<'a> {
                     self.frames[seen.run][joint].rotation * self.hypothesis.laws[joint].axis.into_inner();
                 axis * self.hypothesis.position(self.twin, seen.run, joint)
             }
-            _ => zero,
+            _ => Vector3::zeros(),
         }
     }
 

@@ -32,6 +32,18 @@ struct Driven<'a> {
     added: f64,
 }
 
+impl<'a> Driven<'a> {
+    fn of(model: &'a JointModel, catalogue: &'a Catalogue) -> Self {
+        Self {
+            model,
+            acting: Acting::of(model, catalogue),
+            sensor: model.sensor(catalogue),
+            gain: model.scalar(catalogue, Place::Gain).map_or(1.0, |(x, _)| x),
+            added: model.scalar(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x),
+        }
+    }
+}
+
 /// Joints of a tree under their models.
 pub struct Dynamics<'a> {
     tree: &'a TwinTree,
@@ -59,17 +71,7 @@ impl<'a> Dynamics<'a> {
         models: &'a [JointModel],
         catalogue: &'a Catalogue,
     ) -> Self {
-        let one = |model: &'a JointModel| {
-            let scalar = |place, neutral| model.scalar(catalogue, place).map_or(neutral, |(x, _)| x);
-            Driven {
-                model,
-                acting: Acting::of(model, catalogue),
-                sensor: model.sensor(catalogue),
-                gain: scalar(Place::Gain, 1.0),
-                added: scalar(Place::Inertia, 0.0),
-            }
-        };
-        Self { tree, joints, driven: models.iter().map(one).collect() }
+        Self { tree, joints, driven: models.iter().map(|m| Driven::of(m, catalogue)).collect() }
     }
 
     /// How the position of each joint is measured.
@@ -123,20 +125,13 @@ impl<'a> Dynamics<'a> {
             let rest =
                 self.tree.inverse_dynamics(&position, &self.spread(&mean), &vec![0.0; position.len()], true);
             after.copy_from_slice(v);
-            self.kicked(q, &mut after, (h, &rest), &mass, inputs);
+            self.kicked(q, &mut after, h, &rest, &mass, inputs);
         }
         v.copy_from_slice(&after);
     }
 
     /// Changes velocities over `h` seconds, where the tree takes the efforts `rest` without accelerating.
-    fn kicked(
-        &self,
-        q: &[f64],
-        v: &mut [f64],
-        (h, rest): (f64, &[f64]),
-        mass: &DMatrix<f64>,
-        inputs: &Inputs,
-    ) {
+    fn kicked(&self, q: &[f64], v: &mut [f64], h: f64, rest: &[f64], mass: &DMatrix<f64>, inputs: &Inputs) {
         let n = v.len();
         let mut matrix = mass.clone();
         let mut total = DVector::zeros(n);

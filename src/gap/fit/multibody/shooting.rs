@@ -100,13 +100,21 @@ pub fn window_sizes(joints: &Joints, models: &[JointModel]) -> Vec<Vec<f64>> {
     let fitted = fit(joints, models, None, Free::Starts, Pace::THOROUGH);
     let drives = joints.drives(models);
     let n = models.len();
-    let one = |w: usize| {
-        let residuals = joints.residuals(models, &drives, w, &fitted.starts[w]);
-        let square = |i: usize| residuals.iter().skip(i).step_by(n).map(|r| r * r).sum::<f64>();
-        let samples = (residuals.len() / n).max(1) as f64;
-        (0..n).map(|i| (square(i) / samples).sqrt()).collect()
-    };
-    (0..joints.windows()).into_par_iter().map(one).collect()
+    (0..joints.windows())
+        .into_par_iter()
+        .map(|w| rms_by_joint(&joints.residuals(models, &drives, w, &fitted.starts[w]), n))
+        .collect()
+}
+
+/// Root mean square residual of each of `n` joints; `residuals` hold all joints of a sample, then the next.
+fn rms_by_joint(residuals: &[f64], n: usize) -> Vec<f64> {
+    let samples = (residuals.len() / n).max(1) as f64;
+    let mut all = Vec::with_capacity(n);
+    for i in 0..n {
+        let square = residuals.iter().skip(i).step_by(n).map(|r| r * r).sum::<f64>();
+        all.push((square / samples).sqrt());
+    }
+    all
 }
 
 /// Where a fit stands.
@@ -124,12 +132,13 @@ fn sizes(joints: &Joints, at: &At) -> Vec<f64> {
         .into_par_iter()
         .map(|w| joints.residuals(&at.models, &drives, w, &at.starts[w]))
         .collect();
-    let size = |i: usize| {
-        let own = || all.iter().flat_map(|r| r.iter().skip(i).step_by(n));
-        let (sum, count) = own().fold((0.0, 0.0), |(sum, count), r| (sum + r * r, count + 1.0));
-        f64::sqrt(sum / f64::max(count, 1.0)).max(joints.problems[i].noise_floor())
-    };
-    (0..n).map(size).collect()
+    let mut sizes = Vec::with_capacity(n);
+    for i in 0..n {
+        let own = all.iter().flat_map(|r| r.iter().skip(i).step_by(n));
+        let (sum, count) = own.fold((0.0, 0.0), |(sum, count), r| (sum + r * r, count + 1.0));
+        sizes.push(f64::sqrt(sum / f64::max(count, 1.0)).max(joints.problems[i].noise_floor()));
+    }
+    sizes
 }
 
 fn iterate(joints: &Joints, at: &mut At, size: &[f64], frozen: &[bool], steps: usize) {
@@ -162,20 +171,20 @@ fn iterate(joints: &Joints, at: &mut At, size: &[f64], frozen: &[bool], steps: u
 /// Models and start states after a step, within their bounds.
 fn moved_by(joints: &Joints, at: &At, parameters: &DVector<f64>, states: &[DVector<f64>]) -> At {
     let mut first = 0;
-    let mut model = |(problem, model): (&Problem, &JointModel)| {
+    let mut models = Vec::with_capacity(at.models.len());
+    for (problem, model) in joints.problems.iter().zip(&at.models) {
         let own = parameters.rows(first, model.free()).into_owned();
         first += model.free();
-        moved(problem, model, &own)
-    };
-    let models = joints.problems.iter().zip(&at.models).map(&mut model).collect();
-    let one = |(i, s): (usize, &Start), d: &DVector<f64>| Start {
-        position: s.position + d[2 * i],
-        velocity: s.velocity + d[2 * i + 1],
-        ..*s
-    };
-    let of =
-        |(starts, d): (&Vec<Start>, &DVector<f64>)| starts.iter().enumerate().map(|s| one(s, d)).collect();
-    At { models, starts: at.starts.iter().zip(states).map(of).collect() }
+        models.push(moved(problem, model, &own));
+    }
+    let mut starts = at.starts.clone();
+    for (starts, step) in starts.iter_mut().zip(states) {
+        for (i, start) in starts.iter_mut().enumerate() {
+            start.position += step[2 * i];
+            start.velocity += step[2 * i + 1];
+        }
+    }
+    At { models, starts }
 }
 
 /// Residual, in units of its size, of a rollout that left all bounds.
@@ -185,31 +194,42 @@ const LOST: f64 = 1e100;
 /// Residuals of a window in units of their size.
 fn scaled(
     joints: &Joints,
-    (models, drives): (&[JointModel], &[Vec<Drive>]),
+    models: &[JointModel],
+    drives: &[Vec<Drive>],
     starts: &[Start],
     size: &[f64],
     window: usize,
 ) -> DVector<f64> {
-    let residuals = joints.residuals(models, drives, window, starts);
-    let one = |(k, r): (usize, &f64)| {
-        let x = r / size[k % size.len()];
-        if x.is_finite() { x.clamp(-LOST, LOST) } else { LOST }
-    };
-    DVector::from_iterator(residuals.len(), residuals.iter().enumerate().map(one))
+    let mut residuals = joints.residuals(models, drives, window, starts);
+    for (k, r) in residuals.iter_mut().enumerate() {
+        let x = *r / size[k % size.len()];
+        *r = if x.is_finite() { x.clamp(-LOST, LOST) } else { LOST };
+    }
+    DVector::from_vec(residuals)
 }
 
 fn costs(joints: &Joints, at: &At, size: &[f64]) -> Vec<f64> {
     let drives = joints.drives(&at.models);
-    let one = |w: usize| scaled(joints, (&at.models, &drives), &at.starts[w], size, w).norm_squared();
-    (0..joints.windows()).into_par_iter().map(one).collect()
+    (0..joints.windows())
+        .into_par_iter()
+        .map(|w| scaled(joints, &at.models, &drives, &at.starts[w], size, w).norm_squared())
+        .collect()
+}
+
+/// Models with one parameter moved, for a difference quotient.
+struct MovedParameter {
+    /// Index among the free parameters of all joints.
+    column: usize,
+    models: Vec<JointModel>,
+    /// What drives them.
+    drives: Vec<Vec<Drive>>,
+    step: f64,
 }
 
 /// Normal equations of all windows; `frozen` parameters have columns of zeros.
 fn blocks(joints: &Joints, at: &At, size: &[f64], frozen: &[bool]) -> Vec<Block> {
     let drives = joints.drives(&at.models);
-    let n = at.models.len();
     let free: usize = at.models.iter().map(JointModel::free).sum();
-    // Models beside this one, each with one parameter moved, and what drives them.
     let mut beside = Vec::with_capacity(free);
     let mut column = 0;
     for (i, model) in at.models.iter().enumerate() {
@@ -223,31 +243,45 @@ fn blocks(joints: &Joints, at: &At, size: &[f64], frozen: &[bool]) -> Vec<Block>
             let mut models = at.models.clone();
             models[i] = model.with_parameters(&parameters);
             let drives = joints.drives(&models);
-            beside.push((first + p, models, drives, step));
+            beside.push(MovedParameter { column: first + p, models, drives, step });
         }
     }
-    let one = |w: usize| {
-        let residual = scaled(joints, (&at.models, &drives), &at.starts[w], size, w);
-        let mut by = DMatrix::zeros(residual.len(), 2 * n + free);
-        let quotient = |other: &DVector<f64>, step: f64| (&residual - other) / step;
-        for i in 0..n {
-            let coverage = &joints.problems[i].coverage;
-            for (k, scale) in [coverage.travel, coverage.speed.1].into_iter().enumerate() {
-                let step = DIFFERENCE * scale.max(1e-9);
-                let mut starts = at.starts[w].clone();
-                let state = if k == 0 { &mut starts[i].position } else { &mut starts[i].velocity };
-                *state += step;
-                let other = scaled(joints, (&at.models, &drives), &starts, size, w);
-                by.set_column(2 * i + k, &quotient(&other, step));
-            }
+    (0..joints.windows())
+        .into_par_iter()
+        .map(|w| window_block(joints, at, &drives, &beside, size, free, w))
+        .collect()
+}
+
+/// Normal equations of a window; `free` is the number of parameters of all joints.
+fn window_block(
+    joints: &Joints,
+    at: &At,
+    drives: &[Vec<Drive>],
+    beside: &[MovedParameter],
+    size: &[f64],
+    free: usize,
+    window: usize,
+) -> Block {
+    let n = at.models.len();
+    let own_starts = &at.starts[window];
+    let residual = scaled(joints, &at.models, drives, own_starts, size, window);
+    let mut by = DMatrix::zeros(residual.len(), 2 * n + free);
+    for i in 0..n {
+        let coverage = &joints.problems[i].coverage;
+        for (k, scale) in [coverage.travel, coverage.speed.1].into_iter().enumerate() {
+            let step = DIFFERENCE * scale.max(1e-9);
+            let mut starts = own_starts.clone();
+            let state = if k == 0 { &mut starts[i].position } else { &mut starts[i].velocity };
+            *state += step;
+            let other = scaled(joints, &at.models, drives, &starts, size, window);
+            by.set_column(2 * i + k, &((&residual - other) / step));
         }
-        for (p, models, drives, step) in &beside {
-            let other = scaled(joints, (models, drives), &at.starts[w], size, w);
-            by.set_column(2 * n + p, &quotient(&other, *step));
-        }
-        Block::of(&residual, &by, 2 * n)
-    };
-    (0..joints.windows()).into_par_iter().map(one).collect()
+    }
+    for moved in beside {
+        let other = scaled(joints, &moved.models, &moved.drives, own_starts, size, window);
+        by.set_column(2 * n + moved.column, &((&residual - other) / moved.step));
+    }
+    Block::of(&residual, &by, 2 * n)
 }
 
 /// What each free parameter of a model typically is.

@@ -37,8 +37,10 @@ impl Effect for Backlash {
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let range = coverage.position.1 - coverage.position.0;
-        let fit = |g: &f64| *g > LEAST_NOISES * coverage.position_noise && *g < LARGEST * range;
-        (0..14).map(|i| FIRST * range * RATIO.powi(i)).filter(fit).map(|g| vec![g]).collect()
+        let gaps = (0..14).map(|i| FIRST * range * RATIO.powi(i));
+        gaps.filter(|g| *g > LEAST_NOISES * coverage.position_noise && *g < LARGEST * range)
+            .map(|g| vec![g])
+            .collect()
     }
 
     fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {

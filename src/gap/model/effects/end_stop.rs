@@ -92,10 +92,12 @@ impl Effect for EndStop {
     }
 
     fn restarts(&self, p: &[f64], coverage: &Coverage) -> Vec<Vec<f64>> {
-        let at_rate = |(rate, impedance): (f64, f64)| {
-            vec![coverage.inertia * rate * rate, DAMPING * coverage.inertia * rate, p[2], impedance]
-        };
-        RESTARTS.into_iter().map(at_rate).collect()
+        let mut starts = Vec::with_capacity(RESTARTS.len());
+        for (rate, impedance) in RESTARTS {
+            let stiffness = coverage.inertia * rate * rate;
+            starts.push(vec![stiffness, DAMPING * coverage.inertia * rate, p[2], impedance]);
+        }
+        starts
     }
 
     fn is_upper(&self) -> bool {
