@@ -1,4 +1,4 @@
-//! What acts on a joint at a state: efforts and bounds of the friction, with their derivatives.
+//! Efforts on a joint at a state and bounds of the friction, with their derivatives.
 
 use crate::model::{
     effect::{At, Effect, MAX_PARAMETERS, Place, Response},
@@ -14,7 +14,7 @@ pub type Row = [f64; MAX_COLUMNS];
 /// Efforts at a state, summed over the plant and the terms.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sum {
-    /// Smooth effort without the one that acts.
+    /// Smooth effort without the actuator's.
     pub effort: f64,
     /// Both by position.
     pub q: f64,
@@ -26,11 +26,11 @@ pub struct Sum {
     pub friction_q: f64,
     /// By the measured effort.
     pub friction_u: f64,
-    /// Share of the measured effort that contacts take off.
+    /// Share of the measured effort taken off by contacts.
     pub taken: f64,
 }
 
-/// What acts on a joint, looked up once for many states.
+/// The terms of a model, looked up once for many states.
 pub struct Acting<'a> {
     plant: &'a Plant,
     /// Every term: effect, place, parameters.
@@ -54,7 +54,7 @@ impl<'a> Acting<'a> {
         self.add_up(at, &mut [0.0; MAX_COLUMNS], &mut [0.0; MAX_COLUMNS])
     }
 
-    /// The first contact that begins while the joint moves at `v` for `h` seconds.
+    /// The first contact reached by the joint moving at `v` for `h` seconds.
     #[inline]
     pub fn meeting(&self, q: f64, v: f64, h: f64) -> Option<Meeting> {
         if !self.has_contact {
@@ -82,7 +82,7 @@ impl<'a> Acting<'a> {
     pub fn add_up(&self, at: &At, effort: &mut Row, friction: &mut Row) -> Sum {
         let plant = self.plant;
         let (load, slope) = plant.load_at(at.carried, at.q);
-        // An inertia that changes as a chain moves acts as damping: d(I v)/dt = I a + dI/dt v.
+        // An inertia changing with the motion of a chain acts as damping: d(I v)/dt = I a + dI/dt v.
         let damping = plant.damping + plant.inertia_at(at.carried).1;
         let mut sum = Sum {
             effort: -load - damping * at.v,
@@ -119,7 +119,7 @@ impl<'a> Acting<'a> {
         sum
     }
 
-    /// Adds contacts up, which feel the sum of the other efforts.
+    /// Adds contacts up; they feel the sum of the other efforts.
     fn add_contacts(&self, at: &At, effort: &mut Row, sum: &mut Sum) {
         let at = At { load: at.u + sum.effort, ..*at };
         let mut column = 3;
@@ -135,7 +135,7 @@ impl<'a> Acting<'a> {
             sum.q += r.q + r.load * sum.q;
             sum.v += r.v + r.load * sum.v;
             sum.taken -= r.load;
-            // What the contact takes off the efforts it takes off their derivatives as well.
+            // A contact takes the same share off the efforts and off their derivatives.
             if r.load != 0.0 {
                 effort[3..].iter_mut().for_each(|x| *x *= 1.0 + r.load);
             }
@@ -149,7 +149,7 @@ impl<'a> Acting<'a> {
 pub struct Meeting {
     /// Seconds from the start of the step.
     pub after_s: f64,
-    /// Position at which the contact begins.
+    /// Position of the contact's begin.
     pub position: f64,
     /// Its column.
     pub column: usize,
@@ -165,7 +165,7 @@ fn write(target: &mut [f64], values: &[f64; MAX_PARAMETERS], count: usize) {
     }
 }
 
-/// Bound of the friction on a joint that turns back: at rest that of the side which it leaves to; on the way
+/// Bound of the friction on a joint turning back: at rest the bound of the side it leaves to; on the way
 /// through rest the larger one of both sides.
 #[must_use]
 pub fn bound_at_turn(acting: &Acting, at: &At, bound: f64, friction: &mut Row) -> f64 {

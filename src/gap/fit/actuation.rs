@@ -1,5 +1,5 @@
-//! Where the fit of an actuator begins: what recorded signals must be multiplied by to move the twin as it
-//! was measured, by a regression on the smoothed motion.
+//! Start of an actuator's fit: factors of recorded signals to move the twin as measured, by a regression on
+//! the smoothed motion.
 
 use nalgebra::{Matrix4, Vector4};
 
@@ -18,10 +18,10 @@ use crate::{
     },
 };
 
-/// Delays of a command that are tried, seconds.
+/// Tried delays of a command, seconds.
 /// chosen: none to five periods of 50 Hz, the slowest rate of commands in use.
 const DELAYS_S: [f64; 11] = [0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1];
-/// Share of its limit from which a servo is taken to be at it.
+/// Share of its limit from which a servo counts as limited.
 /// chosen: a reading within the interval may lie a step off.
 const AT_LIMIT: f64 = 0.98;
 
@@ -46,13 +46,13 @@ pub enum ActuationError {
 struct Moment {
     log: usize,
     sample: usize,
-    /// Effort that moves the twin so.
+    /// Effort for this motion of the twin.
     required: f64,
     velocity: f64,
 }
 
-/// The plant with its actuator as far as it is given or a regression has it, and logs with the efforts that
-/// it makes, those of `fitted` and `held_out`. The regression reads the fitted ones.
+/// The plant with its actuator as given or by a regression, and logs with the actuator's efforts, those of
+/// `fitted` and `held_out`. The regression reads the fitted ones.
 ///
 /// # Errors
 /// [`ActuationError`] where the recorded signal moves nothing.
@@ -121,7 +121,7 @@ fn servo_efforts(log: &JointLog, delay_s: f64, stiffness: f64, damping: f64, lim
     efforts
 }
 
-/// What a servo sees from each sample to the next: the command less the reading in the middle.
+/// Position errors of a servo from each sample to the next: the command less the reading in the middle.
 fn position_errors(log: &JointLog, delay_s: f64) -> Vec<f64> {
     let drive = Drive::with_steps(log, Hold::Zero, delay_s, 1);
     let n = log.time_s.len();
@@ -129,12 +129,12 @@ fn position_errors(log: &JointLog, delay_s: f64) -> Vec<f64> {
     means.map(|(k, c)| c - 0.5 * (log.position[k] + log.position[(k + 1).min(n - 1)])).collect()
 }
 
-/// What a regression finds.
+/// Result of a regression.
 struct Regressed {
     /// Of the signal.
     factor: f64,
     damping: f64,
-    /// Root mean square of the required efforts that is left.
+    /// Remaining root mean square of the required efforts.
     left: f64,
 }
 
@@ -155,8 +155,8 @@ fn servo(moments: &[Moment], errors: &[Vec<f64>], given: &ToldServo, limit: f64)
     regressed(&free, &error, given.stiffness, given.damping)
 }
 
-/// Factor of a signal that makes the required efforts, beside damping, Coulomb friction and a constant. What
-/// is given stays.
+/// Factor of a signal for the required efforts, beside damping, Coulomb friction and a constant. Given
+/// numbers stay.
 fn regressed(
     moments: &[Moment],
     signal: &dyn Fn(&Moment) -> f64,
@@ -177,7 +177,7 @@ fn regressed(
         normal += row * row.transpose();
     }
     for i in 0..4 {
-        // A column that is given, or zero throughout, must not stop the solution.
+        // A given column, or one of zeros, must not stop the solution.
         normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-9) + 1e-300;
     }
     let Some(x) = normal.cholesky().map(|c| c.solve(&right)) else {
@@ -187,7 +187,7 @@ fn regressed(
     Regressed { factor: factor.unwrap_or(x[0]), damping: damping.unwrap_or(x[1]), left }
 }
 
-/// The required effort of every interval in which the joint moves.
+/// The required effort of every interval with motion.
 fn moments(plant: &Plant, logs: &[JointLog]) -> Vec<Moment> {
     let noise = reading_noise(logs);
     let mut all = Vec::new();

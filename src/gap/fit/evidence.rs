@@ -1,25 +1,25 @@
-//! How probable recorded efforts make recorded motion under a twin, and the motion these efforts: two linear
-//! regressions with proper priors, one for each of the two that may err. See docs/method.md 14.14.
+//! Probability of recorded motion given recorded efforts under a twin, and of the efforts given the motion:
+//! two linear regressions with proper priors, one for an error in each of the two. See docs/method.md 14.14.
 
 use nalgebra::{SMatrix, SVector};
 
-/// What a twin needs and what is recorded: its inertia times the acceleration, the rest, the effort.
+/// Known columns: the twin's inertia times the acceleration, the rest of its effort, the recorded effort.
 const KNOWN: usize = 3;
-/// What may be missing: a constant, velocity, its sign, position, sine and cosine of it, and a friction by
-/// the effort, or by what the twin needs beside its inertia.
+/// Possible missing effects: a constant, velocity, its sign, position, sine and cosine of it, and a friction
+/// by the effort, or by the twin's effort beside its inertia.
 const MISSING: usize = 8;
-/// Of these, friction by the effort and by the twin's need: what errs cannot explain itself.
+/// Of these, friction by the effort and by the twin's need: an erring signal cannot explain itself.
 const BY_EFFORT: usize = 6;
 const BY_NEED: usize = 7;
-/// Of these, what an axis that stands otherwise changes.
+/// Of these, the columns of another axis.
 const TILTING: [usize; 3] = [0, 4, 5];
 const COLUMNS: usize = KNOWN + MISSING;
 
-/// Noises that are tried, as shares of the size of what errs: each half the one before.
+/// Tried noises, as shares of the size of the erring signal: each half the one before.
 /// derived: from as large as it to 2^-13, the noise of a good encoder over a stretch.
 const NOISES: i32 = 14;
-/// Most further noises, for what may have several sizes.
-/// chosen: from a load to the inertia of a twin whose lengths are a thousand times too long.
+/// Most further noises, for an erring signal of several sizes.
+/// chosen: from a load to the inertia of a twin with lengths a thousand times too long.
 const MOST_NOISES: f64 = 40.0;
 
 /// A stretch of motion of a joint under a twin.
@@ -31,9 +31,9 @@ pub struct Seen {
     pub velocity: f64,
     /// The twin's inertia times the acceleration, N m or N.
     pub inertial: f64,
-    /// What else the twin needs for the motion, N m or N: load, damping, friction, what other joints make.
+    /// Other efforts of the twin for the motion, N m or N: load, damping, friction, efforts by other joints.
     pub rest: f64,
-    /// The twin's inertia: the effort by the acceleration in the unit that it was recorded in.
+    /// The twin's inertia: the effort by the acceleration in its recorded unit.
     pub inertia: f64,
 }
 
@@ -47,22 +47,22 @@ pub struct Regression {
     log_inertia: f64,
 }
 
-/// What a regression finds.
+/// Result of a regression.
 #[derive(Clone, Copy, Debug)]
 pub struct Explained {
     /// Log evidence.
     pub evidence: f64,
-    /// Factor of what explains.
+    /// Factor of the explaining signal.
     pub factor: f64,
-    /// Share of the squares that is left.
+    /// Remaining share of the squares.
     pub left: f64,
 }
 
-/// What may be missing, taken out of the known columns under one noise.
+/// The known columns without possible missing effects, under one noise.
 struct Projected {
-    /// Products of what is left of the columns, by the variance of the noise.
+    /// Products of the remaining columns, by the variance of the noise.
     products: SMatrix<f64, KNOWN, KNOWN>,
-    /// What the noise and the priors add to minus twice the log evidence.
+    /// Share of the noise and the priors in minus twice the log evidence.
     twice: f64,
 }
 
@@ -88,9 +88,9 @@ fn rows(seen: &[Seen], effort: &[f64], turns: bool) -> Vec<SVector<f64, COLUMNS>
     rows
 }
 
-/// Share of the stretches that say something new: what of the efforts no factor of what is known, and
-/// nothing that may be missing, explains still resembles itself from one stretch to the next. `follows` says
-/// of each stretch whether it follows the one before it.
+/// Share of independent stretches, by the correlation of the unexplained efforts from one stretch to the
+/// next; known and possible missing efforts explain the rest. `follows` is true for each stretch right behind
+/// the one before it.
 #[must_use]
 pub fn independent_share(seen: &[Seen], effort: &[f64], turns: bool, follows: &[bool]) -> f64 {
     let rows = rows(seen, effort, turns);
@@ -133,7 +133,7 @@ fn without_effort(
 }
 
 /// Ridge of a regression of columns of unit length.
-/// chosen: rounding, for columns that are zero throughout.
+/// chosen: rounding, for columns of zeros.
 const RIDGE: f64 = 1e-12;
 
 /// The recorded effort among the known columns.
@@ -169,13 +169,13 @@ impl Regression {
         self.weight > 2.0 * COLUMNS as f64 && self.size(0) > 0.0 && self.size(2) > 0.0
     }
 
-    /// What explains the accelerations by the efforts, in the units that they were recorded in. Each of the
-    /// inertias is tried; gains are those of one range.
+    /// Explanations of the accelerations by the efforts, in their recorded units. Each of the inertias is
+    /// tried; gains are those of one range.
     #[must_use]
     pub fn of_motion(&self, inertias: &[f64], gain: (f64, f64)) -> Vec<Explained> {
-        // What is missing is as large as the effort that acts, and a tilt as the load.
+        // Missing efforts are as large as the acting effort, and a tilt as the load.
         let effort = (gain.0 * gain.1).sqrt() * self.size(2);
-        // One grid of noises for all inertias, which share the work.
+        // One grid of noises for all inertias, to share the work.
         let sizes = inertias.iter().map(|i| self.needed(*i));
         let range = sizes.fold((f64::INFINITY, 0.0), |r: (f64, f64), s| (r.0.min(s), r.1.max(s)));
         let projected = self.projected(effort, self.size(1), BY_NEED, range.0, range.1);
@@ -189,7 +189,7 @@ impl Regression {
         all
     }
 
-    /// What explains the efforts by the motion.
+    /// Explanations of the efforts by the motion.
     #[must_use]
     pub fn of_effort(&self, inertias: &[f64], gain: (f64, f64)) -> Vec<Explained> {
         let by = 1.0 / (gain.0 * gain.1).sqrt();
@@ -203,7 +203,7 @@ impl Regression {
         all
     }
 
-    /// Size of what the twin needs with an inertia.
+    /// Size of the twin's effort with an inertia.
     fn needed(&self, inertia: f64) -> f64 {
         let needed = SVector::<f64, KNOWN>::new(inertia, 1.0, 0.0);
         let known = self.gram.fixed_view::<KNOWN, KNOWN>(0, 0);

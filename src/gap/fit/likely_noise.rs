@@ -1,4 +1,4 @@
-//! The noise that makes a fit's residuals most probable.
+//! The most probable noise of a fit's residuals.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -14,24 +14,23 @@ use crate::{
 };
 use numeric::statistics::CHI_SQUARE_999;
 
-/// Ratio of the first and the last grid, through which a parabola is laid.
-/// chosen: over it the likelihood of a standard deviation differs from a parabola so little that its top is
-/// 4 % off at most.
+/// Ratio of the first and the last grid, for a parabola through it.
+/// chosen: over it the likelihood of a standard deviation is nearly a parabola: its top is 4 % off at most.
 const FINE: f64 = std::f64::consts::SQRT_2;
 /// Largest ratio of a grid.
-/// chosen: two doublings of [`FINE`] on a logarithmic scale; one that is passed over is found later.
+/// chosen: two doublings of [`FINE`] on a logarithmic scale; a missed top is found later.
 const COARSE: f64 = 4.0;
 
-/// Memories that an effort which lasts is looked for with, in sample intervals.
+/// Tried memories of a lasting effort, in sample intervals.
 /// chosen: from where it is white noise to a window of usual rates; the likelihood is broad in the memory.
 const MEMORIES: [f64; 3] = [4.0, 16.0, 64.0];
 /// Sweeps over the deviations, one after the other.
 const SWEEPS: usize = 2;
-/// Log likelihood that an effort which lasts must gain.
+/// Least gain of log likelihood by a lasting effort.
 /// derived: half the quantile of chi-square with two degrees of freedom, its size and its memory.
 const ENOUGH: f64 = 0.5 * CHI_SQUARE_999[1];
 
-/// The noise that makes the residuals most probable, by a search about `around`.
+/// The most probable noise of the residuals, by a search about `around`.
 #[must_use]
 pub fn most_likely_noise(
     problem: &Problem,
@@ -62,8 +61,8 @@ pub fn most_likely_noise(
     residuals.with_wander(white, around)
 }
 
-/// Deflection that makes the residuals of whole windows most probable: of their squares beyond the start
-/// states, the share of each independent number.
+/// Most probable deflection of whole windows: of their squares beyond the start states, the share of each
+/// independent number.
 fn deflection(problem: &Problem, rollouts: &[Vec<[f64; 3]>]) -> f64 {
     let ridge = start_ridge(problem);
     let squares: f64 = rollouts.iter().map(|rows| square_beyond_start(rows, &ridge)).sum();
@@ -118,7 +117,7 @@ impl Residuals<'_, '_, '_> {
         (reached, EffortNoise { white, ..from })
     }
 
-    /// With an effort that lasts, where that is likelier, of the memory that serves best.
+    /// With a lasting effort, where likelier, of the best memory.
     fn with_wander(&self, without: (f64, EffortNoise), around: EffortNoise) -> EffortNoise {
         let interval_s = self.problem.coverage.interval_s;
         let least = self.problem.min_sigma_u;

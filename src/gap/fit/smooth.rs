@@ -1,5 +1,4 @@
-//! Position and velocity that a log most probably ran through: a Kalman smoother on the twin with white
-//! effort noise.
+//! Most probable position and velocity over a log: a Kalman smoother on the twin with white effort noise.
 
 use crate::{
     model::plant::Plant,
@@ -10,11 +9,11 @@ use crate::{
     },
 };
 
-/// Least effort noise that is tried, as a share of the effort, and the ratio of two that are tried.
+/// Least tried effort noise, as a share of the effort, and the ratio of two neighbors.
 /// chosen: up to six times the effort (docs/method.md 14.3).
 const LEAST_NOISE: f64 = 0.003;
 const NOISE_RATIO: f64 = 2.6;
-/// Share of the top speed from which the sign of a smoothed velocity is clear.
+/// Share of the top speed for a clear sign of a smoothed velocity.
 /// chosen: near rest it is noise.
 const CLEAR_SPEED: f64 = 0.02;
 
@@ -25,7 +24,7 @@ pub struct Trace {
     pub position: Vec<f64>,
     /// Velocity.
     pub velocity: Vec<f64>,
-    /// Mean effort until the next sample, N m or N; of a servo, what it made of the readings.
+    /// Mean effort until the next sample, N m or N; of a servo, its effort by the readings.
     pub effort: Vec<f64>,
     /// Mean signal likewise: the effort, or a servo's commanded position.
     pub signal: Vec<f64>,
@@ -66,7 +65,7 @@ impl Predict<'_> {
         let i = 1.0 / inertia;
         let k = self.plant.load_at(carried, q).1 * i;
         let b = (self.plant.damping + rate) * i;
-        // Exact in the damping, which may be strong over an interval; first order in the load's slope.
+        // Exact in the damping, perhaps strong over an interval; first order in the load's slope.
         let lost = 1.0 - (-b * dt).exp();
         ([1.0 - 0.5 * k * dt * dt, dt * (1.0 - 0.5 * lost), -k * dt, 1.0 - lost], [0.5 * dt * dt * i, dt * i])
     }
@@ -92,14 +91,14 @@ impl Predict<'_> {
     }
 }
 
-/// Smooths logs with the effort noise of the grid that makes them most probable; `readings` holds the
-/// variance of every position.
+/// Smooths logs with the most probable effort noise of the grid; `readings` holds the variance of every
+/// position.
 #[must_use]
 pub fn smooth(logs: &[JointLog], hold: Hold, plant: &Plant, readings: &[Vec<f64>]) -> Vec<Trace> {
     let effort: Vec<Vec<f64>> = logs.iter().map(|l| means(l, &l.effort, hold)).collect();
     let count: usize = effort.iter().map(Vec::len).sum();
     let rms = (effort.iter().flatten().map(|u| u * u).sum::<f64>() / count.max(1) as f64).sqrt();
-    // A joint that was released has no effort; then the load sets the scale.
+    // A released joint has no effort; then the load sets the scale.
     let scale = rms.max(plant.load.amplitude()).max(1e-9);
     let mut trials: Vec<(f64, f64)> = Vec::new();
     for i in 0..9 {
@@ -130,7 +129,7 @@ fn means(log: &JointLog, values: &[f64], hold: Hold) -> Vec<f64> {
 
 type Passed = (Belief, Belief, [f64; 4]);
 
-/// Filters; gives (predicted, updated, transition that led here) of every sample, and the log likelihood.
+/// Filters; returns (predicted, updated, transition to here) of every sample, and the log likelihood.
 fn forward(
     log: &JointLog,
     index: usize,

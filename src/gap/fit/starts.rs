@@ -1,6 +1,6 @@
-//! Start states of windows, searched window by window: where a window holds a contact, a catch or play,
-//! Gauss-Newton from one state ends in the nearest minimum, and one window that started wrongly is taken for
-//! noise of the effort.
+//! Start states of windows, searched window by window: in a window with a contact, a catch or play,
+//! Gauss-Newton from one state ends in the nearest minimum, and a wrong start is taken for noise of the
+//! effort.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -19,17 +19,17 @@ use crate::{
 };
 use numeric::statistics::chi_square_99;
 
-/// States of a searched window that are polished.
+/// Polished states of a searched window.
 const POLISHED: usize = 4;
 /// Steps of a polish.
 const POLISH_STEPS: usize = 6;
-/// Damping after a step that does not lower the cost, against that before it.
+/// Factor of the damping after a step without a lower cost.
 /// chosen: more than a decade, as steps are few.
 const RISE: f64 = 20.0;
-/// Places in the play that a window is started at.
+/// Tried places of a window's start in the play.
 /// chosen: the ends, the middle, and between them.
 const PLAY: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];
-/// Samples over which the recorded slope is taken, from the start of a window: (first, last).
+/// Samples of the recorded slopes, from the start of a window: (first, last).
 const SLOPES: [(i64, i64); 8] = [(0, 1), (0, 2), (0, 4), (0, 8), (-2, 2), (-4, 0), (4, 8), (8, 16)];
 
 /// A window from one start state.
@@ -43,16 +43,16 @@ struct Trial {
 }
 
 impl Trial {
-    /// The cost that one step of the start state promises.
+    /// The promised cost after one step of the start state.
     fn reach(&self) -> f64 {
-        // A state in the right basin may begin with the higher cost, so trials are ranked by what a step
-        // promises.
+        // A state in the right basin may begin with the higher cost: trials are ranked by the cost after a
+        // step.
         let step = self.normal.try_inverse().map_or(0.0, |i| self.gradient.dot(&(i * self.gradient)));
         if self.cost.is_finite() { self.cost - step } else { f64::INFINITY }
     }
 }
 
-/// What every window is tried with.
+/// Common inputs of all trials.
 struct Bench<'a, 'c> {
     problem: &'a Problem<'c>,
     model: &'a JointModel,
@@ -116,7 +116,7 @@ impl Bench<'_, '_> {
             if trial.cost < now.cost {
                 let gained = now.cost - trial.cost;
                 (now, damping) = (trial, damping * damping::FALL);
-                // Half a squared standard deviation does not change which state wins.
+                // Half a squared standard deviation does not change the winning state.
                 if gained < 0.5 {
                     break;
                 }
@@ -127,7 +127,7 @@ impl Bench<'_, '_> {
         now
     }
 
-    /// The state that a window hands on to the next one, where that follows without a gap.
+    /// The start state for the next window, where it follows without a gap.
     fn hand_on(&self, window: usize, start: Start) -> Option<Start> {
         let span = self.problem.windows[window];
         let next = self.problem.windows.get(window + 1)?;
@@ -150,9 +150,9 @@ impl Bench<'_, '_> {
     }
 }
 
-/// Start states that serve the model best: those given, those of the smoothed motion, those that the
-/// preceding window ends in; for windows that none of them fits, states over the play and over the recorded
-/// slopes. `all` compares the given states with the others in every window, not only in those that fit badly.
+/// The best start states for the model: those given, those of the smoothed motion, the ends of preceding
+/// windows; for windows without a fit among them, states over the play and over the recorded slopes. `all`
+/// compares the given states with the others in every window, not only in badly fitting ones.
 pub fn improve(
     problem: &Problem,
     model: &JointModel,
@@ -193,7 +193,7 @@ pub fn improve(
     }
 }
 
-/// The best start state of a window that fits badly.
+/// The best start state of a badly fitting window.
 fn searched(
     bench: &Bench,
     w: usize,

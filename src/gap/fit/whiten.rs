@@ -1,5 +1,5 @@
-//! White residuals: a Kalman filter for the linearized joint, driven by effort noise that is partly white and
-//! partly lasts, turns positions into independent innovations of variance one. It is linear, so residuals and
+//! White residuals: a Kalman filter for the linearized joint, driven by partly white and partly lasting
+//! effort noise, turns positions into independent innovations of variance one. It is linear: residuals and
 //! sensitivities pass through the same filter. See docs/method.md (14.10).
 
 use crate::{
@@ -19,10 +19,10 @@ use crate::{
 /// Share of the top speed below which a joint may stick: a smoothed velocity is never exactly zero.
 /// chosen: little of a motion is as slow.
 const STILL: f64 = 0.003;
-/// Most that a driving effect may grow a state by in a step, as a share.
+/// Largest growth of a state by a driving effect in a step, as a share.
 /// chosen: variances do not grow without bound.
 const GROWTH: f64 = 0.2;
-/// Most that damping may take off a velocity in a step, as a share.
+/// Largest loss of a velocity by damping in a step, as a share.
 /// chosen: a stiff effect leaves something of it.
 const DAMPED: f64 = 0.9;
 
@@ -71,7 +71,7 @@ pub fn linearize(
         }
         let q = trace.position[k];
         let v = trace.velocity[k];
-        // A servo reads the position that was recorded.
+        // A servo reads the recorded position.
         let acted = model.plant.actuator.act(trace.signal[k], q, v, (1.0, 0.0));
         let u = gain * acted.effort;
         let carried = log.carried.get(k);
@@ -89,14 +89,14 @@ pub fn linearize(
         };
         let sum = acting.at(&at);
         let settling = Settling::over(model.settle_s, dt);
-        // Friction that settles must also brake the velocity within its settle time.
+        // Settling friction must also brake the velocity within its settle time.
         let held = if settling.keep > 0.0 {
             v / (model.settle_s * inverse) + u + sum.effort
         } else {
             u + sum.effort
         };
         let slow = settling.keep > 0.0 || v.abs() <= still;
-        // A joint that sticks forgets its velocity; noise of the effort moves it by the creep alone.
+        // A sticking joint forgets its velocity; noise of the effort moves it by the creep alone.
         if slow && held.abs() < sum.friction {
             let g = settling.creep * dt * inverse;
             locals.push(Local {
@@ -132,7 +132,7 @@ pub struct Gain {
     pub kv: f64,
     /// Gain of the wander.
     pub kd: f64,
-    /// Share of the wander that is left at the next sample.
+    /// Share of the wander left at the next sample.
     pub kept: f64,
 }
 
@@ -214,7 +214,7 @@ impl<'a> Gains<'a> {
         }
     }
 
-    /// Gain of the next sample, whose reading has the given variance.
+    /// Gain of the next sample, with the variance of its reading.
     #[inline]
     pub fn next(&mut self, local: &Local, reading: f64) -> Gain {
         // Most intervals are alike, and exponentials are dear, too.

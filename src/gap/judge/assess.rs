@@ -32,9 +32,9 @@ use crate::{
 /// Logs of one joint, split.
 #[derive(Clone, Debug)]
 pub struct Runs {
-    /// Logs that are fitted.
+    /// Fitted logs.
     pub fitted: Vec<JointLog>,
-    /// Logs that only the proof reads.
+    /// Logs for the proof alone.
     pub held_out: Vec<JointLog>,
     /// The joint turns.
     pub turns: bool,
@@ -44,16 +44,16 @@ pub struct Runs {
     pub effects: Vec<usize>,
 }
 
-/// A joint's runs with what was found on the fitted ones.
+/// A joint's runs with the findings of the fitted ones.
 pub struct Examined<'c> {
     name: String,
     /// Fitted runs.
     pub problem: Problem<'c>,
     /// Held-out runs.
     pub held_out: Problem<'c>,
-    /// What was found.
+    /// The diagnosis.
     pub diagnosis: Diagnosis,
-    /// Effects that were given.
+    /// Given effects.
     given: Vec<usize>,
     tracks: Vec<Track>,
 }
@@ -90,7 +90,7 @@ pub fn examine<'c>(
     Examined { name: name.to_owned(), problem, held_out, diagnosis, given: runs.effects, tracks }
 }
 
-/// Proves on held-out runs what was found at a joint.
+/// Proves the findings at a joint on held-out runs.
 #[must_use]
 pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
     let Examined { name, problem, held_out, mut diagnosis, given, tracks } = examined;
@@ -102,18 +102,18 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
     }
     // With the actuator as it was found.
     let twin = diagnosis.model.without_effects();
-    // A push belongs to the run that it happened in.
+    // A push belongs to its own run.
     let mut updated = diagnosis.model.clone();
     updated.terms.retain(|t| !effects[t.effect].is_of_one_run());
     let mut proof = prove(&held_out, &twin, &updated);
-    // What lasts and moves the joint by more than its noise is something, and no effect says what.
+    // A lasting effort with a motion above the noise is something, without an effect to name it.
     if diagnosis.verdict == Verdict::None
         && diagnosis.noise.remains()
         && proof.0.before > REPORTED_NOISES * proof.0.noise_floor
     {
         diagnosis.verdict = Verdict::Unknown;
     }
-    // Names that the held-out runs do not bear out are taken back; the proof is then that of the twin.
+    // Names without confirmation by held-out runs are taken back; the proof is then the twin's.
     if !updated.terms.is_empty()
         && !is_borne_out(&problem, &held_out, [&updated, &twin], &proof.0, diagnosis.noise)
     {
@@ -209,16 +209,16 @@ fn track(log: &JointLog, is_held_out: bool) -> Track {
     Track { run, is_held_out, time_s: log.time_s.clone(), position: log.position.clone() }
 }
 
-/// Another diagnosis, by how whole windows are predicted, where much is left that is no noise: beside a floor
-/// that no catalogue holds, what each sample adds to those before it says little of what moves the joint.
-/// Where what was found surely predicts better it stays, as sure of its names as the predictions are.
+/// Another diagnosis, by the prediction of whole windows, where much is left beyond noise: beside a floor
+/// beyond any catalogue, the innovation of each sample shows little of the joint's efforts. Findings with
+/// surely better predictions stay, as sure of their names as the predictions.
 fn by_prediction(
     problem: &Problem,
     mut found: Diagnosis,
     effects: &[usize],
     rng: &mut impl Rng,
 ) -> Diagnosis {
-    // An effort that lasts, or one that is a large share of the recorded one, is no noise.
+    // A lasting effort, or one as large as a share of the recorded effort, is no noise.
     let is_loud = found.noise.size() > MAX_LEFT * problem.coverage.effort_rms;
     if found.verdict == Verdict::Insufficient || !(found.noise.wander > 0.0 || is_loud) {
         return found;
@@ -236,9 +236,9 @@ fn by_prediction(
     found
 }
 
-/// Of effects that do not explain enough, those that predict each fitted run from the others clearly better
-/// without the rest: what only mends the runs that it was fitted to is taken away, the worst first. `None`
-/// where nothing can be.
+/// Of effects with too little explanation, those with clearly better predictions of each fitted run from the
+/// others without the rest: effects of single runs alone are taken away, the worst first. `None` where
+/// nothing can be.
 fn fewer(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> {
     // The halves of a single run share its conditions.
     if nearest.terms.len() < 2 || problem.logs.len() < 2 {
@@ -280,12 +280,12 @@ fn predicted_rmse(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNoise
     squares.iter().sum::<f64>().sqrt()
 }
 
-/// Share of a residual that is clearly less: the effects taken away misled.
+/// A clearly smaller share of a residual: the effects taken away misled.
 /// tuned: tests/python/gap/generate.py.
 const CLEARLY: f64 = 0.8;
 
-/// Effort noise that such a fit begins with, as a share of the recorded effort.
-/// chosen: a start value, which the fit replaces.
+/// Effort noise at the begin of such a fit, as a share of the recorded effort.
+/// chosen: a start value, replaced by the fit.
 const FIRST_NOISE: f64 = 0.05;
 
 /// Multiple of the noise up to which a name may leave the gap open.
@@ -295,9 +295,9 @@ const MAX_FLOORS: f64 = 1.5;
 /// Whether held-out runs bear a name out: it closes most of their gap, or brings them near their noise.
 fn is_proven(gap: &Gap) -> bool {
     let mut windows: Vec<&WindowGap> = gap.windows.iter().collect();
-    // The same windows are left out before and after: those that the updated twin misses most.
+    // The same windows are left out before and after: the updated twin's largest misses.
     windows.sort_by(|a, b| a.after.total_cmp(&b.after));
-    // One that starts on an edge (of a stop, a catch, a balance) cannot be predicted.
+    // A start on an edge (of a stop, a catch, a balance) cannot be predicted.
     windows.truncate(windows.len() - (MAX_LEFT * windows.len() as f64) as usize);
     let before: Vec<f64> = windows.iter().map(|w| w.before).collect();
     let after: Vec<f64> = windows.iter().map(|w| w.after).collect();

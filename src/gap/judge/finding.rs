@@ -1,4 +1,4 @@
-//! Named effects: their parameters with intervals, what else may be in their place, whether they are there.
+//! Named effects: their parameters with intervals, their rivals, whether they are sure.
 
 use crate::{
     fit::problem::Problem,
@@ -18,7 +18,7 @@ pub struct ParameterEstimate {
     pub value: f64,
     /// Unit.
     pub unit: String,
-    /// Interval that holds the truth with 95 %.
+    /// 95 % interval.
     pub interval: (f64, f64),
 }
 
@@ -31,18 +31,18 @@ pub struct Finding {
     pub effect: String,
     /// Parameters.
     pub parameters: Vec<ParameterEstimate>,
-    /// Weight of the sets of effects that hold it among those of the same size.
+    /// Weight of the sets with it among those of the same size.
     pub weight: f64,
-    /// Other effects that explain the recording as well, with their weights.
+    /// Other effects with as good an explanation of the recording, with their weights.
     pub alternatives: Vec<(String, f64)>,
-    /// Recording that would decide.
+    /// Recording to decide.
     pub experiment: String,
-    /// Whether it is surely there. What may be absent is no name; the files hold it all the same where unseen
-    /// windows are better with it.
+    /// Whether it is surely there. A perhaps absent effect is no name; the files hold it all the same where
+    /// unseen windows are better with it.
     pub is_sure: bool,
 }
 
-/// Weight of the sets that hold an effect of the set `own`, and what the others have in its place.
+/// Weight of the sets with an effect of the set `own`, and its replacements in the others.
 #[must_use]
 pub fn doubts(
     catalogue: &Catalogue,

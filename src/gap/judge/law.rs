@@ -1,5 +1,5 @@
-//! The effects found as laws, effort against what it depends on, and beside them the efforts that the twin
-//! lacks as the motion shows them; for plots.
+//! The effects found as laws, effort against their variable, and beside them the twin's missing efforts by
+//! the motion; for plots.
 
 use std::collections::BTreeMap;
 
@@ -25,17 +25,17 @@ const BINS: usize = 24;
 const LEAST_SAMPLES: usize = 12;
 /// Least windows of a bin: its error comes from their scatter.
 const LEAST_WINDOWS: usize = 3;
-/// Samples at each end of a range that no bin is laid over, as a share: few, and the fastest.
+/// Share of the samples beyond the bins at each end of a range: few, and the fastest.
 /// chosen: a thousandth, three standard deviations.
 const OUTLYING: f64 = 0.001;
 /// Half width of a 95 % interval in standard deviations.
 /// derived: quantile of the normal distribution.
 const HALF_WIDTH: f64 = 1.96;
-/// Durations of a push that are shown on either side of it.
+/// Durations of a push in view on either side of it.
 /// chosen: the push is over after five.
 const PUSH_SHOWN: f64 = 8.0;
 
-/// Which way the joint moves where a law holds.
+/// Direction of motion under a law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Way {
     /// Either.
@@ -52,16 +52,16 @@ impl Way {
     }
 }
 
-/// Effects that depend on one variable.
+/// Effects of one variable.
 #[derive(Clone, Debug)]
 pub struct Law {
     /// The variable.
     pub variable: Variable,
     /// Names of the effects; empty where nothing was found.
     pub effects: Vec<String>,
-    /// What they make, summed.
+    /// Their summed efforts.
     pub curves: Vec<Curve>,
-    /// What the twin lacks, less what effects of other variables make.
+    /// The twin's missing efforts, less those of effects of other variables.
     pub points: Vec<Point>,
 }
 
@@ -93,8 +93,8 @@ pub struct Point {
     pub half: f64,
 }
 
-/// Laws of what was found, or of what comes nearest; without either what the twin lacks over velocity and
-/// position, and over the variable that the residual depends on most.
+/// Laws of the findings, or of the nearest effects; without either the twin's missing efforts over velocity
+/// and position, and over the variable with the strongest dependence.
 #[must_use]
 pub fn laws(fitted: &Problem, held_out: &Problem, diagnosis: &Diagnosis) -> Vec<Law> {
     let model = diagnosis.nearest.as_ref().map_or(&diagnosis.model, |n| &n.model);
@@ -126,7 +126,7 @@ pub fn laws(fitted: &Problem, held_out: &Problem, diagnosis: &Diagnosis) -> Vec<
     laws
 }
 
-/// The axis on which a dependence is drawn.
+/// The plotted axis of a dependence.
 #[must_use]
 fn axis_of(variable: Variable) -> Variable {
     match variable {
@@ -136,7 +136,7 @@ fn axis_of(variable: Variable) -> Variable {
     }
 }
 
-/// What the effort of an effect depends on; `None` for one that is no effort.
+/// Variable of an effect's effort; `None` for other effects.
 fn variable_of(effect: &dyn Effect, term: &Term, seen: &[&Observed]) -> Option<Variable> {
     match effect.place() {
         Place::Effort if effect.is_of_one_run() => Some(Variable::Time),
@@ -197,7 +197,7 @@ impl Sum<'_> {
         let edges = self.edges(low, high);
         for way in self.ways() {
             for (is_held_out, seen) in [(false, &seen[0]), (true, &seen[1])] {
-                // A push belongs to a run that was fitted.
+                // A push belongs to a fitted run.
                 if !(is_held_out && self.variable == Variable::Time && !self.terms.is_empty()) {
                     law.points.extend(self.points(way, is_held_out, seen, &edges));
                 }
@@ -226,7 +226,7 @@ impl Sum<'_> {
         }
     }
 
-    /// Whether a sample shows what the twin lacks: at rest friction takes up whatever acts.
+    /// Whether a sample shows the twin's missing effort: at rest friction takes up any effort.
     fn shows(&self, o: &Observed) -> bool {
         let slow = STILL * self.problem.coverage.speed.1;
         let rests = o.v.abs() <= slow
@@ -250,7 +250,7 @@ impl Sum<'_> {
         }
     }
 
-    /// What samples are sorted into bins by: an acceleration errs as the effort over it does, and large ones
+    /// Variable for the sorting into bins: an acceleration errs as the effort over it does, and large ones
     /// would be those with large errors.
     fn sorted_by(&self, o: &Observed) -> f64 {
         if self.variable == Variable::Acceleration { o.about } else { self.x(o) }
@@ -335,7 +335,7 @@ impl Sum<'_> {
             if (way != Way::Both && way != own) || bin == 0 || bin >= edges.len() {
                 continue;
             }
-            // What other effects make comes off; without any this is what the twin lacks.
+            // Efforts of other effects come off; without any this is the twin's missing effort.
             let effort = o.lacking - o.found + self.value(x, own).0;
             let sums = bins[bin - 1].entry(o.window).or_default();
             sums.iter_mut().zip([1.0, x, effort]).for_each(|(s, x)| *s += x);

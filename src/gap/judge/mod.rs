@@ -1,4 +1,4 @@
-//! Which effects are named: screening, search, verdict, proof on held-out runs, report.
+//! Naming of effects: screening, search, verdict, proof on held-out runs, report.
 
 pub mod assess;
 pub mod columns;

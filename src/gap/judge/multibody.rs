@@ -1,5 +1,5 @@
-//! Joints of a chain that moved together, judged together: what was found at each is fitted again in one
-//! rollout of all, and made no richer than that asks for.
+//! Joints of a chain in common motion, judged together: the findings at each are fitted again in one rollout
+//! of all, and made no richer than it asks for.
 
 use crate::{
     fit::{
@@ -20,10 +20,10 @@ use crate::{
     twin_tree::TwinTree,
 };
 
-/// A joint of a chain: its index in the tree, its runs, and what was found.
+/// A joint of a chain: its index in the tree, its runs, and its findings.
 type Member<'e, 'c> = (usize, &'e mut Examined<'c>);
 
-/// Fits what was found at the joints of each chain again, together.
+/// Fits the findings at the joints of each chain again, together.
 pub fn fit_chains(tree: &TwinTree, examined: &mut [Member]) {
     let mut done: Vec<usize> = Vec::new();
     for first in 0..examined.len() {
@@ -46,7 +46,7 @@ pub fn fit_chains(tree: &TwinTree, examined: &mut [Member]) {
     }
 }
 
-/// A joint and all that move it or are moved by it, whatever lies between.
+/// A joint and all others to move it or be moved by it, at any distance.
 fn connected(tree: &TwinTree, joint: usize) -> Vec<usize> {
     let mut all = vec![joint];
     let mut next = 0;
@@ -58,8 +58,8 @@ fn connected(tree: &TwinTree, joint: usize) -> Vec<usize> {
     all
 }
 
-/// Models of joints that were fitted together, each with how well it is known; `None` where the joints were
-/// not recorded together, nothing was found at any, or held-out runs are predicted no better.
+/// Models of joints fitted together, each with its uncertainty; `None` where the joints were not recorded
+/// together, nothing was found at any, or held-out runs are predicted no better.
 fn together(tree: &TwinTree, members: &[&mut Member]) -> Option<Vec<(JointModel, Spread)>> {
     let models: Vec<JointModel> = members.iter().map(|m| m.1.diagnosis.effects().clone()).collect();
     let indices = || members.iter().map(|m| m.0).collect::<Vec<usize>>();
@@ -67,7 +67,7 @@ fn together(tree: &TwinTree, members: &[&mut Member]) -> Option<Vec<(JointModel,
     let fitted = simpler(&Joints::new(tree, indices(), &runs)?, &models)?;
     let held_out: Vec<&Problem> = members.iter().map(|m| &m.1.held_out).collect();
     let held_out = Joints::new(tree, indices(), &held_out).filter(|j| j.windows() > 0)?;
-    // In units of what the fit leaves at each joint.
+    // In units of the fit's residual at each joint.
     let in_units = |w: &Vec<f64>| w.iter().zip(&fitted.size).map(|(x, unit)| (x / unit).powi(2)).sum::<f64>();
     let missed = |models: &[JointModel]| window_sizes(&held_out, models).iter().map(in_units).sum::<f64>();
     if missed(&fitted.models) >= missed(&models) {
@@ -88,8 +88,8 @@ fn together(tree: &TwinTree, members: &[&mut Member]) -> Option<Vec<(JointModel,
     Some(own)
 }
 
-/// The members' effects fitted together, without those that the chain does not need, and special cases in
-/// place of what contains them.
+/// The members' effects fitted together, without those the chain does not need, and special cases in place of
+/// general ones.
 fn simpler(joints: &Joints, models: &[JointModel]) -> Option<MultibodyFit> {
     if joints.windows() == 0 || models.iter().all(|m| m.terms.is_empty()) {
         return None;
@@ -116,7 +116,7 @@ fn score(joints: &Joints, fitted: &MultibodyFit) -> f64 {
     fitted.twice_likelihood - prices.sum::<f64>()
 }
 
-/// Deviations of a strength from its neutral value from which its effect stays.
+/// Deviations of a strength from its neutral value to keep its effect.
 /// chosen: twice the log likelihood falls by their square without it, more than any effect costs.
 const SURE: f64 = 6.0;
 

@@ -1,5 +1,5 @@
-//! A friction that differs a little from one way to the other, or one of the same bound both ways beside an
-//! offset of the effort: the laws are the same, and no motion distinguishes them.
+//! A friction with slightly different bounds either way, or one of the same bound both ways beside an offset
+//! of the effort: the laws are the same, and no motion distinguishes them.
 
 use nalgebra::DMatrix;
 
@@ -9,12 +9,12 @@ use crate::{
     model::joint_model::{JointModel, Term},
 };
 
-/// Deviation of an offset, as a share of the friction that it stands beside.
+/// Deviation of an offset, as a share of the friction beside it.
 /// measured: eval/gap/machines.md; 0.14 to 0.2 of three real machines.
 const OFFSET: f64 = 0.15;
 
 /// The model with a Coulomb friction and a constant bias in place of an asymmetric friction, where its
-/// asymmetry is likelier an offset of such a size than any between none and all of it. What was `given` keeps
+/// asymmetry is likelier an offset of such a size than any between none and all of it. A `given` effect keeps
 /// its name.
 #[must_use]
 pub fn with_offset(
@@ -47,7 +47,7 @@ pub fn with_offset(
     let mut other = model.clone();
     let place = model.terms.iter().position(|t| t.effect == asymmetric).unwrap_or_default();
     other.terms[place] = Term { effect: coulomb, p: vec![mean] };
-    // Next to it, so that both have the columns that the one had.
+    // Next to it: both take its columns.
     other.terms.insert(place + 1, Term { effect: bias, p: vec![half] });
     let mut by = DMatrix::identity(spread.covariance.nrows(), spread.covariance.nrows());
     let columns = [(at, at, 0.5), (at, at + 1, 0.5), (at + 1, at, -0.5), (at + 1, at + 1, 0.5)];

@@ -1,5 +1,5 @@
-//! Efforts of several effects regressed together on what a fitted model misses, along the measured motion:
-//! fits that start there begin in the right basin where effects found one by one take each other's place.
+//! Efforts of several effects regressed together on the misses of a fitted model, along the measured motion:
+//! fits from there begin in the right basin where effects found one by one take each other's place.
 
 use crate::{
     fit::problem::Problem,
@@ -13,12 +13,12 @@ use crate::{
     },
 };
 
-/// Shapes of an effect that are tried beside others.
+/// Tried shapes of an effect beside others.
 /// derived: the best alone, and the next one, should another effect take the place of the first.
 const SHAPES: usize = 2;
 
-/// Amplitudes of effects at given shapes, all together, and twice the log likelihood that they gain to first
-/// order. `None` where the columns do not tell them apart.
+/// Amplitudes of effects at given shapes, all together, and their gain of twice the log likelihood to first
+/// order. `None` where the columns do not separate them.
 #[must_use]
 pub fn regressed(
     problem: &Problem,
@@ -78,8 +78,8 @@ pub fn regressed_model(problem: &Problem, screen: &Screen, model: &JointModel) -
     Some(JointModel { terms, ..model.clone() })
 }
 
-/// Models of one effect, two, and so on, each with the effect more that a regression of all of them gains
-/// most by beside what each parameter costs; while it gains.
+/// Models of one effect, two, and so on, each with the further effect of most gain in a regression of all of
+/// them less the price of the parameters; while it gains.
 #[must_use]
 pub fn regressed_sets(
     problem: &Problem,

@@ -1,4 +1,5 @@
-//! Which set of effects explains the logs best: singles, then pairs and triples grown from several of them.
+//! Search for the best set of effects of the logs: singles, then pairs and triples grown from several of
+//! them.
 
 use rayon::prelude::*;
 
@@ -40,15 +41,15 @@ impl Candidate {
 /// How wide the search is.
 #[derive(Clone, Copy, Debug)]
 pub struct Breadth {
-    /// Effects that are fitted alone.
+    /// Effects fitted alone.
     pub singles: usize,
-    /// Sets of each size that are grown.
+    /// Grown sets of each size.
     pub grown: usize,
     /// Effects tried beside each of them.
     pub partners: usize,
     /// Largest set.
     pub largest: usize,
-    /// Largest set that is regressed, where whole windows are predicted.
+    /// Largest regressed set, where whole windows are predicted.
     pub regressed: usize,
 }
 
@@ -58,14 +59,14 @@ impl Default for Breadth {
     }
 }
 
-/// What a search may find.
+/// Limits of a search.
 #[derive(Clone, Copy, Debug)]
 pub struct Scope<'a> {
     /// Indices of effects in the catalogue.
     pub effects: &'a [usize],
-    /// Sets that are tried beside those that grow one by one; the fits begin at their parameters.
+    /// Tried sets beside those grown one by one; the fits begin at their parameters.
     pub seeds: &'a [JointModel],
-    /// Gain of score that one more effect must bring.
+    /// Least gain of score by one more effect.
     pub least_gain: f64,
 }
 
@@ -76,12 +77,12 @@ pub struct Search {
     pub by_size: Vec<Vec<Candidate>>,
     /// Index of the disturbance in the catalogue.
     pub disturbance: Option<usize>,
-    /// Gain of score that one more effect must bring.
+    /// Least gain of score by one more effect.
     pub least_gain: f64,
 }
 
 impl Search {
-    /// The smallest set that no larger one beats by what one more effect must bring.
+    /// The smallest set without a larger one ahead by the gain wanted of one more effect.
     #[must_use]
     pub fn accepted(&self) -> &Candidate {
         let nothing = self.by_size[0][0].score;
@@ -106,7 +107,7 @@ impl Search {
     }
 }
 
-/// What a set of effects costs: each parameter, and each choice of shape. See docs/method.md (14.15).
+/// Price of a set of effects: each parameter, and each choice of shape. See docs/method.md (14.15).
 #[must_use]
 pub fn price(problem: &Problem, model: &JointModel) -> f64 {
     model.terms.iter().map(|t| term_price(problem, t)).sum()
@@ -121,19 +122,19 @@ fn term_price(problem: &Problem, term: &Term) -> f64 {
 #[must_use]
 pub fn candidate(problem: &Problem, fit: Fit) -> Candidate {
     let score = 2.0 * fit.log_likelihood - price(problem, &fit.model);
-    // An effect that stands alone may be weak: there is no other whose shape it could mend.
+    // A sole effect may be weak: there is no other with a shape to mend.
     let whole = fit.model.terms.len() < 2
         || (fit.model.terms.iter().all(|t| is_felt(problem, t)) && !mends_fall(problem, &fit.model));
     Candidate { score: if score.is_finite() && whole { score } else { f64::NEG_INFINITY }, fit }
 }
 
-/// Effort, as a share of the recorded efforts' root mean square, that an effect beside others must reach
-/// somewhere. What is smaller mends the shape of the others.
+/// Least effort of an effect beside others at its strongest, as a share of the recorded efforts' root mean
+/// square. A smaller one mends the shape of the others.
 /// tuned: tests/python/gap/generate.py.
 const MIN_FELT: f64 = 0.02;
 
-/// Whether efforts of the velocity alone stand beside a friction that falls with speed and are smaller than
-/// what an explanation of that fall may leave: they mend its shape, of which the laws in use know no more.
+/// Whether efforts of the velocity alone stand beside a friction falling with speed and are smaller than the
+/// open part of an explanation of this fall: they mend its shape, unknown to the laws in use.
 fn mends_fall(problem: &Problem, model: &JointModel) -> bool {
     let of = |t: &Term| &problem.catalogue[t.effect];
     let fall = model.terms.iter().map(|t| of(t).fall(&t.p)).fold(0.0, f64::max);
@@ -184,8 +185,8 @@ fn is_felt(problem: &Problem, term: &Term) -> bool {
     false
 }
 
-/// Effort noise that a fit begins with, as a share of the recorded effort.
-/// chosen: a start value, which the fit replaces.
+/// Effort noise at the begin of a fit, as a share of the recorded effort.
+/// chosen: a start value, replaced by the fit.
 const FIRST_NOISE: f64 = 0.02;
 
 /// The twin as it is, with its start states and noise fitted.
@@ -217,12 +218,11 @@ pub fn search(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Search {
         let (grown, tried) = match size {
             1 => (1, breadth.singles),
             2 => (breadth.grown, breadth.partners),
-            // Only the best pair grows: what a third effect adds is small beside it.
+            // Only the best pair grows: a third effect adds little beside it.
             _ => (1, breadth.partners - 1),
         };
         let best_before = best_score(&by_size);
-        // One more effect must bring a share of what the others brought: an inexact shape is no further
-        // effect.
+        // One more effect must bring a share of the others' gain: an inexact shape is no further effect.
         let wanted = least_gain.max(MIN_SHARE * (best_before - nothing));
         let mut found: Vec<Candidate> = Vec::new();
         for (rank, parent) in distinct(problem, &by_size[size - 1], grown).into_iter().enumerate() {
@@ -244,7 +244,7 @@ pub fn search(problem: &Problem, breadth: &Breadth, scope: &Scope) -> Search {
             sets = with_exchanges(problem, &by_size[0][0], sets, &by_size[1]);
         }
         let best = sets.first().map_or(f64::NEG_INFINITY, |c| c.score);
-        // Growing one by one misses sets whose members show only beside each other.
+        // Growing one by one misses sets with members visible only beside each other.
         let smaller: Vec<Candidate> = if size > 1 {
             sets.iter().take(2).flat_map(|c| without_one(problem, c, &by_size[size - 1])).collect()
         } else {
@@ -267,14 +267,14 @@ fn best_score(by_size: &[Vec<Candidate>]) -> f64 {
     by_size.iter().filter_map(|s| s.first()).map(|c| c.score).fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// A set that begins at given parameters, fitted to the end.
+/// A set fitted from given parameters to the end.
 #[must_use]
 pub fn begun(problem: &Problem, base: &Candidate, seed: &JointModel) -> Candidate {
     fitted_to_end(problem, seed, &base.fit, Pace { searches: true, ..Pace::NEXT })
 }
 
-/// Sets with, beside them, the best of them with each of its effects in exchange for each of those that lead
-/// alone. Fits begin at the start states of `base`.
+/// Sets with, beside them, the best of them with each of its effects in exchange for each of the leading
+/// single ones. Fits begin at the start states of `base`.
 fn with_exchanges(
     problem: &Problem,
     base: &Candidate,
@@ -290,7 +290,7 @@ fn with_exchanges(
     best_of_each_set(sets.into_iter().chain(fitted).collect())
 }
 
-/// The best candidates, of those that differ by an effect and one that contains it the better one.
+/// The best candidates; of two with an effect and its special case the better one.
 fn distinct<'c>(problem: &Problem, candidates: &'c [Candidate], count: usize) -> Vec<&'c Candidate> {
     let mut chosen: Vec<&Candidate> = Vec::new();
     for c in candidates {
@@ -301,7 +301,7 @@ fn distinct<'c>(problem: &Problem, candidates: &'c [Candidate], count: usize) ->
     chosen
 }
 
-/// Whether two sets differ by one effect and one that contains it.
+/// Whether two sets differ by one effect and its special case.
 fn is_related(problem: &Problem, a: &Candidate, b: &Candidate) -> bool {
     let [a, b] = [a, b].map(|c| specs(problem, c));
     match (without_names_of(&a, &b).as_slice(), without_names_of(&b, &a).as_slice()) {
@@ -339,19 +339,19 @@ fn fitted_to_end(problem: &Problem, model: &JointModel, from: &Fit, pace: Pace) 
     candidate(problem, fit(problem, &begun.model, starts, begun.noise, Free::All, Pace::thorough(3)))
 }
 
-/// Share of the gain so far that one more effect must add.
+/// Least gain by one more effect, as a share of the gain so far.
 /// tuned: tests/python/gap/generate.py.
 const MIN_SHARE: f64 = 0.04;
-/// Candidates that are fitted to the end after a first pass over all.
+/// Candidates fitted to the end after a first pass over all.
 const FINALISTS: usize = 5;
 
-/// Fits in a row that a candidate with play may take.
+/// Most fits in a row of a candidate with play.
 const PLAY_FITS: usize = 3;
-/// What each must gain for the next.
+/// Least gain of each before the next.
 /// chosen: with a gain of one in the log likelihood, a parameter moves by 1.4 of its standard deviations.
 const MIN_GAIN_OF_PLAY_FIT: f64 = 2.0;
 
-/// Fits a parent with each of the hits; those that lead after a first round are fitted to the end.
+/// Fits a parent with each of the hits; the leading ones after a first round are fitted to the end.
 #[must_use]
 pub fn grow(problem: &Problem, parent: &Candidate, hits: &[Vec<Hit>]) -> Vec<Candidate> {
     let jobs: Vec<JointModel> = hits.iter().flatten().flat_map(|h| starts_of(problem, parent, h)).collect();
@@ -377,7 +377,7 @@ fn first_fit(problem: &Problem, parent: &Candidate, model: &JointModel) -> Candi
     candidate(problem, fit(problem, model, Some(&starts), parent.fit.noise, Free::All, Pace::FIRST))
 }
 
-/// A candidate fitted on from its end, where that raises its score.
+/// A candidate fitted on from its end, where this raises its score.
 fn fitted_on(problem: &Problem, c: &Candidate, pace: Pace) -> Candidate {
     let again = fit(problem, &c.fit.model, Some(&c.fit.starts), c.fit.noise, Free::All, pace);
     let again = candidate(problem, again);
@@ -408,13 +408,13 @@ fn finalist_fit(problem: &Problem, parent: &Candidate, c: &Candidate) -> Candida
     now
 }
 
-/// Starts of a fit that go on after a first round.
+/// Starts of a fit kept after a first round.
 const STARTS: usize = 2;
 
 /// The most likely fits of each set of effects, all of them under the same noise.
 fn leading_starts(mut fits: Vec<Candidate>) -> Vec<Candidate> {
     fits.sort_by(|a, b| b.fit.log_likelihood.total_cmp(&a.fit.log_likelihood));
-    // Starts of one set pay the same price, so that their likelihoods compare.
+    // Starts of one set pay the same price: their likelihoods compare.
     let mut kept: Vec<Candidate> = Vec::new();
     for c in fits {
         if kept.iter().filter(|k| k.effects() == c.effects()).count() < STARTS {
@@ -424,7 +424,7 @@ fn leading_starts(mut fits: Vec<Candidate>) -> Vec<Candidate> {
     kept
 }
 
-/// Best shapes, so many of each, of the effects that score best beside a candidate.
+/// Best shapes, so many of each, of the effects with the best scores beside a candidate.
 fn ranked(
     problem: &Problem,
     parent: &Candidate,
@@ -451,7 +451,7 @@ fn ranked(
     hits
 }
 
-/// Models that a fit starts from: the parent with the effect at its shape and at its restarts.
+/// Start models of a fit: the parent with the effect at its shape and at its restarts.
 fn starts_of(problem: &Problem, parent: &Candidate, hit: &Hit) -> Vec<JointModel> {
     let effect = &problem.catalogue[hit.effect];
     let mut models = Vec::new();

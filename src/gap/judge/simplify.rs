@@ -1,5 +1,5 @@
-//! A found set of effects made no richer than the recording asks for: special cases in place of what contains
-//! them, and nothing whose strength may as well be zero.
+//! A found set of effects made no richer than the recording asks for: special cases in place of general
+//! effects, and no strength with zero in its interval.
 
 use crate::{
     fit::{
@@ -11,12 +11,12 @@ use crate::{
 };
 use numeric::statistics::HALF_WIDTH_95;
 
-/// Score by which a simpler set may fall behind: a special case behind the effect that contains it, a set
-/// without an effect behind the set with it.
+/// Allowed loss of score of a simpler set: a special case against its general effect, a set without an effect
+/// against the set with it.
 /// chosen: very strong evidence in twice the log of a Bayes factor (Kass and Raftery 1995).
 pub const SIMPLER: f64 = 10.0;
 
-/// The set with special cases where they do about as well, without effects that are not sure to be there.
+/// The set with special cases where they do about as well, without unsure effects.
 #[must_use]
 pub fn simplified(problem: &Problem, found: &Candidate) -> Candidate {
     let mut chosen = found.clone();
@@ -49,7 +49,7 @@ pub fn refitted(problem: &Problem, from: &Candidate, model: &JointModel) -> Cand
     )
 }
 
-/// The special cases of an effect, with the parameters that they share with it.
+/// The special cases of an effect, with their shared parameters.
 #[must_use]
 pub fn special_terms(problem: &Problem, term: &Term) -> Vec<Term> {
     let general = &problem.catalogue[term.effect];
@@ -78,8 +78,8 @@ pub fn replaced(problem: &Problem, model: &JointModel, i: usize, other: Term, fr
     fit(problem, &model, Some(&from.starts), from.noise, Free::All, Pace::NEXT)
 }
 
-/// The best set with one effect replaced by a special case of it that does about as well, or that lacks only
-/// strengths which may as well be zero. Shared parameters come first in both.
+/// The best set with one effect replaced by a special case about as good, or one without only perhaps zero
+/// strengths. Shared parameters come first in both.
 fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
     let mut simpler = Vec::new();
     for (i, (at, term)) in chosen.fit.model.placed().enumerate() {
@@ -98,8 +98,7 @@ fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
     simpler.into_iter().max_by(|a, b| a.score.total_cmp(&b.score))
 }
 
-/// Whether parameter `k` of term `i`, whose columns start at `at`, is a strength that surely differs from its
-/// neutral value.
+/// Whether parameter `k` of term `i`, with columns from `at` on, is a strength surely off its neutral value.
 fn is_sure(problem: &Problem, chosen: &Candidate, i: usize, at: usize, k: usize) -> bool {
     let term = &chosen.fit.model.terms[i];
     let deviation = chosen.fit.deviation(at + k);
@@ -107,7 +106,7 @@ fn is_sure(problem: &Problem, chosen: &Candidate, i: usize, at: usize, k: usize)
     neutral.is_some_and(|neutral| (term.p[k] - neutral).abs() > HALF_WIDTH_95 * deviation)
 }
 
-/// The first effect from the `first` on of which no strength is sure to differ from its neutral value.
+/// The first effect from `first` on without a strength surely off its neutral value.
 fn doubtful_term(problem: &Problem, chosen: &Candidate, first: usize) -> Option<usize> {
     let terms = chosen.fit.model.placed().enumerate().skip(first);
     for (i, (at, term)) in terms {

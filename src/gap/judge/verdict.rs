@@ -1,4 +1,4 @@
-//! What the evidence carries: nothing, a name, a class of names, something unknown, or too little motion
+//! Conclusion from the evidence: nothing, a name, a class of names, something unknown, or too little motion
 //! for any of these.
 
 use rand_core::Rng;
@@ -31,18 +31,18 @@ use crate::{
 };
 use numeric::statistics::HALF_WIDTH_95;
 
-/// What a diagnosis ends in.
+/// Conclusion of a diagnosis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// The twin agrees with the recording.
     None,
     /// Effects with their names.
     Named,
-    /// A class of effects that this recording does not distinguish.
+    /// A class of effects without distinction by this recording.
     Ambiguous,
-    /// Something that no effect of the catalogue explains.
+    /// Something beyond the effects of the catalogue.
     Unknown,
-    /// The recording lacks what a diagnosis needs.
+    /// The recording is insufficient for a diagnosis.
     Insufficient,
 }
 
@@ -71,24 +71,23 @@ pub struct Diagnosis {
     pub before: Vec<Dependence>,
     /// The updated model; the twin itself where nothing is named.
     pub model: JointModel,
-    /// Share of what was to be explained that is left.
+    /// Remaining share of the part to explain.
     pub left: f64,
-    /// What the recording lacks.
+    /// Shortcomings of the recording.
     pub lacks: Vec<String>,
     /// Effort beyond the model.
     pub noise: EffortNoise,
-    /// What was found of the actuator: gain or stiffness, damping, delay.
+    /// Findings of the actuator: gain or stiffness, damping, delay.
     pub actuator: Vec<ParameterEstimate>,
-    /// Under [`Verdict::Unknown`]: the effects that come nearest, which do not explain enough to be named.
+    /// Under [`Verdict::Unknown`]: the nearest effects, with too little explanation for a name.
     pub nearest: Option<Nearest>,
-    /// How well the parameters of the model, or of what comes nearest, are known; `None` where there are
-    /// none.
+    /// Uncertainty of the parameters of the model, or of the nearest effects; `None` where there are none.
     pub spread: Option<Spread>,
     /// Sets of as many effects with their weights, its own among them.
     pub weighed: Vec<(Vec<usize>, f64)>,
 }
 
-/// Effects that come nearest to an explanation.
+/// Effects nearest to an explanation.
 #[derive(Clone, Debug)]
 pub struct Nearest {
     /// The effects.
@@ -98,7 +97,7 @@ pub struct Nearest {
 }
 
 impl Diagnosis {
-    /// A verdict about a model in which nothing was found.
+    /// A verdict about a model without findings.
     #[must_use]
     pub fn without_findings(verdict: Verdict, model: JointModel) -> Self {
         Self {
@@ -116,7 +115,7 @@ impl Diagnosis {
         }
     }
 
-    /// Takes the weights that another search gave to sets of as many effects, where its own is among them. It
+    /// Takes the weights of sets of as many effects from another search, where its own is among them. It
     /// stays the first name: none of the others counts more.
     pub fn weigh_as(&mut self, catalogue: &Catalogue, weighed: &[(Vec<usize>, f64)]) {
         let mut own: Vec<usize> = self.findings.iter().map(|f| f.index).collect();
@@ -142,8 +141,7 @@ impl Diagnosis {
         self.verdict = Verdict::Unknown;
     }
 
-    /// Asks of each effect that was found whether it is surely there, where something remains that is no
-    /// noise.
+    /// Marks each found effect as surely there or not, where something remains beyond noise.
     pub fn ask(&mut self, catalogue: &Catalogue) {
         if let Some(spread) = self.spread.as_ref().filter(|_| self.noise.remains()) {
             for (finding, (at, term)) in self.findings.iter_mut().zip(self.model.placed()) {
@@ -157,7 +155,7 @@ impl Diagnosis {
         self.findings.iter().filter(|f| f.is_sure)
     }
 
-    /// Effects that may as well be absent.
+    /// Perhaps absent effects.
     pub fn unsure(&self) -> impl Iterator<Item = &Finding> {
         self.findings.iter().filter(|f| !f.is_sure)
     }
@@ -168,13 +166,13 @@ impl Diagnosis {
         self.verdict != Verdict::Insufficient
     }
 
-    /// The effects of what was found, or of what comes nearest.
+    /// The effects of the findings, or the nearest ones.
     #[must_use]
     pub fn effects(&self) -> &JointModel {
         self.nearest.as_ref().map_or(&self.model, |n| &n.model)
     }
 
-    /// Takes effects that were fitted again, of which some may be gone, in place of its own.
+    /// Takes newly fitted effects, perhaps without some of the old ones, in place of its own.
     pub fn fit_again(&mut self, problem: &Problem, model: JointModel, spread: Spread, is_given: bool) {
         let own = self.nearest.as_mut().map_or(&mut self.findings, |n| &mut n.findings);
         let mut again = findings(problem, &model, &spread, &[], 1.0);
@@ -203,19 +201,19 @@ impl Diagnosis {
 }
 
 /// Level of the test of a table.
-/// chosen: the share of false alarms that is accepted.
+/// chosen: the accepted share of false alarms.
 const LEVEL: f64 = 0.01;
-/// Least range of a position that says anything, in deviations of its noise.
+/// Least range of a position for a diagnosis, in deviations of its noise.
 /// chosen: a motion is drawn by some tens of steps.
 const LEAST_RANGE: f64 = 30.0;
-/// Least delay that is credible, in sample intervals.
+/// Least credible delay, in sample intervals.
 /// chosen: less may be the discretization's.
 const LEAST_DELAY: f64 = 0.25;
-/// Least change of a gain, a scale or an inertia that is credible, as a share.
+/// Least credible change of a gain, a scale or an inertia, as a share.
 /// chosen: less may be the discretization's.
 const LEAST_CHANGE: f64 = 0.004;
 
-/// What the motion lacks for any diagnosis, as sentences that name what to record.
+/// Shortcomings of the motion for any diagnosis, as sentences with a remedy.
 #[must_use]
 pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
     let mut lacks = Vec::new();
@@ -226,7 +224,7 @@ pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
         ));
     }
     let range = coverage.travel;
-    // Negated, so that a range that is not a number is too small as well.
+    // Negated: a range of NaN is too small as well.
     if !(range > LEAST_RANGE * coverage.position_noise) || range < 1e-9 {
         lacks.push(format!(
             "the position moves {range:.2e}, hardly more than its noise of {:.1e}; move the joint through \
@@ -237,8 +235,8 @@ pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
     lacks
 }
 
-/// Diagnoses a joint from its fitting runs. Where `effects`, indices in the catalogue, are given, they are
-/// fitted and no others are looked for; a search tries the sets of `seeds` beside those that it grows.
+/// Diagnoses a joint from its fitting runs. Given `effects`, indices in the catalogue, are fitted and no
+/// others are looked for; a search tries the sets of `seeds` beside its own.
 #[must_use]
 pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng: &mut impl Rng) -> Diagnosis {
     let lacks = lacks(&problem.coverage, problem.windows.len());
@@ -250,7 +248,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     let chosen = &chosen;
     let base = &found.by_size[0][0];
     let twin = base.fit.model.without_effects();
-    // The twin under the noise of the chosen model: what there is to explain.
+    // The twin under the noise of the chosen model: the part to explain.
     let at_noise =
         fit(problem, &twin, Some(&base.fit.starts), chosen.fit.noise, Free::Starts, Pace::thorough(1));
     let to_explain = gain_to_explain(&at_noise, &base.fit, &chosen.fit);
@@ -283,7 +281,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     diagnosis.findings = findings(problem, &model, &spread, &rivals, total);
     diagnosis.actuator = actuator_estimates(&model, &spread, problem.turns);
     (diagnosis.model, diagnosis.spread) = (model, Some(spread));
-    // What was given stands or falls with the held-out runs alone.
+    // Given effects stand or fall with the held-out runs alone.
     if effects.is_empty() {
         diagnosis.ask(problem.catalogue);
         if explains_too_little(problem, &diagnosis, base, chosen) {
@@ -293,16 +291,16 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     diagnosis
 }
 
-/// Twice the log likelihood that a model gains over the twin: by smaller residuals under the model's noise,
+/// Twice the gain of log likelihood of a model over the twin: by smaller residuals under the model's noise,
 /// or, where a joint sticks and its residuals stay, each under its own noise.
 fn gain_to_explain(twin_at_noise: &Fit, twin: &Fit, chosen: &Fit) -> f64 {
     let saved = twin_at_noise.costs.iter().sum::<f64>() - chosen.costs.iter().sum::<f64>();
     saved.max(2.0 * (chosen.log_likelihood - twin.log_likelihood))
 }
 
-/// The largest gain that a table of the residual over a variable promises, 0 where none stands. A table
-/// stands by the rule for effects: its bins are priced as parameters are, docs/method.md (14.15), and it must
-/// gain what one more of so many tables must.
+/// The largest promised gain of a table of the residual over a variable, 0 where none stands. A table stands
+/// by the rule for effects: its bins are priced as parameters are, docs/method.md (14.15), and it must gain
+/// as much as one more of so many tables.
 fn unexplained_gain(tables: &[Dependence], independent: f64) -> f64 {
     let least = least_gain(Variable::ALL.len());
     let standing = tables.iter().filter(|t| t.q <= LEVEL);
@@ -310,12 +308,12 @@ fn unexplained_gain(tables: &[Dependence], independent: f64) -> f64 {
     gains.filter(|gain| *gain > least).fold(0.0, f64::max)
 }
 
-/// Share of what was to be explained that is left, at most 1.
+/// Remaining share of the part to explain, at most 1.
 fn share_left(unexplained: f64, to_explain: f64) -> f64 {
     (unexplained / to_explain.max(1e-9)).min(1.0)
 }
 
-/// Whether effects that a search found leave too much for their names to stand.
+/// Whether found effects leave too much for their names to stand.
 fn explains_too_little(
     problem: &Problem,
     diagnosis: &Diagnosis,
@@ -329,7 +327,7 @@ fn explains_too_little(
         || !chosen.fit.model.terms.iter().all(|t| is_credible(problem, t))
 }
 
-/// What was found of a model's actuator, with intervals.
+/// Findings of a model's actuator, with intervals.
 fn actuator_estimates(model: &JointModel, spread: &Spread, turns: bool) -> Vec<ParameterEstimate> {
     let actuator = &model.plant.actuator;
     let [gain, damping] = model.actuator_columns();
@@ -358,7 +356,7 @@ fn estimate(name: &str, value: f64, unit: &str, half: f64) -> ParameterEstimate 
     ParameterEstimate { name: name.to_owned(), value, unit: unit.to_owned(), interval }
 }
 
-/// The set of effects that a search ends in, or that is given.
+/// The final set of effects of a search, or the given one.
 fn chosen(problem: &Problem, effects: &[usize], seeds: &[JointModel]) -> (Search, Candidate) {
     if effects.is_empty() {
         let all = problem.sought();
@@ -378,8 +376,7 @@ fn chosen(problem: &Problem, effects: &[usize], seeds: &[JointModel]) -> (Search
     }
 }
 
-/// Whether the effects leave so much of the twin's effort noise, or of the effort itself, that it is no
-/// noise.
+/// Whether the effects leave more of the twin's effort noise, or of the effort itself, than noise.
 fn is_noisy(problem: &Problem, base: &Candidate, chosen: &Candidate) -> bool {
     let left = chosen.fit.noise.share_of(&base.fit.noise);
     let loud = chosen.fit.noise.size() > MAX_LEFT * problem.coverage.effort_rms;
@@ -388,8 +385,8 @@ fn is_noisy(problem: &Problem, base: &Candidate, chosen: &Candidate) -> bool {
 }
 
 /// Whether the effects have shapes of their own where something remains beside them: several shapes over the
-/// position mend one that none of them has, one that may as well lie at the end of its range is another one,
-/// and a push in one run is what remains.
+/// position mend another one, a shape perhaps at the end of its range is another one, and a push in one run
+/// is itself a remainder.
 fn is_shaped(problem: &Problem, chosen: &Candidate) -> bool {
     let terms = &chosen.fit.model.terms;
     let of = |t: &Term| &problem.catalogue[t.effect];
@@ -411,8 +408,8 @@ fn is_shaped(problem: &Problem, chosen: &Candidate) -> bool {
     true
 }
 
-/// Candidates of the same size with their weights relative to the chosen one. Effects that contain a chosen
-/// one do not count, nor do other shapes of the same effect.
+/// Candidates of the same size with their weights relative to the chosen one. Generalizations of a chosen
+/// effect do not count, nor do other shapes of the same effect.
 fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usize>, f64)> {
     let own = chosen.effects();
     let own_names = names_of(problem.catalogue, &own);
@@ -421,7 +418,7 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
     let mut others: Vec<&Candidate> = Vec::new();
     for candidate in &found.by_size[own.len()] {
         let effects = candidate.effects();
-        // Scores price parameters; predictions do not, and a set that assumes more is no rival there.
+        // Scores price parameters; predictions do not, and a richer set is no rival there.
         let is_rival = (!predicts || assumes(&candidate.fit.model) <= assumes(&chosen.fit.model))
             && effects != own
             && !generalizes(problem.catalogue, &effects, &own)
@@ -464,7 +461,7 @@ fn indistinguishable_set(problem: &Problem, own: &[usize]) -> Option<Vec<usize>>
     Some(effects)
 }
 
-/// Whether an effect is of a size that a model of the joint, not its discretization, would show.
+/// Whether an effect is above the errors of the discretization.
 fn is_credible(problem: &Problem, term: &Term) -> bool {
     match problem.catalogue[term.effect].place() {
         Place::Delay => term.p[0].abs() > LEAST_DELAY * problem.coverage.interval_s,
@@ -474,7 +471,7 @@ fn is_credible(problem: &Problem, term: &Term) -> bool {
     }
 }
 
-/// A set without what mends the discretization, if anything else is in it.
+/// A set without effects within the errors of the discretization, if anything else is in it.
 fn credible(problem: &Problem, chosen: Candidate) -> Candidate {
     let mut model = chosen.fit.model.clone();
     model.terms.retain(|t| is_credible(problem, t));

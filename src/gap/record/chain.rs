@@ -1,10 +1,9 @@
-//! One joint of a chain, the others moving as they were recorded: what their motion makes of its inertia and
-//! its load.
+//! One joint of a chain, the others moving as recorded: their effect on its inertia and its load.
 //!
 //! From `M(q) a + h(q, v) = u`, the row of joint `j` reads `I a_j + dI/dt v_j + load(q_j) = u_j - friction`,
 //! where `I` is the diagonal of the mass matrix and does not depend on `q_j`; the load holds gravity and the
 //! other joints' accelerations, Coriolis and centrifugal efforts, and is a trigonometric polynomial of second
-//! order in the angle of a joint that turns, linear in the position of one that slides.
+//! order in the angle of a turning joint, linear in the position of a sliding one.
 
 use nalgebra::DVector;
 
@@ -21,11 +20,11 @@ use crate::{
     twin_tree::{Motion, TwinTree},
 };
 
-/// Time over which the rate of an inertia is taken, seconds.
+/// Time step of the rate of an inertia, seconds.
 /// chosen: a central difference over it errs by its square, and by rounding over it: both below 1e-8.
 const RATE_STEP_S: f64 = 1e-4;
 
-/// What the joints in `others` make of a joint from each stamp to the next.
+/// Effects of the joints in `others` on a joint from each stamp to the next.
 #[must_use]
 pub fn carried(
     tree: &TwinTree,
@@ -93,7 +92,7 @@ fn harmonics(mut load_at: impl FnMut(f64) -> f64) -> [f64; 6] {
 }
 
 /// Motion of every joint in `joints` over a run. Where all of them have efforts at the same stamps, the
-/// accelerations are those of the twin under these efforts, which change with them at once, and a smooth
+/// accelerations are those of the twin under these efforts, changing with them at once, and a smooth
 /// remainder.
 ///
 /// # Errors
@@ -109,8 +108,8 @@ pub fn motions(
     let free = joints.iter().map(|j| run.motion(name(j)).map(|m| (*j, m))).collect::<Result<Vec<_>, _>>()?;
     let logs: Option<Vec<JointLog>> =
         joints.iter().map(|j| run.joint(name(j), &[], told, &mut Vec::new()).ok()).collect();
-    // Efforts that are none yet, or at different stamps, give no common acceleration; then the positions
-    // alone must do.
+    // Missing efforts, or some at different stamps, give no common acceleration; then the positions alone
+    // must do.
     let is_usable = |l: &JointLog, first: &JointLog| l.time_s == first.time_s && l.commanded.is_empty();
     let logs = logs.filter(|l| told.unit != EffortUnit::Unknown && l.iter().all(|x| is_usable(x, &l[0])));
     let Some(logs) = logs else { return Ok(free) };
@@ -142,7 +141,7 @@ fn expected(
             let state = motion.at(0.5 * (time_s[k] + time_s[next]));
             (q[*j], v[*j]) = (state[0], state[1]);
         }
-        // M a = u - h - damping - friction, at the motion that the positions show.
+        // M a = u - h - damping - friction, at the motion of the positions.
         let bias = tree.inverse_dynamics(&q, &v, &zero, true);
         let whole = tree.mass_matrix(&q);
         // Rows of fixed joints are zero, and the whole matrix has no inverse.

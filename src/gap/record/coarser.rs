@@ -3,15 +3,15 @@
 use crate::record::{carried::Carried, drive::Hold, log::JointLog};
 
 impl JointLog {
-    /// Samples that come in an interval, where those recorded lie closer; 1 elsewhere.
+    /// Samples in an interval, where those recorded lie closer; 1 elsewhere.
     #[must_use]
     pub fn samples_in(&self, interval_s: f64) -> usize {
         self.interval_s().map_or(1, |own| ((interval_s / own) as usize).max(1))
     }
 
     /// The same with samples of about `interval_s`, where those recorded lie closer: positions as they were
-    /// read, efforts and what others make of the joint in the mean over each interval, so that the efforts
-    /// hold from each sample to the next.
+    /// read, efforts and the other joints' effects in the mean over each interval: the efforts hold from each
+    /// sample to the next.
     #[must_use]
     pub fn coarser(&self, interval_s: f64, hold: Hold) -> Self {
         let every = self.samples_in(interval_s);

@@ -1,4 +1,4 @@
-//! What joints were commanded to, and what is known of the actuators that followed.
+//! Commands of joints, and the known facts of their actuators.
 
 use crate::record::drive::{Hold, Signal};
 
@@ -23,7 +23,7 @@ impl Command {
     #[must_use]
     pub fn at_samples(&self, time_s: &[f64], position: &[f64]) -> Vec<f64> {
         let mut latest = f64::NEG_INFINITY;
-        // Stamps that run backward are left out of the log; here they repeat.
+        // Backward stamps are left out of the log; here they repeat.
         let rising = time_s.iter().map(|t| {
             latest = latest.max(*t);
             latest
@@ -48,7 +48,7 @@ impl Command {
         held(&time_s, &position, self.is_straight, stamps)
     }
 
-    /// Positions that held velocities add up to.
+    /// Integrals of held velocities.
     fn integrated(&self, start: f64) -> Vec<f64> {
         let mut at = start;
         let mut last = (self.time_s.first().copied().unwrap_or(0.0), 0.0);
@@ -62,8 +62,8 @@ impl Command {
     }
 }
 
-/// A command in the mean from each stamp to the next; it stands until the next one comes, however long that
-/// takes. Stamps do not fall.
+/// A command in the mean from each stamp to the next; it stands until the next one comes, at any time. Stamps
+/// do not fall.
 fn held(time_s: &[f64], position: &[f64], is_straight: bool, stamps: &[f64]) -> Vec<f64> {
     let Some(first) = time_s.first() else { return vec![f64::NAN; stamps.len()] };
     let mut signal = Signal::new(time_s, position, if is_straight { Hold::Linear } else { Hold::Zero });
@@ -79,10 +79,10 @@ fn held(time_s: &[f64], position: &[f64], is_straight: bool, stamps: &[f64]) -> 
     means
 }
 
-/// What is known of actuators; what is not is found.
+/// Known facts of actuators; the others are found.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Told {
-    /// Of what recorded efforts are.
+    /// Unit of recorded efforts.
     pub unit: EffortUnit,
     /// Of servos: those of single joints, and those of all others.
     pub servos: Vec<ToldServo>,
@@ -95,7 +95,7 @@ impl Told {
         if let EffortUnit::Factor(factor) = self.unit { factor } else { 1.0 }
     }
 
-    /// What is known of the servo of a joint.
+    /// Known facts of the servo of a joint.
     #[must_use]
     pub fn servo(&self, joint: &str) -> Option<&ToldServo> {
         let own = self.servos.iter().find(|s| s.joint.as_deref() == Some(joint));
@@ -103,7 +103,7 @@ impl Told {
     }
 }
 
-/// What recorded efforts are.
+/// Unit of recorded efforts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum EffortUnit {
     /// N m or N.
@@ -118,7 +118,7 @@ pub enum EffortUnit {
 /// A position controller between commands and joint, as far as it is known.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ToldServo {
-    /// Joint; `None` for all that have no own.
+    /// Joint; `None` for all without an entry.
     pub joint: Option<String>,
     /// N m/rad or N/m.
     pub stiffness: Option<f64>,

@@ -7,7 +7,7 @@ use crate::record::{
 };
 use numeric::statistics::CHI_SQUARE_999;
 
-/// Noise of logs of one joint: (14.1), and the jitter under which a smooth motion is likeliest, (14.5).
+/// Noise of logs of one joint: (14.1), and the jitter of the likeliest smooth motion, (14.5).
 #[must_use]
 pub fn reading_noise(logs: &[JointLog]) -> ReadingNoise {
     let noise = ReadingNoise::at_rest(position_noise(logs));
@@ -34,9 +34,9 @@ fn likelihood(motions: &[SmoothMotion], logs: &[JointLog], noise: &ReadingNoise)
     motions.iter().zip(logs).map(|(m, l)| m.likelihood(&l.position, noise)).sum()
 }
 
-/// Jitters that are tried, each twice the one before.
+/// Tried jitters, each twice the one before.
 const JITTERS: i32 = 8;
-/// Log likelihood that a jitter must gain.
+/// Least gain of log likelihood by a jitter.
 /// derived: half the quantile of chi-square with one degree of freedom.
 const ENOUGH: f64 = 0.5 * CHI_SQUARE_999[0];
 

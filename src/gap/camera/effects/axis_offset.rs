@@ -1,9 +1,8 @@
 //! A joint's axis lies elsewhere or points elsewhere.
 //!
-//! Two ways: the line alone is off, so that the child is right at position 0 and leaves its place as it
-//! moves, `M' = D M D^-1`; or the joint's frame is off with the child, `M' = D M`. Signature: a residual of
-//! the child's subtree that grows with the position (the line), or is the same rigid motion of it in every
-//! state (the frame).
+//! Two ways: the line alone is off: the child is right at position 0 and leaves its place as it moves, `M' =
+//! D M D^-1`; or the joint's frame is off with the child, `M' = D M`. Signature: a residual of the child's
+//! subtree, growing with the position (the line), or the same rigid motion in every state (the frame).
 
 use crate::{
     camera::model::{

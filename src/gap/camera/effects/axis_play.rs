@@ -1,7 +1,8 @@
-//! A joint has play: its child stands off the joint's motion by a small rigid motion that differs from state
-//! to state.
+//! A joint has play: its child stands off the joint's motion by a small rigid motion, another one in every
+//! state.
 //!
-//! Signature: every state has a residual of the child's subtree of its own, small, that no axis explains.
+//! Signature: a small residual of the child's subtree, another one in every state, without an axis to explain
+//! it.
 
 use crate::camera::model::{
     parameter::Parameter,

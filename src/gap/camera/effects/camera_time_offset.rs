@@ -1,4 +1,4 @@
-//! Images are stamped late or early: the pose at `stamp + delay` is that of the image.
+//! Images are stamped late or early: the pose at `stamp + delay` is the pose of the image.
 //!
 //! Signature: a residual in proportion to the camera's velocity, none while it rests, of the other sign on
 //! the way back.

@@ -1,6 +1,6 @@
 //! Reported joint positions are too small by a factor: `position = (1 + x) * reported`.
 //!
-//! Signature: a residual of the child's subtree along its motion that grows with the reported position.
+//! Signature: a residual of the child's subtree along its motion, growing with the reported position.
 
 use crate::camera::model::{
     parameter::Parameter,

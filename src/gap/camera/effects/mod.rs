@@ -1,4 +1,4 @@
-//! The catalogue of effects that a camera can show. To add one, write its file and add a line here.
+//! The catalogue of effects visible to a camera. To add one, write its file and add a line here.
 
 mod axis_offset;
 mod axis_play;
@@ -20,8 +20,8 @@ use super::{
     record::frames::FrameRun,
 };
 
-/// All effects that act smoothly. Two more are found in other ways: another type of joint
-/// (`judge::other_types`) and missing geometry (`judge::missing_geometry`).
+/// All smooth effects. Two more are found in other ways: another type of joint (`judge::other_types`) and
+/// missing geometry (`judge::missing_geometry`).
 pub const CATALOGUE: [CameraEffect; 10] = [
     depth_scale::EFFECT,
     depth_bias::EFFECT,
@@ -35,7 +35,7 @@ pub const CATALOGUE: [CameraEffect; 10] = [
     encoder_bias::EFFECT,
 ];
 
-/// All ways in which the effects of the catalogue may act.
+/// All trials of the effects of the catalogue.
 #[must_use]
 pub fn trials(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Trial> {
     let mut all = Vec::new();

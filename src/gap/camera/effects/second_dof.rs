@@ -1,8 +1,7 @@
 //! A joint's child moves in a second way: a slide or a turn beyond the joint's own, by another amount in
 //! every state.
 //!
-//! Signature: residuals of the child's subtree that are multiples of one rigid motion, unrelated to the
-//! position.
+//! Signature: residuals of the child's subtree, multiples of one rigid motion, unrelated to the position.
 
 use crate::camera::model::{
     parameter::Parameter,

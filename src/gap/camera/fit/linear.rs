@@ -14,7 +14,7 @@ use crate::camera::{
     model::{advance::advance, hypothesis::Hypothesis, parameter::Parameter, posed::PosedTwin},
 };
 
-/// A hypothesis, and the values of effects that it has.
+/// A hypothesis with the values of its effects.
 #[derive(Clone, Debug)]
 pub struct State {
     /// The hypothesis.
@@ -65,7 +65,7 @@ impl FrameProblem<'_> {
                     .collect(),
             );
         }
-        // What the state already explains counts as not explained.
+        // Residuals count without the explanation in the state.
         let with_residual = means
             .into_iter()
             .map(|c| {
@@ -140,7 +140,7 @@ impl FrameProblem<'_> {
     /// All sizes of the errors without names, eliminated.
     #[must_use]
     pub fn reduce_all(&self, linear: &mut Linear, around: &[usize]) -> Vec<Reduced> {
-        // Outliers of the set known so far; without one, what an effect does would count as such.
+        // Outliers of the set known so far; without one, the motion of an effect would count as outliers.
         if around.len() > self.nuisance.len()
             && let Some(solution) =
                 linear.system.reduce(&VarianceComponents::middle(&self.scales)).and_then(|r| r.solve(around))
@@ -151,7 +151,7 @@ impl FrameProblem<'_> {
         VarianceComponents::grid(&self.scales).par_iter().filter_map(|s| linear.system.reduce(s)).collect()
     }
 
-    /// Solution of a set, with the sizes of the errors that its evidence prefers.
+    /// Solution of a set, with the most probable sizes of the errors.
     #[must_use]
     pub fn judge(&self, linear: &Linear, reduced: &[Reduced], set: &[usize]) -> Option<Chosen> {
         let subset = self.subset(linear, set);

@@ -12,7 +12,7 @@ use crate::camera::{
 use geometry::Pose;
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
-/// Least length of the mean of unit normals that is a direction.
+/// Least length of a mean of unit normals with a direction.
 ///
 /// chosen: far above rounding, far below any patch's
 const LEAST_NORMAL: f64 = 1e-6;
@@ -32,7 +32,7 @@ pub struct PatchMean {
     pub patch: usize,
     /// Mean residual across the surface, meters.
     pub residual_m: f64,
-    /// Variance of the mean that the camera's noise gives, square meters.
+    /// Variance of the mean by the camera's noise, square meters.
     pub variance_m2: f64,
     /// Pixels.
     pub pixels: usize,
@@ -40,8 +40,8 @@ pub struct PatchMean {
 
 type Key = (usize, [i32; 3], usize);
 
-/// Averages samples of the frames that `is_used` accepts. Patches are cubes in the part's frame, split by the
-/// side that the surface faces. Returns the means and the number of patches.
+/// Averages samples of the frames accepted by `is_used`. Patches are cubes in the part's frame, split by the
+/// facing side of the surface. Returns the means and the number of patches.
 #[must_use]
 pub fn patch_means(
     twin: &SeenTwin,

@@ -18,23 +18,23 @@ const FRAMES: usize = 6;
 const WIDTH: usize = 80;
 /// Fewest and most first steps over a joint's range.
 const STEPS: [usize; 2] = [12, 72];
-/// Minima of the first steps that are refined.
+/// Refined minima of the first steps.
 const MINIMA: usize = 4;
 /// Halvings of the step.
 const HALVINGS: usize = 5;
 /// Rounds over all joints.
 const ROUNDS: usize = 3;
-/// Mean cost of a pixel that a round must gain for another one.
+/// Gain in the mean cost of a pixel for another round.
 ///
-/// chosen: far below what one joint in a wrong place costs
+/// chosen: far below the cost of one joint in a wrong place
 const LEAST_GAIN: f64 = 1e-4;
-/// A range is looked at beyond its limits by at least this share of what is possible.
+/// A range is searched beyond its limits by at least this share of the possible range.
 ///
 /// chosen: a twin may hold a joint as fixed
 const LEAST_BEYOND: f64 = 0.1;
 /// First step of later rounds in steps of the first one.
 ///
-/// chosen: they only follow what the other joints moved
+/// chosen: they only follow the other joints
 const LATER_STEP: f64 = 0.25;
 
 /// Coarse frames of a run.
@@ -63,12 +63,12 @@ impl CoarseRun {
                 positions: run.positions.clone(),
                 noise: run.noise,
             },
-            // One standard deviation of what effects may move.
+            // One standard deviation of the motion by effects.
             wrong_m: 0.5 * scales.gate_m(),
         }
     }
 
-    /// Mean cost of the pixels that the object or the twin covers, 0 to 1: docs/method.md (15.2).
+    /// Mean cost of the pixels covered by the object or the twin, 0 to 1: docs/method.md (15.2).
     #[must_use]
     pub fn cost(&self, twin: &SeenTwin, hypothesis: &Hypothesis, run: usize) -> f64 {
         let poses = hypothesis.poses(twin, run).0;
@@ -128,7 +128,7 @@ impl CoarseRun {
 }
 
 /// Finds the positions of the joints in a run, one joint after the other from the root, again and again;
-/// those that came with the recording stay.
+/// recorded positions stay.
 pub fn find_positions(twin: &SeenTwin, coarse: &CoarseRun, hypothesis: &mut Hypothesis, run: usize) {
     let mut best = coarse.cost(twin, hypothesis, run);
     for round in 0..ROUNDS {

@@ -1,4 +1,4 @@
-//! A twin and frames, prepared: usable pixels, effects, what is always free.
+//! A twin and frames, prepared: usable pixels, effects, free nuisance parameters.
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ use crate::camera::{
     record::{frames::FrameRun, options::FrameOptions, pixels::Pixels},
 };
 
-/// What is diagnosed, and with which frames.
+/// A twin to diagnose with its frames.
 pub struct FrameProblem<'a> {
     /// Twin.
     pub twin: &'a SeenTwin,
@@ -24,15 +24,15 @@ pub struct FrameProblem<'a> {
     pub runs: &'a [FrameRun],
     /// Their pixels.
     pub pixels: Arc<Pixels>,
-    /// All ways in which effects may act.
+    /// All trials of effects.
     pub trials: Vec<Trial>,
-    /// What is always free: placements and positions.
+    /// Always free: placements and positions.
     pub nuisance: Vec<Column>,
-    /// What may be taken for granted.
+    /// Assumptions of the diagnosis.
     pub options: FrameOptions,
-    /// Lengths that gates and priors are multiples of.
+    /// Lengths behind all gates and priors.
     pub scales: Scales,
-    /// Geometry that the twin is known to lack: readings of it are left out.
+    /// Known missing geometry of the twin: readings of it are left out.
     pub lacks: Vec<Missing>,
 }
 
@@ -74,7 +74,7 @@ impl<'a> FrameProblem<'a> {
         self.scales.gate_m()
     }
 
-    /// Compares all runs with a hypothesis, without readings of what the twin is known to lack.
+    /// Compares all runs with a hypothesis, without readings of known missing geometry.
     #[must_use]
     pub fn compare(&self, hypothesis: &Hypothesis, gate_m: f64) -> Vec<PixelSample> {
         let mut samples = compare(self.twin, self.runs, &self.pixels, hypothesis, gate_m);
@@ -93,7 +93,7 @@ impl<'a> FrameProblem<'a> {
     }
 }
 
-/// What is always free: where the object stands in a run, joint positions, and what the twin itself errs by.
+/// Always free: the object's place in a run, joint positions, and the twin's own errors.
 fn nuisance(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Column> {
     let mut all = Vec::new();
     let gate_m = scales.gate_m();

@@ -1,4 +1,4 @@
-//! Measured less predicted depth, pixel by pixel: what agrees well enough to be compared, and what conflicts.
+//! Measured less predicted depth, pixel by pixel: comparable pixels and conflicting ones.
 //! See docs/method.md (15.3).
 
 use nalgebra::Vector3;
@@ -18,7 +18,7 @@ use crate::camera::{
 use geometry::Pose;
 use surface::Rendered;
 
-/// Bend of the surface across three pixels above which its normal is not used, in spacings of pixels there.
+/// Largest bend of the surface across three pixels with a usable normal, in spacings of pixels there.
 ///
 /// chosen: the slope between the outer two is off by half of it at most, so the normal by 0.15 rad, and the
 /// residual across the surface by 1 %
@@ -154,8 +154,8 @@ impl FrameView<'_> {
             .map(|n| (n, n.dot(&ray)))
             .filter(|(_, s)| -s / ray.norm() > self.data.noise.grazing_cosine)
         else {
-            // Without a normal there is no height over the surface: only a difference along the ray counts
-            // that is beyond the gate at the most grazing angle that is used.
+            // Without a normal there is no height over the surface: only a difference along the ray beyond
+            // the gate at the most grazing used angle counts.
             return (off_m.abs() * self.data.noise.grazing_cosine > self.gate_m).then(|| conflict(kind));
         };
         // (15.3)

@@ -22,12 +22,12 @@ use crate::{
 };
 use common::note::{Note, NoteCode};
 
-/// Share of the area seen that may conflict under a verdict of agreement.
+/// Largest conflicting share of the seen area under a verdict of agreement.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const CONFLICT_SHARE: f64 = 0.08;
-/// Multiple of a pixel's noise that a joint's child must move between recordings, for anything to be known of
-/// the joint.
+/// Least motion of a joint's child between recordings to learn anything of the joint, as a multiple of a
+/// pixel's noise.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const LEAST_WAYS: f64 = 10.0;
@@ -82,7 +82,7 @@ pub(super) fn conclude(
     let ambiguous = findings.iter().any(|f| !f.finding.alternatives.is_empty());
     let verdict = match (findings.is_empty(), ambiguous, unexplained) {
         _ if too_few => Verdict::Insufficient,
-        // Frames that agree say nothing of joints that never moved.
+        // Agreeing frames show nothing of joints at rest.
         (true, _, false) if nothing_moves => Verdict::Insufficient,
         (false, true, _) => Verdict::Ambiguous,
         (false, false, _) => Verdict::Named,
@@ -102,7 +102,7 @@ pub(super) fn conclude(
     }
 }
 
-/// The twin with the effects that were chosen.
+/// The twin with the chosen effects.
 fn updated(problem: &FrameProblem, selected: &Selected, freed: Option<&Selected>) -> Hypothesis {
     if let Some(freed) = freed {
         return freed.state.hypothesis.clone();
@@ -132,7 +132,7 @@ fn stands_still(joint: &str, way_m: f64) -> Note {
     Note::new(NoteCode::JointStands, text)
 }
 
-/// Parts with what is left of their residuals, worst first.
+/// Parts with their remaining residuals, worst first.
 fn places(problem: &FrameProblem, b: &[PartResidual], a: &[PartResidual]) -> Vec<Place> {
     let unnamed_m = VarianceComponents::middle(&problem.scales).total_m();
     let mut all: Vec<Place> = (0..problem.twin.parts.len())

@@ -1,4 +1,4 @@
-//! Laws of other types that a joint may have: type, direction, point.
+//! Laws of other types for a joint: type, direction, point.
 
 use nalgebra::{Point3, Unit, Vector3};
 
@@ -33,7 +33,7 @@ pub(super) fn rank(kind: SeenMotion) -> usize {
     }
 }
 
-/// Laws of the other type that are tried: type, direction, point.
+/// Tried laws of the other type: type, direction, point.
 pub(super) fn laws(twin: &SeenTwin, joint: usize) -> Vec<(SeenMotion, Unit<Vector3<f64>>, Point3<f64>)> {
     let spec = &twin.joints[joint];
     let faces = face_directions(twin, spec.child);
@@ -58,7 +58,7 @@ pub(super) fn laws(twin: &SeenTwin, joint: usize) -> Vec<(SeenMotion, Unit<Vecto
         let ru = range_along(mesh, &u);
         let rv = range_along(mesh, &v);
         let along = twin.parts[spec.child].center.coords.dot(&d);
-        // Hinges mostly stand at an edge of their part; the middle is for a part that turns in place.
+        // Hinges mostly stand at an edge of their part; the middle is for a part turning in place.
         for (a, b) in [(ru.0, rv.0), (ru.0, rv.1), (ru.1, rv.0), (ru.1, rv.1)] {
             all.push((SeenMotion::Revolute, d, Point3::from(u * a + v * b + d.into_inner() * along)));
         }

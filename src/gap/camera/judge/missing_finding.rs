@@ -30,7 +30,7 @@ pub fn missing_finding(missing: &Missing, twin: &SeenTwin) -> CameraFinding {
             });
         }
     }
-    // A reconstruction may lack what it was not shown: nothing in the frames decides which.
+    // A reconstruction may lack unseen geometry: the frames do not distinguish the two.
     let reconstructed = !twin.own.is_exact();
     let alternatives = if reconstructed {
         vec![("geometry that the reconstruction itself lacks".to_owned(), 0.5)]

@@ -1,10 +1,10 @@
 //! Another type of joint: revolute where the twin has a slide, a slide or a screw where it is revolute.
 //! See docs/method.md 15.8.
 //!
-//! Signature: a part that its joint cannot bring to where the frames show it, and another motion can.
-//! Directions are the joint's own and those of the part's faces; revolute joints are tried on the joint's
-//! axis and along the part's edges, screws on the axis with a range of pitches. The best starts are refined
-//! with their axis, or their pitch, free.
+//! Signature: a part out of reach of its joint's motion, and within reach of another motion. Directions are
+//! the joint's own and those of the part's faces; revolute joints are tried on the joint's axis and along the
+//! part's edges, screws on the axis with a range of pitches. The best starts are refined with their axis, or
+//! their pitch, free.
 
 use crate::camera::{
     fit::{
@@ -27,29 +27,29 @@ use crate::camera::{
     },
 };
 
-/// Mean cost of a part's pixels from which the joints at it are doubted.
+/// Least mean cost of a part's pixels to doubt its joints.
 ///
-/// derived: the mean of half the square of a normal number, which errors without names in the middle of their
-/// grid have
+/// derived: the mean of half the square of a normal number: the cost of errors without names in the middle of
+/// their grid
 const DOUBT: f64 = 0.5;
-/// The cost under another type of joint must fall to this share of that under the type in the twin.
+/// The cost under another type of joint must fall to this share of the cost under the twin's type.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 pub(super) const TYPE_COST: f64 = 0.8;
-/// The new type may cost this much more than effects that fit every state by itself.
+/// The new type may cost this much more than effects with a fit for every state.
 ///
 /// derived: as many times more as it must cost less than the type in the twin
 pub(super) const STATEWISE_COST: f64 = 1.0 / TYPE_COST;
 /// Steps of refinement.
 const STEPS: usize = 5;
-/// Starts of each type that are refined.
+/// Refined starts of each type.
 const REFINED: usize = 3;
 
-/// Looks for a joint whose part another type brings to where it is seen; the twin with that type and its
-/// state.
+/// Looks for a joint with another type to bring its part to its place in the frames; the twin with the new
+/// type and its state.
 #[must_use]
 pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChange, SeenTwin, State)> {
-    // What fits every state by itself may stand for a motion that the joint lacks.
+    // A fit of every state by itself may stand for a motion the joint lacks.
     let statewise = first.chosen.set.iter().any(|&t| problem.trials[t].log_odds < 0.0);
     let explained = mean_cost(problem, &first.state.hypothesis);
     let before = costs(problem, if statewise { &first.null.hypothesis } else { &first.state.hypothesis });
@@ -64,7 +64,7 @@ pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChan
     }
     let (joint, _) = doubted.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
     let coarse: Vec<CoarseRun> = problem.runs.iter().map(|r| CoarseRun::of(r, &problem.scales)).collect();
-    // The run that the twin fits worst shows the motion best.
+    // The run with the worst fit of the twin shows the motion best.
     let worst = (0..coarse.len())
         .map(|r| (r, coarse[r].cost(problem.twin, &first.null.hypothesis, r)))
         .max_by(|a, b| a.1.total_cmp(&b.1))
@@ -90,14 +90,14 @@ pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChan
     better.then_some((change, twin, state))
 }
 
-/// A twin with another law of a joint, and where that brings the joint.
+/// A twin with another law of a joint, and the joint's positions under it.
 struct Start {
     cost: f64,
     twin: SeenTwin,
     hypothesis: Hypothesis,
 }
 
-/// The best starts of each type, looked for in the run that the twin fits `worst` and placed in all.
+/// The best starts of each type, found in the run with the worst fit, `worst`, and placed in all.
 fn starts(
     problem: &FrameProblem,
     joint: usize,
@@ -149,7 +149,7 @@ fn refined(problem: &FrameProblem, joint: usize, start: Start) -> (SeenTwin, Sta
     let middle = VarianceComponents::middle(&problem.scales);
     let mut state = State { hypothesis: start.hypothesis, applied: Vec::new() };
     for _ in 0..STEPS {
-        // What a step found is the law that the next one starts from.
+        // The result of a step is the law at the start of the next one.
         state.applied.clear();
         follow(&own, &mut state, &set, &middle, 1);
     }

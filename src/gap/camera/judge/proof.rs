@@ -1,4 +1,4 @@
-//! Before and after on frames that no fit has seen. See docs/method.md (15.11).
+//! Before and after on frames unseen by any fit. See docs/method.md (15.11).
 
 use nalgebra::Point3;
 
@@ -19,9 +19,9 @@ pub struct FrameGap {
     pub before: f64,
     /// The updated twin.
     pub after: f64,
-    /// What the camera's noise gives.
+    /// By the camera's noise.
     pub noise_floor: f64,
-    /// Share of the area seen that conflicts with the twin.
+    /// Share of the seen area in conflict with the twin.
     pub conflict_before: f64,
     /// And with the updated twin.
     pub conflict_after: f64,
@@ -34,9 +34,9 @@ pub struct FrameGap {
 pub struct PartResidual {
     /// Root mean square residual of its patches, meters.
     pub rms_m: f64,
-    /// What the camera's noise gives.
+    /// By the camera's noise.
     pub floor_m: f64,
-    /// Share of its area that conflicts.
+    /// Conflicting share of its area.
     pub conflict: f64,
     /// Box of the conflicting points, part frame.
     pub bounds: Option<[[f64; 3]; 2]>,

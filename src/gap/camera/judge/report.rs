@@ -1,4 +1,4 @@
-//! The report of a diagnosis by frames, in the layout of that by motion.
+//! The report of a diagnosis by frames, in the layout of a diagnosis by motion.
 
 use serde_json::{Value, json};
 
@@ -84,7 +84,7 @@ fn positions(twin: &SeenTwin, d: &FrameDiagnosis, run: usize) -> Value {
 /// stands under `frames_gap`.
 #[must_use]
 pub fn merged(mut motion: Value, frames: &Value) -> Value {
-    // What was found anywhere counts before what was not, as among joints.
+    // Findings count before their absence, as among joints.
     const ORDER: [&str; 5] = ["unknown", "ambiguous", "named", "insufficient", "none"];
     let verdicts = [&motion["verdict"], &frames["verdict"]].map(|v| v.as_str().unwrap_or("none").to_owned());
     let verdict = ORDER.into_iter().find(|v| verdicts.iter().any(|w| w == v)).unwrap_or("none");

@@ -2,11 +2,11 @@
 
 use crate::camera::fit::{linear::Linear, problem::FrameProblem, reduced::Reduced};
 
-/// Gain of evidence that each further effect must bring, in nats.
+/// Least gain of evidence by each further effect, in nats.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const NATS: f64 = 12.0;
-/// Trials that are combined in pairs.
+/// Trials combined in pairs.
 const PAIRED: usize = 8;
 /// Most effects together.
 const MOST: usize = 3;

@@ -1,4 +1,4 @@
-//! A joint that the frames give another type.
+//! A joint with another type in the frames.
 
 use nalgebra::{DVector, Point3, Unit, Vector3};
 
@@ -22,14 +22,14 @@ use numeric::statistics::HALF_WIDTH_95;
 /// Index in reports, behind the catalogue.
 const INDEX: usize = 100;
 
-/// A joint that was given another type.
+/// A joint with another type.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TypeChange {
     /// Joint.
     pub joint: usize,
     /// Type in the twin.
     pub from: SeenMotion,
-    /// Type that explains the frames.
+    /// Type found in the frames.
     pub to: SeenMotion,
     /// Axis in the joint frame.
     pub axis: Unit<Vector3<f64>>,
@@ -51,7 +51,7 @@ fn half_width(problem: &FrameProblem, freed: &Selected, weight: impl Fn(Paramete
 }
 
 impl TypeChange {
-    /// Trials that free the law of the joint: its axis, and the pitch of a screw.
+    /// Trials to free the law of the joint: its axis, and the pitch of a screw.
     #[must_use]
     pub fn free(&self, problem: &FrameProblem) -> Vec<usize> {
         let of =
@@ -60,7 +60,7 @@ impl TypeChange {
         of("axis_offset").into_iter().chain(pitch).collect()
     }
 
-    /// As a finding, its law and intervals those of a selection in which the law was free.
+    /// As a finding, with the law and intervals of a selection with a free law.
     #[must_use]
     pub fn finding(&self, problem: &FrameProblem, freed: &Selected) -> CameraFinding {
         let law = freed.state.hypothesis.laws[self.joint];

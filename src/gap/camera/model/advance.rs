@@ -12,7 +12,7 @@ use geometry::Pose;
 
 /// Adds increments to a hypothesis. All are taken about the poses before the first.
 pub fn advance(hypothesis: &mut Hypothesis, twin: &SeenTwin, steps: &[(Parameter, f64)]) {
-    // The steps of a solution hold together only about the state that it was solved at.
+    // The steps of a solution hold together only about its own state.
     let start = hypothesis.clone();
     let poses: Vec<_> = (0..start.positions.len()).map(|r| start.poses(twin, r)).collect();
     for &(parameter, x) in steps {
@@ -44,14 +44,14 @@ pub fn advance(hypothesis: &mut Hypothesis, twin: &SeenTwin, steps: &[(Parameter
                 let by = about(&Pose::identity(), center, k, x);
                 hypothesis.extra[run][joint] = by * hypothesis.extra[run][joint];
             }
-            // Meshes stay: the placement only takes up what a reconstruction got wrong.
+            // Meshes stay: the placement only takes up errors of a reconstruction.
             Parameter::Mesh(..) => {}
         }
     }
 }
 
-/// Adds an increment to the law of a joint; `center` is that of its child, directions are those of the law at
-/// the start of the step.
+/// Adds an increment to the law of a joint; `center` is the child's center, directions are those of the law
+/// at the start of the step.
 fn advance_law(law: &mut Law, start: &Law, center: &Point3<f64>, parameter: Parameter, x: f64) {
     let [u, v] = normals_of(&start.axis);
     match parameter {
@@ -69,7 +69,7 @@ fn advance_law(law: &mut Law, start: &Law, center: &Point3<f64>, parameter: Para
                 Pose::from_parts(e.into(), UnitQuaternion::identity())
             } else {
                 let r = UnitQuaternion::from_scaled_axis(e);
-                // Turned about the axis' point, which stays.
+                // Turned about the axis' point, at rest.
                 Pose::from_parts((start.point.coords - r * start.point.coords).into(), r)
             };
         }
@@ -89,7 +89,7 @@ fn component_motion(k: usize, x: f64) -> Pose {
     if turns { small_motion(&zero, &(e * x)) } else { small_motion(&(e * x), &zero) }
 }
 
-/// A shift or turn by one component of a frame, turns about a point of that frame.
+/// A shift or turn by one component of a frame, turns about a point of the frame.
 fn about(frame: &Pose, center: Point3<f64>, k: usize, x: f64) -> Pose {
     let (e, turns) = component(k);
     let e = frame.rotation * e * x;

@@ -1,13 +1,13 @@
-//! How far joints and their errors move what is seen.
+//! Motion of the surface by joints and their errors.
 
 use crate::camera::model::{hypothesis::Hypothesis, twin::SeenTwin};
 
-/// Standard deviations of a joint within which an effect counts as the twin's own error.
+/// Standard deviations of a joint's own error; an effect within them counts as that error.
 ///
 /// chosen: 99.7 % of a normal distribution
 const SIGMAS: f64 = 3.0;
 
-/// What a twin's own errors can move of what is seen, meters: of the parts behind a joint, or of everything
+/// Motion of the surface by a twin's own errors, meters: of the parts behind a joint, or of everything
 /// (`None`).
 #[must_use]
 pub fn made_m(twin: &SeenTwin, joint: Option<usize>) -> f64 {
@@ -16,7 +16,7 @@ pub fn made_m(twin: &SeenTwin, joint: Option<usize>) -> f64 {
     (SIGMAS * e.place_m.hypot(e.axis_rad * twin.parts[twin.joints[j].child].radius_m)).max(twin.own.surface_m)
 }
 
-/// How far two hypotheses put a joint's child apart, in the run where that is farthest, meters.
+/// Largest distance between the places of a joint's child under two hypotheses over the runs, meters.
 #[must_use]
 pub fn apart_m(joint: usize, one: (&SeenTwin, &Hypothesis), other: (&SeenTwin, &Hypothesis)) -> f64 {
     let child = one.0.joints[joint].child;
@@ -31,8 +31,7 @@ pub fn apart_m(joint: usize, one: (&SeenTwin, &Hypothesis), other: (&SeenTwin, &
     largest_m
 }
 
-/// Joints that stand at one place in all runs, with the way of their child between the runs, meters: below
-/// `least_m`.
+/// Joints at one place in all runs, with the way of their child between the runs, meters: below `least_m`.
 #[must_use]
 pub fn still(twin: &SeenTwin, hypothesis: &Hypothesis, least_m: f64) -> Vec<(usize, f64)> {
     let mut still = Vec::new();

@@ -1,4 +1,4 @@
-//! A twin, its joint positions and its camera, with what may be wrong with them.
+//! A twin, its joint positions and its camera, with their assumed errors.
 
 use nalgebra::{Point3, Unit, Vector3};
 
@@ -36,7 +36,7 @@ impl Law {
     }
 }
 
-/// What may be wrong with the camera.
+/// Errors of the camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraErrors {
     /// True optical frame in the reported one.
@@ -55,14 +55,14 @@ impl Default for CameraErrors {
     }
 }
 
-/// A twin, its joint positions and its camera, with what is believed to be wrong.
+/// A twin, its joint positions and its camera, with their assumed errors.
 #[derive(Clone, Debug)]
 pub struct Hypothesis {
     /// Motion law of every joint.
     pub laws: Vec<Law>,
     /// Position of every joint in every run, rad or m.
     pub positions: Vec<Vec<f64>>,
-    /// Further motion of a joint's child in a run that the law does not have, in the joint frame.
+    /// Further motion of a joint's child in a run beyond the law, in the joint frame.
     pub extra: Vec<Vec<Pose>>,
     /// Root frame in the world of each run.
     pub world_from_root: Vec<Pose>,
@@ -83,7 +83,7 @@ impl Hypothesis {
         }
     }
 
-    /// Position of a joint in a run; that of a joint that follows comes from the one that leads.
+    /// Position of a joint in a run; a mimic joint gets it from its leader.
     #[must_use]
     pub fn position(&self, twin: &SeenTwin, run: usize, joint: usize) -> f64 {
         match twin.joints[joint].mimic {

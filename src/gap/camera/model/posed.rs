@@ -1,4 +1,4 @@
-//! How the surface that is seen moves with the parameters of a hypothesis. See docs/method.md (15.7).
+//! Motion of the seen surface with the parameters of a hypothesis. See docs/method.md (15.7).
 
 use nalgebra::{Point3, Vector3};
 
@@ -12,7 +12,7 @@ use crate::camera::{
 };
 use geometry::Pose;
 
-/// Poses under a hypothesis that derivatives are taken at.
+/// Poses under a hypothesis, for derivatives at them.
 pub struct PosedTwin<'a> {
     /// Twin.
     pub twin: &'a SeenTwin,
@@ -27,7 +27,7 @@ pub struct PosedTwin<'a> {
 }
 
 /// Velocity of a surface point with a shift or turn of a frame by one component; turns are about `center` in
-/// that frame.
+/// the same frame.
 fn twist_velocity(frame: &Pose, center: Point3<f64>, k: usize, seen: &Seen) -> Vector3<f64> {
     let (e, turns) = component(k);
     let e = frame.rotation * e;
@@ -102,7 +102,7 @@ impl<'a> PosedTwin<'a> {
             }
             _ => return Vector3::zeros(),
         };
-        // A camera that moves one way sees the surface move the other.
+        // A camera moving one way sees the surface move the other.
         -(frame.rotation * (t + w.cross(&point.coords)))
     }
 
@@ -149,7 +149,7 @@ impl<'a> PosedTwin<'a> {
         }
     }
 
-    /// Velocity of a surface point with the position of a joint, and of those that follow it.
+    /// Velocity of a surface point with the position of a joint and its followers.
     fn joint_velocity(&self, joint: usize, seen: &Seen) -> Vector3<f64> {
         let mut sum = Vector3::zeros();
         for (j, spec) in self.twin.joints.iter().enumerate() {

@@ -12,7 +12,7 @@ use geometry::Pose;
 use model::{JointType, Tree};
 use surface::{TriangleMesh, merge};
 
-/// What a tree does not hold of a joint.
+/// Facts of a joint missing in a tree.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointFacts {
     /// Lowest and highest position.
@@ -27,12 +27,12 @@ pub enum SeenTwinError {
     /// No mesh at all.
     #[error("no link of the twin has a visual mesh (.ply or .obj): frames can only be compared with meshes")]
     NoMesh,
-    /// A joint that follows follows one that is not there.
+    /// A mimic joint with an unknown leader.
     #[error("joint '{joint}' mimics '{leader}', which is not a moving joint of the twin")]
     Mimic {
         /// The joint.
         joint: String,
-        /// Whom it follows.
+        /// Its leader.
         leader: String,
     },
 }

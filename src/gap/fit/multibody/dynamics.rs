@@ -16,13 +16,13 @@ use crate::{
     twin_tree::TwinTree,
 };
 
-/// Most sweeps over the joints for the friction that holds some of them.
+/// Most sweeps over the joints for their friction.
 const MAX_SWEEPS: usize = 50;
-/// Change of a velocity, as a share of the largest, that ends them.
+/// Change of a velocity, as a share of the largest, to end them.
 /// chosen: well above the rounding of a double.
 const SETTLED: f64 = 1e-12;
 
-/// One joint with what is looked up once for many steps.
+/// One joint, looked up once for many steps.
 struct Driven<'a> {
     model: &'a JointModel,
     acting: Acting<'a>,
@@ -52,7 +52,7 @@ pub struct Dynamics<'a> {
     driven: Vec<Driven<'a>>,
 }
 
-/// What a step is under, by joint.
+/// Inputs of a step, by joint.
 pub struct Inputs<'a> {
     /// Mean signal over the step.
     pub signal: &'a [f64],
@@ -87,14 +87,14 @@ impl<'a> Dynamics<'a> {
         drift(q, v);
     }
 
-    /// The tree's vector of what the joints have.
+    /// The tree's vector of the joints' values.
     fn spread(&self, own: &[f64]) -> Vec<f64> {
         let mut all = vec![0.0; self.tree.joints.len()];
         self.joints.iter().zip(own).for_each(|(j, x)| all[*j] = *x);
         all
     }
 
-    /// Mass matrix over the joints, with what is added to it.
+    /// Mass matrix over the joints, with the added inertias.
     fn mass(&self, position: &[f64]) -> DMatrix<f64> {
         let n = self.joints.len();
         let zero = vec![0.0; position.len()];
@@ -113,9 +113,9 @@ impl<'a> Dynamics<'a> {
         mass
     }
 
-    /// (14.7) for several joints: `M` is implicit in the damping, and friction takes each joint to the
-    /// velocity that it settles to, or acts at its bound. Coriolis efforts are those of the mean velocity,
-    /// which a first pass gives: those of the velocity before would feed or eat energy.
+    /// (14.7) for several joints: `M` is implicit in the damping, and friction takes each joint to its
+    /// settled velocity, or acts at its bound. Coriolis efforts are those of the mean velocity from a first
+    /// pass: those of the velocity before would feed or eat energy.
     fn kick(&self, q: &[f64], v: &mut [f64], h: f64, inputs: &Inputs) {
         let position = self.spread(q);
         let mass = self.mass(&position);
@@ -185,8 +185,8 @@ impl<'a> Dynamics<'a> {
         self.settle(v, &kicks, &inverse, &(bound * h), h);
     }
 
-    /// The velocities after efforts that would change them by `kicks`, with friction of at most `bound`,
-    /// N m s or N s: Gauss and Seidel's sweeps over the joints (Jean 1999).
+    /// The velocities after `kicks` by the efforts, with friction of at most `bound`, N m s or N s: Gauss and
+    /// Seidel's sweeps over the joints (Jean 1999).
     fn settle(
         &self,
         v: &mut [f64],

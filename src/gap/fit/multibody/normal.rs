@@ -31,8 +31,8 @@ impl Block {
         }
     }
 
-    /// What the window knows of the parameters and wants of them, its start state free; and the inverse of
-    /// what it knows of that.
+    /// Hessian and gradient of the parameters from the window, its start state free; and the inverse of the
+    /// start state's part.
     fn reduced(&self, damping: f64) -> (DMatrix<f64>, DVector<f64>, DMatrix<f64>) {
         let mut start = self.start.clone();
         for i in 0..start.nrows() {
@@ -85,9 +85,9 @@ pub fn step(blocks: &[Block], frozen: &[bool], damping: f64) -> Option<Step> {
     Some(Step { parameters, states })
 }
 
-/// Covariance of the parameters, and the number of windows that each rests on. Residuals of a window are as
-/// good as `share` of their number; where parameters move more from window to window than that says, the
-/// windows have the say (Liang and Zeger 1986).
+/// Covariance of the parameters, and the number of windows behind each. Residuals of a window are as good as
+/// `share` of their number; where parameters move more from window to window, the windows decide (Liang and
+/// Zeger 1986).
 #[must_use]
 pub fn covariance(blocks: &[Block], frozen: &[bool], share: f64) -> (DMatrix<f64>, Vec<f64>) {
     let n = frozen.len();

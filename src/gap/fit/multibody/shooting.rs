@@ -22,8 +22,8 @@ use crate::{
     record::drive::Drive,
 };
 
-/// Step of a difference quotient, as a share of what a parameter or state typically is.
-/// chosen: rounding over it and its square are both far below what a window shows.
+/// Step of a difference quotient, as a share of the typical size of a parameter or state.
+/// chosen: rounding over it and its square are both far below the resolution of a window.
 const DIFFERENCE: f64 = 1e-4;
 /// How long a fit goes on.
 #[derive(Clone, Copy, Debug)]
@@ -37,15 +37,15 @@ pub struct Pace {
 impl Pace {
     /// To the end.
     pub const THOROUGH: Self = Self { rounds: 3, steps: 8 };
-    /// From near its end, far enough to see what an effect is worth.
+    /// From near its end, far enough to see the value of an effect.
     pub const TRIAL: Self = Self { rounds: 1, steps: 3 };
 }
 
-/// Share of the cost that a step must gain to be followed by another one.
-/// chosen: far below what a parameter's deviation costs among some hundred independent numbers.
+/// Least gain of a step before another one, as a share of the cost.
+/// chosen: far below the cost of a parameter's deviation among some hundred independent numbers.
 const ENOUGH: f64 = 1e-4;
 
-/// Models of the joints with all that was fitted beside them.
+/// Models of the joints with their fitted states and errors.
 #[derive(Clone, Debug)]
 pub struct MultibodyFit {
     /// Model of each joint.
@@ -58,7 +58,7 @@ pub struct MultibodyFit {
     pub twice_likelihood: f64,
     /// Covariance of the free parameters of all joints, one after the other.
     pub covariance: DMatrix<f64>,
-    /// Number of windows that each rests on.
+    /// Number of windows behind each.
     pub witnesses: Vec<f64>,
 }
 
@@ -187,8 +187,8 @@ fn moved_by(joints: &Joints, at: &At, parameters: &DVector<f64>, states: &[DVect
     At { models, starts }
 }
 
-/// Residual, in units of its size, of a rollout that left all bounds.
-/// chosen: larger than any of one that did not; its square over a recording is still a number.
+/// Residual, in units of its size, of a rollout out of all bounds.
+/// chosen: larger than any residual of another rollout; its square over a recording is still a number.
 const LOST: f64 = 1e100;
 
 /// Residuals of a window in units of their size.
@@ -221,7 +221,7 @@ struct MovedParameter {
     /// Index among the free parameters of all joints.
     column: usize,
     models: Vec<JointModel>,
-    /// What drives them.
+    /// Their drives.
     drives: Vec<Vec<Drive>>,
     step: f64,
 }
@@ -284,7 +284,7 @@ fn window_block(
     Block::of(&residual, &by, 2 * n)
 }
 
-/// What each free parameter of a model typically is.
+/// Typical size of each free parameter of a model.
 fn scales(problem: &Problem, model: &JointModel) -> Vec<f64> {
     let coverage = &problem.coverage;
     let of_terms = model.terms.iter().flat_map(|t| {
@@ -296,11 +296,11 @@ fn scales(problem: &Problem, model: &JointModel) -> Vec<f64> {
     std::iter::once(coverage.interval_s).chain(of_terms).chain(of_actuator.into_iter().flatten()).collect()
 }
 
-/// What a number typically is, as a share of what it is where it makes the motion alone.
+/// Typical size of a number, as a share of its size in a motion made by it alone.
 /// chosen: several act together.
 const TYPICAL: f64 = 0.1;
 
-/// [`TYPICAL`] of what a number of a dimension is where it makes the motion alone.
+/// [`TYPICAL`] of a number's size, by its dimension, in a motion made by it alone.
 fn typical(dimension: Dimension, coverage: &Coverage) -> f64 {
     let effort = coverage.effort_rms.max(1e-9);
     let way = coverage.travel.max(1e-9);

@@ -1,5 +1,4 @@
-//! Gravity that the twin does not have, from a tilted axis or another center of mass: `effort = s sin(q) + c
-//! cos(q)`.
+//! Gravity missing in the twin, from a tilted axis or another center of mass: `effort = s sin(q) + c cos(q)`.
 
 use crate::model::format::{Expression, Format, JointNumbers, Nearest};
 use crate::model::plant::Plant;
@@ -23,7 +22,7 @@ const SPEC: Spec = Spec {
     experiment: "turn through 90 degrees or more, at rest in several positions",
 };
 
-/// Share of the load of a flat axis that a turn is still found for.
+/// Largest share of the load of a flat axis with a turn to be found.
 /// chosen: at the load itself the derivative by the turn is zero, and rounding leaves no turn.
 const FLAT: f64 = 1.0 - 1e-6;
 

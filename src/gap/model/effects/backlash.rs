@@ -1,18 +1,18 @@
-//! Play between the joint and what measures it: the recorded position follows within half a gap either side.
+//! Play between the joint and its sensor: the recorded position follows within half a gap either side.
 
 use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
 
 /// Least gap in deviations of the position's noise: one within the noise cannot be seen.
 /// chosen: many reversals show a little less than one deviation.
 const LEAST_NOISES: f64 = 0.7;
-/// Largest gap that is looked for, as a share of the range.
+/// Largest searched gap, as a share of the range.
 /// chosen: a larger one leaves no motion to explain.
 const LARGEST: f64 = 0.15;
-/// First gap that is looked for, as a share of the range, and the ratio of two.
+/// First searched gap, as a share of the range, and the ratio of two.
 /// chosen: from any encoder's step on, and fine enough for a fit to follow.
 const FIRST: f64 = 3e-4;
 const RATIO: f64 = 1.6;
-/// Largest gap that a fit may reach, as a share of the range.
+/// Largest gap of a fit, as a share of the range.
 /// chosen: twice [`LARGEST`].
 const BOUND: f64 = 0.3;
 

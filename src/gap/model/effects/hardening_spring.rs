@@ -1,4 +1,4 @@
-//! A spring that hardens: `effort = -k x - h x^3` with `x = q - r`.
+//! A hardening spring: `effort = -k x - h x^3` with `x = q - r`.
 
 use crate::model::effect::{
     At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape,
