@@ -13,7 +13,7 @@ pub type Row = [f64; MAX_COLUMNS];
 
 /// Efforts at a state, summed over the plant and the terms.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Sum {
+pub struct EffortSum {
     /// Smooth effort without the actuator's.
     pub effort: f64,
     /// Both by position.
@@ -50,7 +50,7 @@ impl<'a> Acting<'a> {
 
     /// Efforts at a state, without derivatives by parameters.
     #[must_use]
-    pub fn at(&self, at: &At) -> Sum {
+    pub fn at(&self, at: &At) -> EffortSum {
         self.add_up(at, &mut [0.0; MAX_COLUMNS], &mut [0.0; MAX_COLUMNS])
     }
 
@@ -79,17 +79,17 @@ impl<'a> Acting<'a> {
 
     /// Adds up plant and terms at a state. `effort` and `friction` take the derivatives by the parameters.
     #[inline]
-    pub fn add_up(&self, at: &At, effort: &mut Row, friction: &mut Row) -> Sum {
+    pub fn add_up(&self, at: &At, effort: &mut Row, friction: &mut Row) -> EffortSum {
         let plant = self.plant;
         let (load, slope) = plant.load_at(at.carried, at.q);
         // An inertia changing with the motion of a chain acts as damping: d(I v)/dt = I a + dI/dt v.
         let damping = plant.damping + plant.inertia_at(at.carried).1;
-        let mut sum = Sum {
+        let mut sum = EffortSum {
             effort: -load - damping * at.v,
             q: at.feedback[0] - slope,
             v: at.feedback[1] - damping,
             friction: plant.friction,
-            ..Sum::default()
+            ..EffortSum::default()
         };
         let mut column = 3;
         for (effect, place, p) in &self.terms {
@@ -120,7 +120,7 @@ impl<'a> Acting<'a> {
     }
 
     /// Adds contacts up; they feel the sum of the other efforts.
-    fn add_contacts(&self, at: &At, effort: &mut Row, sum: &mut Sum) {
+    fn add_contacts(&self, at: &At, effort: &mut Row, sum: &mut EffortSum) {
         let at = At { load: at.u + sum.effort, ..*at };
         let mut column = 3;
         for (effect, place, p) in &self.terms {

@@ -24,7 +24,7 @@ const MOST_NOISES: f64 = 40.0;
 
 /// A stretch of motion of a joint under a twin.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Seen {
+pub struct SeenStretch {
     /// Position, rad or m.
     pub position: f64,
     /// Velocity.
@@ -67,11 +67,12 @@ struct Projected {
 }
 
 /// Columns of each stretch.
-fn rows(seen: &[Seen], effort: &[f64], turns: bool) -> Vec<SVector<f64, COLUMNS>> {
+fn rows(seen: &[SeenStretch], effort: &[f64], turns: bool) -> Vec<SVector<f64, COLUMNS>> {
     let n = seen.len().max(1) as f64;
     let mean = seen.iter().map(|s| s.position).sum::<f64>() / n;
-    let rms =
-        |of: &dyn Fn(&Seen) -> f64| (seen.iter().map(|s| of(s).powi(2)).sum::<f64>() / n).sqrt().max(1e-300);
+    let rms = |of: &dyn Fn(&SeenStretch) -> f64| {
+        (seen.iter().map(|s| of(s).powi(2)).sum::<f64>() / n).sqrt().max(1e-300)
+    };
     let (speed, travel) = (rms(&|s| s.velocity), rms(&|s| s.position - mean));
     let need = rms(&|s| s.rest);
     let size = (effort.iter().map(|u| u * u).sum::<f64>() / n).sqrt().max(1e-300);
@@ -92,7 +93,7 @@ fn rows(seen: &[Seen], effort: &[f64], turns: bool) -> Vec<SVector<f64, COLUMNS>
 /// next; known and possible missing efforts explain the rest. `follows` is true for each stretch right behind
 /// the one before it.
 #[must_use]
-pub fn independent_share(seen: &[Seen], effort: &[f64], turns: bool, follows: &[bool]) -> f64 {
+pub fn independent_share(seen: &[SeenStretch], effort: &[f64], turns: bool, follows: &[bool]) -> f64 {
     let rows = rows(seen, effort, turns);
     let scale = rows.iter().fold(SVector::<f64, COLUMNS>::zeros(), |sum, r| sum + r.component_mul(r));
     let scale = scale.map(|x| if x > 0.0 { 1.0 / x.sqrt() } else { 0.0 });
@@ -145,7 +146,7 @@ impl Regression {
     /// Of rows with their efforts; `turns` where sine and cosine of the position mean something. `weight` is
     /// the number of independent numbers in them.
     #[must_use]
-    pub fn of(seen: &[Seen], effort: &[f64], turns: bool, weight: f64) -> Self {
+    pub fn of(seen: &[SeenStretch], effort: &[f64], turns: bool, weight: f64) -> Self {
         let n = seen.len().max(1) as f64;
         let gram = rows(seen, effort, turns).iter().fold(SMatrix::zeros(), |sum, r| sum + r * r.transpose());
         let log_inertia = seen.iter().map(|s| s.inertia.abs().max(1e-300).ln()).sum::<f64>() / n;

@@ -95,9 +95,9 @@ impl Residuals<'_, '_, '_> {
         let ridge = start_ridge(self.problem);
         let groups = self.problem.windows.chunks(SIDE_BY_SIDE).zip(self.rollouts.chunks(SIDE_BY_SIDE));
         for (windows, rollouts) in groups {
-            let mut ways: Vec<Way> = rollouts.iter().map(|rows| Way::of(noise, rows)).collect();
-            pass_windows(self.problem, &self.whitening.locals, windows, &mut ways, Way::pass);
-            for Way { gains, sums, .. } in &ways {
+            let mut ways: Vec<WindowPass> = rollouts.iter().map(|rows| WindowPass::of(noise, rows)).collect();
+            pass_windows(self.problem, &self.whitening.locals, windows, &mut ways, WindowPass::pass);
+            for WindowPass { gains, sums, .. } in &ways {
                 log_variance += gains.log_variance();
                 let start = sums.start() + ridge;
                 let gradient = sums.gradient();
@@ -174,7 +174,7 @@ fn top(around: f64, least: f64, mut score: impl FnMut(f64) -> f64) -> (f64, f64)
 }
 
 /// A window on its way through the filter of a noise.
-struct Way<'a> {
+struct WindowPass<'a> {
     /// Start position, start velocity, residual of every sample.
     rows: &'a [[f64; 3]],
     gains: Gains<'a>,
@@ -182,7 +182,7 @@ struct Way<'a> {
     sums: Products,
 }
 
-impl<'a> Way<'a> {
+impl<'a> WindowPass<'a> {
     fn of(noise: &'a EffortNoise, rows: &'a [[f64; 3]]) -> Self {
         Self { rows, gains: Gains::of(noise), filter: Filter::default(), sums: Products::default() }
     }

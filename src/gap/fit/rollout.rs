@@ -7,7 +7,7 @@
 //! still.
 
 use crate::{
-    fit::acting::{Acting, MAX_COLUMNS, Row, Sum, bound_at_turn},
+    fit::acting::{Acting, EffortSum, MAX_COLUMNS, Row, bound_at_turn},
     model::{
         actuator::Acted,
         effect::{At, Place, run_time_s},
@@ -127,7 +127,7 @@ impl Layout {
     #[inline]
     fn by_drive(
         &self,
-        sum: &Sum,
+        sum: &EffortSum,
         acted: &Acted,
         by_delay: f64,
         q: f64,

@@ -44,7 +44,7 @@ impl Trace {
 }
 
 #[derive(Clone, Copy, Default)]
-struct Belief {
+struct FilterEstimate {
     q: f64,
     v: f64,
     qq: f64,
@@ -70,7 +70,13 @@ impl Predict<'_> {
         ([1.0 - 0.5 * k * dt * dt, dt * (1.0 - 0.5 * lost), -k * dt, 1.0 - lost], [0.5 * dt * dt * i, dt * i])
     }
 
-    fn step(&self, carried: Option<&Carried>, s: &Belief, effort: f64, dt: f64) -> (Belief, [f64; 4]) {
+    fn step(
+        &self,
+        carried: Option<&Carried>,
+        s: &FilterEstimate,
+        effort: f64,
+        dt: f64,
+    ) -> (FilterEstimate, [f64; 4]) {
         let (a, g) = self.matrices(carried, s.q, dt);
         let (load, slope) = self.plant.load_at(carried, s.q);
         // The transition carries the load's linear part about this position; the push carries the rest.
@@ -80,7 +86,7 @@ impl Predict<'_> {
         let m01 = a[0] * s.qv + a[1] * s.vv;
         let m10 = a[2] * s.qq + a[3] * s.qv;
         let m11 = a[2] * s.qv + a[3] * s.vv;
-        let next = Belief {
+        let next = FilterEstimate {
             q: a[0] * s.q + a[1] * s.v + g[0] * push,
             v: a[2] * s.q + a[3] * s.v + g[1] * push,
             qq: m00 * a[0] + m01 * a[1] + w * g[0] * g[0],
@@ -127,7 +133,7 @@ fn means(log: &JointLog, values: &[f64], hold: Hold) -> Vec<f64> {
     Drive::of(&log.time_s, values, hold, 0.0, Drive::steps(log)).means(values.last().copied())
 }
 
-type Passed = (Belief, Belief, [f64; 4]);
+type Passed = (FilterEstimate, FilterEstimate, [f64; 4]);
 
 /// Filters; returns (predicted, updated, transition to here) of every sample, and the log likelihood.
 fn forward(
@@ -142,7 +148,8 @@ fn forward(
     for span in log.segments(index) {
         let first = log.position[span.start];
         // Nothing is known of the motion within a gap: each segment begins anew.
-        let mut belief = Belief { q: first, v: 0.0, qq: readings[span.start] * 1e4, qv: 0.0, vv: 1e4 };
+        let mut belief =
+            FilterEstimate { q: first, v: 0.0, qq: readings[span.start] * 1e4, qv: 0.0, vv: 1e4 };
         let mut transition = [1.0, 0.0, 0.0, 1.0];
         let mut passed = Vec::with_capacity(span.len);
         for k in span.start..span.start + span.len {
@@ -163,7 +170,7 @@ fn forward(
             }
             let kq = predicted.qq / s;
             let kv = predicted.qv / s;
-            belief = Belief {
+            belief = FilterEstimate {
                 q: predicted.q + kq * innovation,
                 v: predicted.v + kv * innovation,
                 qq: predicted.qq * (1.0 - kq),

@@ -34,7 +34,7 @@ const SLOPES: [(i64, i64); 8] = [(0, 1), (0, 2), (0, 4), (0, 8), (-2, 2), (-4, 0
 
 /// A window from one start state.
 #[derive(Clone, Copy, Debug)]
-struct Trial {
+struct StartTrial {
     start: Start,
     /// Sum of the squared whitened residuals.
     cost: f64,
@@ -42,7 +42,7 @@ struct Trial {
     gradient: Vector2<f64>,
 }
 
-impl Trial {
+impl StartTrial {
     /// The promised cost after one step of the start state.
     fn reach(&self) -> f64 {
         // A state in the right basin may begin with the higher cost: trials are ranked by the cost after a
@@ -62,7 +62,7 @@ struct Bench<'a, 'c> {
 }
 
 impl Bench<'_, '_> {
-    fn try_start(&self, window: usize, start: Start) -> Trial {
+    fn try_start(&self, window: usize, start: Start) -> StartTrial {
         let span = self.problem.windows[window];
         let log = &self.problem.logs[span.log];
         let measured = &log.position[span.start..span.start + span.len];
@@ -90,7 +90,7 @@ impl Bench<'_, '_> {
             },
         );
         let normal = self.ridge + Matrix2::new(aa, ab, ab, bb);
-        Trial {
+        StartTrial {
             start,
             cost: if cost.is_finite() { cost } else { f64::INFINITY },
             normal,
@@ -99,7 +99,7 @@ impl Bench<'_, '_> {
     }
 
     /// Damped Gauss-Newton on the start state alone.
-    fn polish(&self, window: usize, from: Trial) -> Trial {
+    fn polish(&self, window: usize, from: StartTrial) -> StartTrial {
         let mut now = from;
         let mut damping = FIRST_DAMPING;
         for _ in 0..POLISH_STEPS {
@@ -169,7 +169,7 @@ pub fn improve(
     for w in 0..starts.len() {
         // Of windows that fit, one of a hundred is searched in vain.
         let most = chi_square_99(problem.windows[w].len as f64);
-        let fits = |t: &Trial| t.cost <= most;
+        let fits = |t: &StartTrial| t.cost <= most;
         let given = bench.try_start(w, starts[w]);
         let mut trials = vec![given];
         // These trials cost one rollout each; most windows need no more.
@@ -197,11 +197,11 @@ pub fn improve(
 fn searched(
     bench: &Bench,
     w: usize,
-    mut trials: Vec<Trial>,
+    mut trials: Vec<StartTrial>,
     fresh: &Start,
     half_gap: f64,
-    fits: &dyn Fn(&Trial) -> bool,
-) -> Trial {
+    fits: &dyn Fn(&StartTrial) -> bool,
+) -> StartTrial {
     // One polish costs less than the search below and often is enough.
     let quick = bench.polish(w, trials[0]);
     if fits(&quick) {
@@ -232,7 +232,7 @@ fn searched(
     trials.truncate(POLISHED);
     // Whatever the ranking says, the quick polish stays a candidate.
     trials.push(quick);
-    let polished: Vec<Trial> = trials.into_iter().map(|t| bench.polish(w, t)).collect();
+    let polished: Vec<StartTrial> = trials.into_iter().map(|t| bench.polish(w, t)).collect();
     polished.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).unwrap_or(quick)
 }
 

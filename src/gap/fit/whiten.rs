@@ -138,7 +138,7 @@ pub struct Gain {
 
 /// Covariance of (position, velocity, wander), the upper triangle.
 #[derive(Clone, Copy, Default)]
-struct Belief {
+struct StateCovariance {
     qq: f64,
     qv: f64,
     qd: f64,
@@ -147,7 +147,7 @@ struct Belief {
     dd: f64,
 }
 
-impl Belief {
+impl StateCovariance {
     /// After a measurement with these gains.
     fn updated(&self, gain: &Gain) -> Self {
         let Self { qq, qv, qd, vv, vd, dd } = *self;
@@ -190,7 +190,7 @@ pub struct Gains<'a> {
     noise: &'a EffortNoise,
     /// Variance of where the joint is beside where its model has it.
     deflection: f64,
-    belief: Belief,
+    belief: StateCovariance,
     /// Sum of the log variances but those in the product.
     log_variance: f64,
     /// Product of the variances since; they are far from the bounds of a double, and logarithms are dear.
@@ -206,7 +206,7 @@ impl<'a> Gains<'a> {
         Self {
             noise,
             deflection: noise.deflection * noise.deflection,
-            belief: Belief { dd: noise.wander * noise.wander, ..Belief::default() },
+            belief: StateCovariance { dd: noise.wander * noise.wander, ..StateCovariance::default() },
             log_variance: 0.0,
             product: 1.0,
             interval_s: 0.0,

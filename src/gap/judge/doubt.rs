@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
     fit::{
-        evidence::{Explained, Regression, Seen, independent_share},
+        evidence::{Explained, Regression, SeenStretch, independent_share},
         stretch::{RunMotion, Stretch, mean_signal, stretches},
     },
     judge::{
@@ -156,9 +156,9 @@ impl<'a> JointScene<'a> {
 
     /// With the share of independent stretches by the residual efforts over them.
     #[must_use]
-    pub fn with_share(&self, stretches: &[&Stretch], seen: &[Seen], efforts: &[Option<f64>]) -> Self {
+    pub fn with_share(&self, stretches: &[&Stretch], seen: &[SeenStretch], efforts: &[Option<f64>]) -> Self {
         let known: Vec<usize> = (0..seen.len()).filter(|i| efforts[*i].is_some()).collect();
-        let rows: Vec<Seen> = known.iter().map(|i| seen[*i]).collect();
+        let rows: Vec<SeenStretch> = known.iter().map(|i| seen[*i]).collect();
         let effort: Vec<f64> = known.iter().filter_map(|i| efforts[*i]).collect();
         let keys: Vec<(usize, usize)> = known.iter().map(|i| stretches[*i].key).collect();
         let follows: Vec<bool> =
@@ -173,7 +173,7 @@ impl<'a> JointScene<'a> {
 
     /// The twin's efforts for each stretch, positions taken by a convention.
     #[must_use]
-    pub fn seen(&self, stretches: &[&Stretch], convention: &Convention) -> Vec<Seen> {
+    pub fn seen(&self, stretches: &[&Stretch], convention: &Convention) -> Vec<SeenStretch> {
         let tree = convention.twin(self.scene.tree);
         let n = tree.joints.len();
         let joint = self.joint;
@@ -191,7 +191,7 @@ impl<'a> JointScene<'a> {
             let whole = tree.inverse_dynamics(&q, &v, &a, true)[joint];
             let inertial = inertia * a[joint];
             let own = spec.damping * v[joint] + spec.friction * v[joint].signum();
-            seen.push(Seen {
+            seen.push(SeenStretch {
                 position: q[joint],
                 velocity: v[joint],
                 inertial,
@@ -229,9 +229,9 @@ impl<'a> JointScene<'a> {
     }
 
     /// A regression over the stretches with an effort.
-    fn regression(&self, seen: &[Seen], efforts: &[Option<f64>]) -> Regression {
+    fn regression(&self, seen: &[SeenStretch], efforts: &[Option<f64>]) -> Regression {
         let known: Vec<usize> = (0..seen.len()).filter(|i| efforts[*i].is_some()).collect();
-        let rows: Vec<Seen> = known.iter().map(|i| seen[*i]).collect();
+        let rows: Vec<SeenStretch> = known.iter().map(|i| seen[*i]).collect();
         let effort: Vec<f64> = known.iter().filter_map(|i| efforts[*i]).collect();
         let weight = self.share * rows.len() as f64;
         Regression::of(&rows, &effort, self.turns(), weight)
@@ -268,7 +268,7 @@ impl<'a> JointScene<'a> {
     #[must_use]
     pub fn odds(
         &self,
-        seen: &[Seen],
+        seen: &[SeenStretch],
         efforts: &dyn Fn(f64) -> Vec<Option<f64>>,
         given: &Baseline,
         gains: &Gains,
@@ -355,7 +355,7 @@ fn products(values: &[f64], factors: &[f64]) -> Vec<f64> {
 }
 
 /// Root mean square inertial effort, up to the root of the number of stretches.
-fn inertial_size(seen: &[Seen]) -> f64 {
+fn inertial_size(seen: &[SeenStretch]) -> f64 {
     seen.iter().map(|s| s.inertial.powi(2)).sum::<f64>().sqrt()
 }
 

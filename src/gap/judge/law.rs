@@ -120,7 +120,7 @@ pub fn laws(fitted: &Problem, held_out: &Problem, diagnosis: &Diagnosis) -> Vec<
     }
     let mut laws = Vec::with_capacity(by_variable.len());
     for ((variable, run), terms) in by_variable {
-        let sum = Sum { problem: fitted, model, terms, variable, run, middle: middle(&all) };
+        let sum = VariableTerms { problem: fitted, model, terms, variable, run, middle: middle(&all) };
         laws.push(sum.law(&seen, diagnosis.spread.as_ref()));
     }
     laws
@@ -172,7 +172,7 @@ fn middle(seen: &[&Observed]) -> (f64, [f64; 8]) {
 }
 
 /// The terms of one variable.
-struct Sum<'a> {
+struct VariableTerms<'a> {
     problem: &'a Problem<'a>,
     model: &'a JointModel,
     terms: Vec<(usize, &'a Term)>,
@@ -182,7 +182,7 @@ struct Sum<'a> {
     middle: (f64, [f64; 8]),
 }
 
-impl Sum<'_> {
+impl VariableTerms<'_> {
     fn law(&self, seen: &[Vec<Observed>; 2], spread: Option<&Spread>) -> Law {
         let names = self.terms.iter().map(|(_, t)| self.problem.catalogue[t.effect].name().to_owned());
         let mut law =

@@ -5,7 +5,7 @@ use crate::{
     fit::{
         multibody::{
             joints::Joints,
-            shooting::{MultibodyFit, Pace, fit, window_sizes},
+            shooting::{MultibodyFit, MultibodyPace, fit, window_sizes},
         },
         problem::Problem,
         shooting::Free,
@@ -94,16 +94,16 @@ fn simpler(joints: &Joints, models: &[JointModel]) -> Option<MultibodyFit> {
     if joints.windows() == 0 || models.iter().all(|m| m.terms.is_empty()) {
         return None;
     }
-    let mut chosen = fit(joints, models, None, Free::All, Pace::THOROUGH);
+    let mut chosen = fit(joints, models, None, Free::All, MultibodyPace::THOROUGH);
     loop {
         let own = score(joints, &chosen);
         let trials = less(joints, &chosen).into_iter().map(|(models, lead)| {
-            let trial = fit(joints, &models, Some(&chosen.starts), Free::All, Pace::TRIAL);
+            let trial = fit(joints, &models, Some(&chosen.starts), Free::All, MultibodyPace::TRIAL);
             (score(joints, &trial) - own + lead, trial)
         });
         match trials.max_by(|a, b| a.0.total_cmp(&b.0)) {
             Some((ahead, trial)) if ahead > 0.0 => {
-                chosen = fit(joints, &trial.models, Some(&trial.starts), Free::All, Pace::THOROUGH);
+                chosen = fit(joints, &trial.models, Some(&trial.starts), Free::All, MultibodyPace::THOROUGH);
             }
             _ => return Some(chosen),
         }

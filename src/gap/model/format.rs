@@ -35,7 +35,7 @@ pub enum Expression {
     /// The effect.
     Native,
     /// The nearest effects of the catalogue.
-    Approximated(Vec<Nearest>),
+    Approximated(Vec<NearestEffect>),
     /// Nothing like it.
     NotExpressible,
 }
@@ -50,14 +50,14 @@ impl Expression {
 
 /// An effect in place of another.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Nearest {
+pub struct NearestEffect {
     /// Its name; `None` for the same effect with other parameters.
     pub effect: Option<&'static str>,
     /// Its parameters.
     pub p: Vec<f64>,
 }
 
-impl Nearest {
+impl NearestEffect {
     /// Another effect.
     #[must_use]
     pub fn effect(name: &'static str, p: Vec<f64>) -> Self {

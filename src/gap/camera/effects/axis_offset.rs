@@ -6,7 +6,7 @@
 
 use crate::{
     camera::model::{
-        parameter::Parameter,
+        parameter::HypothesisParameter,
         scales::MISPLACED,
         trial::{CameraEffect, Column, column, free_joints},
     },
@@ -24,17 +24,18 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
             let turning = twin.joints[j].kind.turns();
             // Turn, shift and both are ways of their own: one with fewer columns has more evidence where
             // it suffices.
-            let turns = columns_of_normals(Parameter::AxisTurn, j, MISPLACED);
+            let turns = columns_of_normals(HypothesisParameter::AxisTurn, j, MISPLACED);
             if turning {
-                let shifts = columns_of_normals(Parameter::AxisShift, j, shift_m);
+                let shifts = columns_of_normals(HypothesisParameter::AxisShift, j, shift_m);
                 all.push((Some(j), [turns.clone(), shifts.clone()].concat()));
                 all.push((Some(j), shifts));
             }
             all.push((Some(j), turns));
             // Along the axis of a slide a shift is a change of position.
             let along = if turning { 3 } else { 2 };
-            let shifts: Vec<_> = (0..along).map(|k| column(Parameter::Frame(j, k), shift_m)).collect();
-            let turns: Vec<_> = (3..5).map(|k| column(Parameter::Frame(j, k), MISPLACED)).collect();
+            let shifts: Vec<_> =
+                (0..along).map(|k| column(HypothesisParameter::Frame(j, k), shift_m)).collect();
+            let turns: Vec<_> = (3..5).map(|k| column(HypothesisParameter::Frame(j, k), MISPLACED)).collect();
             all.push((Some(j), [shifts.clone(), turns.clone()].concat()));
             all.extend([(Some(j), shifts), (Some(j), turns)]);
         }
@@ -58,7 +59,11 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
 };
 
 /// The columns of a parameter of a joint's axis, one for each of its two normals.
-fn columns_of_normals(parameter: fn(usize, usize) -> Parameter, joint: usize, prior: f64) -> Vec<Column> {
+fn columns_of_normals(
+    parameter: fn(usize, usize) -> HypothesisParameter,
+    joint: usize,
+    prior: f64,
+) -> Vec<Column> {
     (0..2).map(|k| column(parameter(joint, k), prior)).collect()
 }
 

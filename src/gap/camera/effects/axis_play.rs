@@ -5,7 +5,7 @@
 //! it.
 
 use crate::camera::model::{
-    parameter::Parameter,
+    parameter::HypothesisParameter,
     trial::{CameraEffect, Column, STATEWISE, column, free_joints},
 };
 
@@ -49,7 +49,7 @@ fn play_columns(joint: usize, runs: usize, lever_m: f64) -> Vec<Column> {
     for run in 0..runs {
         for k in 0..6 {
             let prior = PLAY * if k < 3 { lever_m } else { 1.0 };
-            columns.push(column(Parameter::Extra(run, joint, k), prior));
+            columns.push(column(HypothesisParameter::Extra(run, joint, k), prior));
         }
     }
     columns

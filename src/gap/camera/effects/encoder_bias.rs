@@ -3,7 +3,7 @@
 //! Signature: the same residual of the child's subtree along its motion at every reported position.
 
 use crate::camera::model::{
-    parameter::Parameter,
+    parameter::HypothesisParameter,
     scales::MISPLACED,
     trial::{CameraEffect, column},
 };
@@ -16,7 +16,7 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
         for (j, joint) in twin.joints.iter().enumerate() {
             if runs.iter().all(|r| r.positions.contains_key(&joint.name)) {
                 let lever = if joint.kind.turns() { 1.0 } else { scales.child_lever_m(twin, j) };
-                all.push((Some(j), vec![column(Parameter::EncoderBias(j), MISPLACED * lever)]));
+                all.push((Some(j), vec![column(HypothesisParameter::EncoderBias(j), MISPLACED * lever)]));
             }
         }
         all

@@ -3,7 +3,7 @@
 //! Signature: a residual of the child's subtree along its motion, growing with the reported position.
 
 use crate::camera::model::{
-    parameter::Parameter,
+    parameter::HypothesisParameter,
     scales::MISPLACED,
     trial::{CameraEffect, column},
 };
@@ -15,7 +15,7 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
         let mut all = Vec::new();
         for (j, joint) in twin.joints.iter().enumerate() {
             if runs.iter().all(|r| r.positions.contains_key(&joint.name)) {
-                all.push((Some(j), vec![column(Parameter::EncoderScale(j), MISPLACED)]));
+                all.push((Some(j), vec![column(HypothesisParameter::EncoderScale(j), MISPLACED)]));
             }
         }
         all

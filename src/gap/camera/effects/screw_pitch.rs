@@ -4,7 +4,7 @@
 //! `wrong_joint_type`.
 
 use crate::camera::model::{
-    parameter::Parameter,
+    parameter::HypothesisParameter,
     scales::{GATE, MISPLACED},
     trial::{CameraEffect, column, free_joints},
 };
@@ -27,7 +27,9 @@ pub const EFFECT: CameraEffect = CameraEffect {
     trials: |twin, _, scales| {
         let turning = free_joints(twin).filter(|&j| twin.joints[j].kind.turns());
         turning
-            .map(|j| (Some(j), vec![column(Parameter::Pitch(j), PITCH * scales.child_lever_m(twin, j))]))
+            .map(|j| {
+                (Some(j), vec![column(HypothesisParameter::Pitch(j), PITCH * scales.child_lever_m(twin, j))])
+            })
             .collect()
     },
     log_odds: 0.0,

@@ -4,7 +4,7 @@
 //! Signature: residuals of the child's subtree, multiples of one rigid motion, unrelated to the position.
 
 use crate::camera::model::{
-    parameter::Parameter,
+    parameter::HypothesisParameter,
     trial::{CameraEffect, STATEWISE, column, free_joints},
 };
 
@@ -24,7 +24,8 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
         for j in free_joints(twin) {
             for k in 0..6 {
                 let prior = SECOND * if k < 3 { scales.child_lever_m(twin, j) } else { 1.0 };
-                let columns = (0..runs.len()).map(|r| column(Parameter::Extra(r, j, k), prior)).collect();
+                let columns =
+                    (0..runs.len()).map(|r| column(HypothesisParameter::Extra(r, j, k), prior)).collect();
                 all.push((Some(j), columns));
             }
         }

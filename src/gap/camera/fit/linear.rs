@@ -11,7 +11,7 @@ use crate::camera::{
         problem::FrameProblem,
         reduced::{Reduced, Solution, best},
     },
-    model::{advance::advance, hypothesis::Hypothesis, parameter::Parameter, posed::PosedTwin},
+    model::{advance::advance, hypothesis::Hypothesis, parameter::HypothesisParameter, posed::PosedTwin},
 };
 
 /// A hypothesis with the values of its effects.
@@ -20,7 +20,7 @@ pub struct State {
     /// The hypothesis.
     pub hypothesis: Hypothesis,
     /// Values of parameters of effects in it.
-    pub applied: Vec<(Parameter, f64)>,
+    pub applied: Vec<(HypothesisParameter, f64)>,
 }
 
 /// A linear system about a state.
@@ -112,15 +112,19 @@ impl FrameProblem<'_> {
             let parameter = linear.system.columns[c].parameter;
             // Errors of the twin and of reported positions explain residuals; twin and reports stay as given.
             let stays = match parameter {
-                Parameter::Mesh(..) | Parameter::AxisTurn(..) | Parameter::AxisShift(..) => true,
-                Parameter::Position(r, j) => self.runs[r].positions.contains_key(&self.twin.joints[j].name),
+                HypothesisParameter::Mesh(..)
+                | HypothesisParameter::AxisTurn(..)
+                | HypothesisParameter::AxisShift(..) => true,
+                HypothesisParameter::Position(r, j) => {
+                    self.runs[r].positions.contains_key(&self.twin.joints[j].name)
+                }
                 _ => false,
             };
             if !stays {
                 steps.push((parameter, x));
             }
         }
-        let mut target: Vec<(Parameter, f64)> = Vec::new();
+        let mut target: Vec<(HypothesisParameter, f64)> = Vec::new();
         for (&c, &x) in subset.iter().zip(values.iter()).skip(n) {
             target.push((linear.system.columns[c].parameter, x));
         }

@@ -15,7 +15,7 @@ use crate::camera::{
         patches::PatchMean,
         reduced::{Reduced, log_determinant},
     },
-    model::{parameter::Parameter, trial::Column},
+    model::{parameter::HypothesisParameter, trial::Column},
 };
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
@@ -42,7 +42,7 @@ impl System {
         patches: usize,
         columns: Vec<Column>,
         radius_m: f64,
-        derivative: impl Fn(Parameter, &PatchMean) -> f64 + Sync,
+        derivative: impl Fn(HypothesisParameter, &PatchMean) -> f64 + Sync,
     ) -> (Self, Vec<PatchMean>) {
         // A frame's rows stand together: its pose error is one block.
         means.sort_by_key(|(c, _)| (c.seen.run, c.seen.frame, c.patch));

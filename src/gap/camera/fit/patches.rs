@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::camera::{
     fit::sample::{PixelSample, Sample},
-    model::{posed::Seen, twin::SeenTwin},
+    model::{posed::SurfacePoint, twin::SeenTwin},
 };
 use geometry::Pose;
 use numeric::statistics::{SIGMAS_PER_MAD, median};
@@ -27,7 +27,7 @@ const PATCH: f64 = 0.2;
 #[derive(Clone, Copy, Debug)]
 pub struct PatchMean {
     /// Where, on average.
-    pub seen: Seen,
+    pub seen: SurfacePoint,
     /// Index of the patch.
     pub patch: usize,
     /// Mean residual across the surface, meters.
@@ -51,7 +51,7 @@ pub fn patch_means(
 ) -> (Vec<PatchMean>, usize) {
     let side_m = PATCH * twin.radius_m();
     let mut patches: BTreeMap<Key, usize> = BTreeMap::new();
-    let mut groups: BTreeMap<(Key, usize, usize), Vec<(Seen, f64, f64)>> = BTreeMap::new();
+    let mut groups: BTreeMap<(Key, usize, usize), Vec<(SurfacePoint, f64, f64)>> = BTreeMap::new();
     for s in samples {
         let Sample::Match { seen, residual_m, sigma_m, .. } = s.sample else { continue };
         if !is_used(s.run, s.frame) {
@@ -80,7 +80,7 @@ pub fn patch_means(
 }
 
 /// The mean of a patch in a frame, without its outliers.
-fn average(group: &[(Seen, f64, f64)]) -> Option<PatchMean> {
+fn average(group: &[(SurfacePoint, f64, f64)]) -> Option<PatchMean> {
     if group.len() < MIN_PIXELS {
         return None;
     }
@@ -89,10 +89,11 @@ fn average(group: &[(Seen, f64, f64)]) -> Option<PatchMean> {
     // Readings in whole millimeters may not spread at all: a pixel's own noise is the least spread.
     let kept: Vec<_> = group.iter().filter(|g| (g.1 - middle).abs() <= 3.0 * spread.max(g.2)).collect();
     let weight: f64 = kept.iter().map(|g| g.2.powi(-2)).sum();
-    let mean =
-        |f: &dyn Fn(&(Seen, f64, f64)) -> f64| kept.iter().map(|g| f(g) * g.2.powi(-2)).sum::<f64>() / weight;
-    let vector = |f: &dyn Fn(&Seen) -> Vector3<f64>| Vector3::from_fn(|k, _| mean(&|g| f(&g.0)[k]));
-    let seen = Seen {
+    let mean = |f: &dyn Fn(&(SurfacePoint, f64, f64)) -> f64| {
+        kept.iter().map(|g| f(g) * g.2.powi(-2)).sum::<f64>() / weight
+    };
+    let vector = |f: &dyn Fn(&SurfacePoint) -> Vector3<f64>| Vector3::from_fn(|k, _| mean(&|g| f(&g.0)[k]));
+    let seen = SurfacePoint {
         point: Point3::from(vector(&|s| s.point.coords)),
         normal: vector(&|s| s.normal).try_normalize(LEAST_NORMAL)?,
         depth_m: mean(&|g| g.0.depth_m),

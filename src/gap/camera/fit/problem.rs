@@ -8,7 +8,7 @@ use crate::camera::{
     model::{
         hypothesis::Hypothesis,
         missing::Missing,
-        parameter::Parameter,
+        parameter::HypothesisParameter,
         scales::Scales,
         trial::{Column, Trial, column, free_joints, twin_column},
         twin::SeenTwin,
@@ -100,27 +100,29 @@ fn nuisance(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Column> 
     // Readings beyond the gate would be conflicts, so a step need not reach further.
     let [shift, turn] = [0.5 * gate_m, 0.5 * gate_m / scales.radius_m];
     for (r, run) in runs.iter().enumerate() {
-        all.extend((0..6).map(|k| column(Parameter::Root(r, k), if k < 3 { shift } else { turn })));
+        all.extend((0..6).map(|k| column(HypothesisParameter::Root(r, k), if k < 3 { shift } else { turn })));
         for j in free_joints(twin) {
             let lever = if twin.joints[j].kind.turns() { scales.child_lever_m(twin, j) } else { 1.0 };
             all.push(if run.positions.contains_key(&twin.joints[j].name) {
-                twin_column(Parameter::Position(r, j), 1.0 / lever)
+                twin_column(HypothesisParameter::Position(r, j), 1.0 / lever)
             } else {
-                column(Parameter::Position(r, j), gate_m / lever)
+                column(HypothesisParameter::Position(r, j), gate_m / lever)
             });
         }
     }
     // The root's placement is free in every recording already.
     for p in 1..twin.parts.len() {
         let turn = scales.lever_m(twin, p).recip();
-        all.extend((0..6).map(|k| twin_column(Parameter::Mesh(p, k), if k < 3 { 1.0 } else { turn })));
+        all.extend(
+            (0..6).map(|k| twin_column(HypothesisParameter::Mesh(p, k), if k < 3 { 1.0 } else { turn })),
+        );
     }
     for j in free_joints(twin) {
         let turn = scales.child_lever_m(twin, j).recip();
-        all.extend((0..2).map(|k| twin_column(Parameter::AxisTurn(j, k), turn)));
+        all.extend((0..2).map(|k| twin_column(HypothesisParameter::AxisTurn(j, k), turn)));
         // The axis of a slide has a direction and no place.
         if twin.joints[j].kind.turns() {
-            all.extend((0..2).map(|k| twin_column(Parameter::AxisShift(j, k), 1.0)));
+            all.extend((0..2).map(|k| twin_column(HypothesisParameter::AxisShift(j, k), 1.0)));
         }
     }
     all

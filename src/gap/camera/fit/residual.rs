@@ -9,7 +9,7 @@ use crate::camera::{
         predict::{predict, true_camera},
         sample::{Conflict, PixelSample, Sample},
     },
-    model::{hypothesis::Hypothesis, posed::Seen, twin::SeenTwin},
+    model::{hypothesis::Hypothesis, posed::SurfacePoint, twin::SeenTwin},
     record::{
         frames::FrameRun,
         pixels::{Pixels, around},
@@ -170,7 +170,7 @@ impl FrameView<'_> {
                 PIXEL_SIGMA * predicted_m / k.fx * (ray.norm_squared() - slant * slant).max(0.0).sqrt();
             (across * across + aside * aside + ROUNDING_M * ROUNDING_M).sqrt()
         };
-        let seen = Seen {
+        let seen = SurfacePoint {
             run: self.run,
             frame: self.frame,
             part: item as usize,

@@ -1,6 +1,6 @@
 //! A pixel compared with the twin: a residual, or a conflict.
 
-use crate::camera::model::posed::Seen;
+use crate::camera::model::posed::SurfacePoint;
 
 /// How a measured pixel conflicts with the twin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,7 +19,7 @@ pub enum Sample {
     /// Surface and reading belong together: residual across the surface and its standard deviation, meters.
     Match {
         /// The seen surface point.
-        seen: Seen,
+        seen: SurfacePoint,
         /// Measured less predicted, meters, positive towards the camera.
         residual_m: f64,
         /// Standard deviation expected of the camera.

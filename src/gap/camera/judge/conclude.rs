@@ -7,7 +7,7 @@ use crate::{
             problem::FrameProblem,
         },
         judge::{
-            diagnosis::{FrameDiagnosis, Place},
+            diagnosis::{FrameDiagnosis, OutstandingPart},
             effect_size::without_small,
             missing_finding::missing_finding,
             missing_geometry::missing_geometry,
@@ -133,11 +133,11 @@ fn stands_still(joint: &str, way_m: f64) -> Note {
 }
 
 /// Parts with their remaining residuals, worst first.
-fn places(problem: &FrameProblem, b: &[PartResidual], a: &[PartResidual]) -> Vec<Place> {
+fn places(problem: &FrameProblem, b: &[PartResidual], a: &[PartResidual]) -> Vec<OutstandingPart> {
     let unnamed_m = VarianceComponents::middle(&problem.scales).total_m();
-    let mut all: Vec<Place> = (0..problem.twin.parts.len())
+    let mut all: Vec<OutstandingPart> = (0..problem.twin.parts.len())
         .filter(|&p| b[p].rms_m > b[p].floor_m + unnamed_m || b[p].conflict > CONFLICT_SHARE)
-        .map(|p| Place {
+        .map(|p| OutstandingPart {
             part: problem.twin.parts[p].name.clone(),
             before_m: b[p].rms_m,
             after_m: a[p].rms_m,

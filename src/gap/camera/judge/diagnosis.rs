@@ -24,7 +24,7 @@ pub struct FrameDiagnosis {
     /// Gap on held-out frames.
     pub gap: FrameGap,
     /// Where the twin and the frames disagree.
-    pub places: Vec<Place>,
+    pub places: Vec<OutstandingPart>,
     /// Lengths behind the gates.
     pub scales: Scales,
     /// Further notes.
@@ -33,7 +33,7 @@ pub struct FrameDiagnosis {
 
 /// A part with an outstanding residual.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Place {
+pub struct OutstandingPart {
     /// Name of the part.
     pub part: String,
     /// Root mean square residual of its patches without effects, meters.

@@ -91,7 +91,7 @@ pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChan
 }
 
 /// A twin with another law of a joint, and the joint's positions under it.
-struct Start {
+struct LawStart {
     cost: f64,
     twin: SeenTwin,
     hypothesis: Hypothesis,
@@ -104,8 +104,8 @@ fn starts(
     coarse: &[CoarseRun],
     worst: usize,
     null: &Hypothesis,
-) -> Vec<Start> {
-    let mut starts: Vec<Start> = laws(problem.twin, joint)
+) -> Vec<LawStart> {
+    let mut starts: Vec<LawStart> = laws(problem.twin, joint)
         .into_iter()
         .map(|(kind, axis, point)| {
             let mut twin = problem.twin.clone();
@@ -119,7 +119,7 @@ fn starts(
             hypothesis.positions.clone_from(&null.positions);
             hypothesis.positions.iter_mut().for_each(|p| p[joint] = 0.0);
             let cost = find_position(&twin, &coarse[worst], &mut hypothesis, worst, joint);
-            Start { cost, twin, hypothesis }
+            LawStart { cost, twin, hypothesis }
         })
         .collect();
     starts.sort_by(|a, b| a.cost.total_cmp(&b.cost));
@@ -139,7 +139,7 @@ fn starts(
 }
 
 /// A start followed with the axis free, or the pitch of a screw.
-fn refined(problem: &FrameProblem, joint: usize, start: Start) -> (SeenTwin, State) {
+fn refined(problem: &FrameProblem, joint: usize, start: LawStart) -> (SeenTwin, State) {
     let mut twin = start.twin;
     let own = problem.of(&twin);
     let screw = matches!(twin.joints[joint].kind, SeenMotion::Screw { .. });

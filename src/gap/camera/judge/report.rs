@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use crate::{
     camera::{
         judge::{
-            diagnosis::{FrameDiagnosis, Place},
+            diagnosis::{FrameDiagnosis, OutstandingPart},
             finding::{CAMERA, CameraFinding},
         },
         model::twin::SeenTwin,
@@ -60,7 +60,7 @@ fn finding(twin: &SeenTwin, f: &CameraFinding) -> Value {
     value
 }
 
-fn place(p: &Place) -> Value {
+fn place(p: &OutstandingPart) -> Value {
     json!({
         "joint": p.part,
         "variable": "surface",

@@ -11,7 +11,7 @@ use crate::{
         },
         model::{
             interval::estimate,
-            parameter::{Parameter, normals_of},
+            parameter::{HypothesisParameter, normals_of},
             twin::SeenMotion,
         },
     },
@@ -41,7 +41,7 @@ pub struct TypeChange {
 
 /// Half the width of the 95 % interval of a linear combination of the trials' parameters; `weight` is the
 /// factor of each.
-fn half_width(problem: &FrameProblem, freed: &Selected, weight: impl Fn(Parameter) -> f64) -> f64 {
+fn half_width(problem: &FrameProblem, freed: &Selected, weight: impl Fn(HypothesisParameter) -> f64) -> f64 {
     let mut weights = DVector::zeros(freed.chosen.solution.values.len());
     let columns = freed.chosen.set.iter().flat_map(|&t| &problem.trials[t].columns);
     for (w, c) in weights.iter_mut().skip(problem.nuisance.len()).zip(columns) {
@@ -70,7 +70,7 @@ impl TypeChange {
         for (k, name) in ["axis_x", "axis_y", "axis_z"].into_iter().enumerate() {
             let half = half_width(problem, freed, |p| match p {
                 // A turn about one normal moves the axis along the other.
-                Parameter::AxisTurn(j, n) if j == joint => normals[n].cross(&law.axis)[k],
+                HypothesisParameter::AxisTurn(j, n) if j == joint => normals[n].cross(&law.axis)[k],
                 _ => 0.0,
             });
             parameters.push(estimate(name, law.axis[k], "1", half));
@@ -81,14 +81,15 @@ impl TypeChange {
             let point = law.point + law.axis.into_inner() * law.axis.dot(&(center - law.point));
             for (k, name) in ["x", "y", "z"].into_iter().enumerate() {
                 let half = half_width(problem, freed, |p| match p {
-                    Parameter::AxisShift(j, n) if j == joint => normals[n][k],
+                    HypothesisParameter::AxisShift(j, n) if j == joint => normals[n][k],
                     _ => 0.0,
                 });
                 parameters.push(estimate(name, point[k], "m", half));
             }
         }
         if let SeenMotion::Screw { pitch_m_per_rad } = law.kind {
-            let half = half_width(problem, freed, |p| f64::from(u8::from(p == Parameter::Pitch(joint))));
+            let half =
+                half_width(problem, freed, |p| f64::from(u8::from(p == HypothesisParameter::Pitch(joint))));
             parameters.push(estimate("pitch", pitch_m_per_rad, "m/rad", half));
         }
         let finding = Finding {

@@ -7,7 +7,7 @@ use geometry::{Pose, Screw};
 
 /// The motion law of a joint, as a hypothesis has it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Law {
+pub struct MotionLaw {
     /// How it moves.
     pub kind: SeenMotion,
     /// Direction in the joint frame.
@@ -18,7 +18,7 @@ pub struct Law {
     pub frame: Pose,
 }
 
-impl Law {
+impl MotionLaw {
     /// The law of a joint as the twin has it.
     fn of_joint(joint: &SeenJoint) -> Self {
         Self { kind: joint.kind, axis: joint.axis, point: joint.point, frame: Pose::identity() }
@@ -59,7 +59,7 @@ impl Default for CameraErrors {
 #[derive(Clone, Debug)]
 pub struct Hypothesis {
     /// Motion law of every joint.
-    pub laws: Vec<Law>,
+    pub laws: Vec<MotionLaw>,
     /// Position of every joint in every run, rad or m.
     pub positions: Vec<Vec<f64>>,
     /// Further motion of a joint's child in a run beyond the law, in the joint frame.
@@ -75,7 +75,7 @@ impl Hypothesis {
     #[must_use]
     pub fn of(twin: &SeenTwin, runs: usize) -> Self {
         Self {
-            laws: twin.joints.iter().map(Law::of_joint).collect(),
+            laws: twin.joints.iter().map(MotionLaw::of_joint).collect(),
             positions: vec![vec![0.0; twin.joints.len()]; runs],
             extra: vec![vec![Pose::identity(); twin.joints.len()]; runs],
             world_from_root: vec![Pose::identity(); runs],

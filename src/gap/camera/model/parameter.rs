@@ -4,7 +4,7 @@ use nalgebra::{Unit, Vector3};
 
 /// A free number of a hypothesis. Angles rad, lengths m.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
-pub enum Parameter {
+pub enum HypothesisParameter {
     /// Placement of the root in a run: 0 to 2 shift, 3 to 5 turn about the object's center.
     Root(usize, usize),
     /// Position of a joint in a run.
@@ -37,7 +37,7 @@ pub enum Parameter {
     EncoderBias(usize),
 }
 
-impl Parameter {
+impl HypothesisParameter {
     /// Whether it is an angle of a joint's axis, frame or child.
     #[must_use]
     pub fn is_turn(&self) -> bool {

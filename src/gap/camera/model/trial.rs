@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::{
     camera::{
-        model::{hypothesis::Hypothesis, parameter::Parameter, scales::Scales, twin::SeenTwin},
+        model::{hypothesis::Hypothesis, parameter::HypothesisParameter, scales::Scales, twin::SeenTwin},
         record::frames::FrameRun,
     },
     judge::finding::ParameterEstimate,
@@ -15,7 +15,7 @@ use numeric::statistics::{CHI_SQUARE_95, HALF_WIDTH_95};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Column {
     /// Parameter.
-    pub parameter: Parameter,
+    pub parameter: HypothesisParameter,
     /// One standard deviation of the prior about zero.
     pub prior: f64,
     /// Whether the prior is over the size of the errors of the twin, and so a multiple of their size.
@@ -132,13 +132,13 @@ pub struct CameraEffect {
 
 /// A column.
 #[must_use]
-pub fn column(parameter: Parameter, prior: f64) -> Column {
+pub fn column(parameter: HypothesisParameter, prior: f64) -> Column {
     Column { parameter, prior, of_twin: false }
 }
 
 /// A column of an error without name, as large as those of the twin's surface.
 #[must_use]
-pub fn twin_column(parameter: Parameter, share: f64) -> Column {
+pub fn twin_column(parameter: HypothesisParameter, share: f64) -> Column {
     Column { parameter, prior: share, of_twin: true }
 }
 

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 /// Normal equations of one window.
 #[derive(Clone, Debug)]
-pub struct Block {
+pub struct MultibodyBlock {
     /// Sum of its squared residuals.
     pub cost: f64,
     start: DMatrix<f64>,
@@ -14,7 +14,7 @@ pub struct Block {
     gradient: DVector<f64>,
 }
 
-impl Block {
+impl MultibodyBlock {
     /// Of residuals and their derivatives by the prediction's start state, then by its parameters, columns.
     #[must_use]
     pub fn of(residual: &DVector<f64>, by: &DMatrix<f64>, states: usize) -> Self {
@@ -47,7 +47,7 @@ impl Block {
 }
 
 /// A step of the parameters, and of the start state of each window.
-pub struct Step {
+pub struct MultibodyStep {
     /// Parameters.
     pub parameters: DVector<f64>,
     /// States.
@@ -56,7 +56,7 @@ pub struct Step {
 
 /// The step of Gauss and Newton, damped after Marquardt; `frozen` parameters stay.
 #[must_use]
-pub fn step(blocks: &[Block], frozen: &[bool], damping: f64) -> Option<Step> {
+pub fn step(blocks: &[MultibodyBlock], frozen: &[bool], damping: f64) -> Option<MultibodyStep> {
     let n = frozen.len();
     let mut known = DMatrix::zeros(n, n);
     let mut wanted = DVector::zeros(n);
@@ -82,14 +82,14 @@ pub fn step(blocks: &[Block], frozen: &[bool], damping: f64) -> Option<Step> {
         .zip(&inverses)
         .map(|(b, inverse)| inverse * (&b.start_gradient - &b.cross * &parameters))
         .collect();
-    Some(Step { parameters, states })
+    Some(MultibodyStep { parameters, states })
 }
 
 /// Covariance of the parameters, and the number of windows behind each. Residuals of a window are as good as
 /// `share` of their number; where parameters move more from window to window, the windows decide (Liang and
 /// Zeger 1986).
 #[must_use]
-pub fn covariance(blocks: &[Block], frozen: &[bool], share: f64) -> (DMatrix<f64>, Vec<f64>) {
+pub fn covariance(blocks: &[MultibodyBlock], frozen: &[bool], share: f64) -> (DMatrix<f64>, Vec<f64>) {
     let n = frozen.len();
     let reduced: Vec<_> = blocks.iter().map(|b| b.reduced(0.0)).collect();
     let mut known = reduced.iter().fold(DMatrix::zeros(n, n), |sum, (h, ..)| sum + h);

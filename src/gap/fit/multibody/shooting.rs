@@ -9,7 +9,7 @@ use crate::{
         damping,
         multibody::{
             joints::Joints,
-            normal::{Block, covariance, step},
+            normal::{MultibodyBlock, covariance, step},
         },
         problem::Problem,
         rollout::Start,
@@ -27,14 +27,14 @@ use crate::{
 const DIFFERENCE: f64 = 1e-4;
 /// How long a fit goes on.
 #[derive(Clone, Copy, Debug)]
-pub struct Pace {
+pub struct MultibodyPace {
     /// The size of the residuals is estimated anew between them.
     rounds: usize,
     /// Most steps of a round.
     steps: usize,
 }
 
-impl Pace {
+impl MultibodyPace {
     /// To the end.
     pub const THOROUGH: Self = Self { rounds: 3, steps: 8 };
     /// From near its end, far enough to see the value of an effect.
@@ -69,10 +69,10 @@ pub fn fit(
     models: &[JointModel],
     starts: Option<&[Vec<Start>]>,
     free: Free,
-    pace: Pace,
+    pace: MultibodyPace,
 ) -> MultibodyFit {
     let starts = starts.map_or_else(|| joints.starts(models), <[Vec<Start>]>::to_vec);
-    let mut at = At { models: models.to_vec(), starts };
+    let mut at = FitState { models: models.to_vec(), starts };
     let frozen: Vec<bool> = models
         .iter()
         // The lag comes from the joints by themselves.
@@ -90,14 +90,14 @@ pub fn fit(
     let free = |p: &Problem| (p.independent() - 2.0 * p.windows.len() as f64).max(1.0);
     let twice_likelihood =
         joints.problems.iter().zip(&size).map(|(p, size)| -2.0 * free(p) * size.ln()).sum();
-    let At { models, starts } = at;
+    let FitState { models, starts } = at;
     MultibodyFit { models, starts, size, twice_likelihood, covariance, witnesses }
 }
 
 /// Root mean square residuals of windows under models, by window and joint, with the best start states.
 #[must_use]
 pub fn window_sizes(joints: &Joints, models: &[JointModel]) -> Vec<Vec<f64>> {
-    let fitted = fit(joints, models, None, Free::Starts, Pace::THOROUGH);
+    let fitted = fit(joints, models, None, Free::Starts, MultibodyPace::THOROUGH);
     let drives = joints.drives(models);
     let n = models.len();
     (0..joints.windows())
@@ -119,13 +119,13 @@ fn rms_by_joint(residuals: &[f64], n: usize) -> Vec<f64> {
 
 /// Where a fit stands.
 #[derive(Clone)]
-struct At {
+struct FitState {
     models: Vec<JointModel>,
     starts: Vec<Vec<Start>>,
 }
 
 /// Root mean square residual of each joint, not below its noise.
-fn sizes(joints: &Joints, at: &At) -> Vec<f64> {
+fn sizes(joints: &Joints, at: &FitState) -> Vec<f64> {
     let drives = joints.drives(&at.models);
     let n = at.models.len();
     let all: Vec<Vec<f64>> = (0..joints.windows())
@@ -141,7 +141,7 @@ fn sizes(joints: &Joints, at: &At) -> Vec<f64> {
     sizes
 }
 
-fn iterate(joints: &Joints, at: &mut At, size: &[f64], frozen: &[bool], steps: usize) {
+fn iterate(joints: &Joints, at: &mut FitState, size: &[f64], frozen: &[bool], steps: usize) {
     let mut damping = damping::LEAST_RISEN;
     let mut now = blocks(joints, at, size, frozen);
     for _ in 0..steps {
@@ -169,7 +169,7 @@ fn iterate(joints: &Joints, at: &mut At, size: &[f64], frozen: &[bool], steps: u
 }
 
 /// Models and start states after a step, within their bounds.
-fn moved_by(joints: &Joints, at: &At, parameters: &DVector<f64>, states: &[DVector<f64>]) -> At {
+fn moved_by(joints: &Joints, at: &FitState, parameters: &DVector<f64>, states: &[DVector<f64>]) -> FitState {
     let mut first = 0;
     let mut models = Vec::with_capacity(at.models.len());
     for (problem, model) in joints.problems.iter().zip(&at.models) {
@@ -184,7 +184,7 @@ fn moved_by(joints: &Joints, at: &At, parameters: &DVector<f64>, states: &[DVect
             start.velocity += step[2 * i + 1];
         }
     }
-    At { models, starts }
+    FitState { models, starts }
 }
 
 /// Residual, in units of its size, of a rollout out of all bounds.
@@ -208,7 +208,7 @@ fn scaled(
     DVector::from_vec(residuals)
 }
 
-fn costs(joints: &Joints, at: &At, size: &[f64]) -> Vec<f64> {
+fn costs(joints: &Joints, at: &FitState, size: &[f64]) -> Vec<f64> {
     let drives = joints.drives(&at.models);
     (0..joints.windows())
         .into_par_iter()
@@ -227,7 +227,7 @@ struct MovedParameter {
 }
 
 /// Normal equations of all windows; `frozen` parameters have columns of zeros.
-fn blocks(joints: &Joints, at: &At, size: &[f64], frozen: &[bool]) -> Vec<Block> {
+fn blocks(joints: &Joints, at: &FitState, size: &[f64], frozen: &[bool]) -> Vec<MultibodyBlock> {
     let drives = joints.drives(&at.models);
     let free: usize = at.models.iter().map(JointModel::free).sum();
     let mut beside = Vec::with_capacity(free);
@@ -255,13 +255,13 @@ fn blocks(joints: &Joints, at: &At, size: &[f64], frozen: &[bool]) -> Vec<Block>
 /// Normal equations of a window; `free` is the number of parameters of all joints.
 fn window_block(
     joints: &Joints,
-    at: &At,
+    at: &FitState,
     drives: &[Vec<Drive>],
     beside: &[MovedParameter],
     size: &[f64],
     free: usize,
     window: usize,
-) -> Block {
+) -> MultibodyBlock {
     let n = at.models.len();
     let own_starts = &at.starts[window];
     let residual = scaled(joints, &at.models, drives, own_starts, size, window);
@@ -281,7 +281,7 @@ fn window_block(
         let other = scaled(joints, &moved.models, &moved.drives, own_starts, size, window);
         by.set_column(2 * n + moved.column, &((&residual - other) / moved.step));
     }
-    Block::of(&residual, &by, 2 * n)
+    MultibodyBlock::of(&residual, &by, 2 * n)
 }
 
 /// Typical size of each free parameter of a model.

@@ -1,7 +1,7 @@
 //! Coulomb friction with another bound each way.
 
 use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
-use crate::model::format::{Expression, Format, Nearest};
+use crate::model::format::{Expression, Format, NearestEffect};
 use crate::model::plant::Plant;
 
 /// See the module.
@@ -40,11 +40,11 @@ impl Effect for AsymmetricFriction {
 
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
         // One bound both ways, and in formats with a constant effort, one to make up the difference.
-        let mean = Nearest::effect("coulomb_friction", vec![0.5 * (p[0] + p[1])]);
+        let mean = NearestEffect::effect("coulomb_friction", vec![0.5 * (p[0] + p[1])]);
         match format {
             Format::Mjcf => Expression::Approximated(vec![
                 mean,
-                Nearest::effect("constant_bias", vec![0.5 * (p[1] - p[0])]),
+                NearestEffect::effect("constant_bias", vec![0.5 * (p[1] - p[0])]),
             ]),
             Format::Sdf | Format::Usd => Expression::Approximated(vec![mean]),
             Format::Urdf => Expression::NotExpressible,

@@ -1,6 +1,6 @@
 //! Gravity missing in the twin, from a tilted axis or another center of mass: `effort = s sin(q) + c cos(q)`.
 
-use crate::model::format::{Expression, Format, JointNumbers, Nearest};
+use crate::model::format::{Expression, Format, JointNumbers, NearestEffect};
 use crate::model::plant::Plant;
 use crate::{
     model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude},
@@ -60,7 +60,7 @@ impl Effect for AxisTilt {
                 let share = FLAT * plant.most_load / amplitude;
                 let nearest =
                     vec![plant.load.sine - share * wanted[0], plant.load.cosine - share * wanted[1]];
-                Expression::Approximated(vec![Nearest::own(nearest)])
+                Expression::Approximated(vec![NearestEffect::own(nearest)])
             }
         }
     }

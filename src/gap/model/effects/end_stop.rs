@@ -5,7 +5,7 @@
 use crate::model::effect::{
     At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape,
 };
-use crate::model::format::{Expression, Format, JointNumbers, Nearest, Stop};
+use crate::model::format::{Expression, Format, JointNumbers, NearestEffect, Stop};
 use crate::model::plant::Plant;
 
 /// See the module.
@@ -112,12 +112,12 @@ impl Effect for EndStop {
         match format {
             Format::Mjcf => Expression::Native,
             // Without the share of a rigid stop behind the soft one.
-            Format::Sdf => Expression::Approximated(vec![Nearest::own(vec![p[0], p[1], p[2], 0.0])]),
+            Format::Sdf => Expression::Approximated(vec![NearestEffect::own(vec![p[0], p[1], p[2], 0.0])]),
             // A limit, as stiff as the rollout resolves.
             Format::Usd => {
                 let stiffness = plant.inertia * STIFF_RATE * STIFF_RATE;
                 let damping = plant.inertia * STIFF_RATE;
-                Expression::Approximated(vec![Nearest::own(vec![stiffness, damping, p[2], 0.0])])
+                Expression::Approximated(vec![NearestEffect::own(vec![stiffness, damping, p[2], 0.0])])
             }
             Format::Urdf => Expression::NotExpressible,
         }

@@ -3,7 +3,7 @@
 use crate::model::effect::{
     At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape,
 };
-use crate::model::format::{Expression, Format, JointNumbers, Nearest};
+use crate::model::format::{Expression, Format, JointNumbers, NearestEffect};
 use crate::model::plant::Plant;
 
 /// See the module.
@@ -69,8 +69,8 @@ impl Effect for StribeckFriction {
         match format {
             Format::Urdf => Expression::NotExpressible,
             // PhysX has the breakaway too, gone as soon as the joint slides.
-            Format::Usd => Expression::Approximated(vec![Nearest::own(vec![p[0], p[1], AT_ONCE])]),
-            _ => Expression::Approximated(vec![Nearest::effect("coulomb_friction", vec![p[0]])]),
+            Format::Usd => Expression::Approximated(vec![NearestEffect::own(vec![p[0], p[1], AT_ONCE])]),
+            _ => Expression::Approximated(vec![NearestEffect::effect("coulomb_friction", vec![p[0]])]),
         }
     }
 
