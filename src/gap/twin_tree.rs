@@ -207,10 +207,8 @@ impl TwinTree {
     /// The other moving joints between a joint and the root, or beyond it.
     #[must_use]
     pub fn chain(&self, joint: usize) -> Vec<usize> {
-        let moves = |j: usize| self.joints[j].motion != Motion::Fixed;
-        (0..self.joints.len())
-            .filter(|&k| k != joint && moves(k) && (self.is_above(k, joint) || self.is_above(joint, k)))
-            .collect()
+        let moving = (0..self.joints.len()).filter(|&k| self.joints[k].motion != Motion::Fixed);
+        moving.filter(|&k| k != joint && (self.is_above(k, joint) || self.is_above(joint, k))).collect()
     }
 
     /// Whether joint `upper` lies between the root and joint `lower`.

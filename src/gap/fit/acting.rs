@@ -2,7 +2,7 @@
 
 use crate::model::{
     effect::{At, Effect, MAX_PARAMETERS, Place, Response},
-    joint_model::{Catalogue, JointModel, Term},
+    joint_model::{Catalogue, JointModel},
     plant::Plant,
 };
 
@@ -42,8 +42,11 @@ impl<'a> Acting<'a> {
     /// Of a model.
     #[must_use]
     pub fn of(model: &'a JointModel, catalogue: &'a Catalogue) -> Self {
-        let one = |t: &'a Term| (catalogue[t.effect].as_ref(), catalogue[t.effect].place(), t.p.as_slice());
-        let terms: Vec<_> = model.terms.iter().map(one).collect();
+        let mut terms = Vec::with_capacity(model.terms.len());
+        for term in &model.terms {
+            let effect = catalogue[term.effect].as_ref();
+            terms.push((effect, effect.place(), term.p.as_slice()));
+        }
         let has_contact = terms.iter().any(|t| t.1 == Place::Contact);
         Self { plant: &model.plant, terms, has_contact }
     }

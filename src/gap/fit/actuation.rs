@@ -69,8 +69,7 @@ pub fn actuated(
     }
     let moments = moments(plant, fitted);
     if !is_servo {
-        let signal = |m: &Moment| fitted[m.log].effort[m.sample];
-        let gain = regressed(&moments, &signal, None, None).factor;
+        let gain = regressed(&moments, &|m| fitted[m.log].effort[m.sample], None, None).factor;
         if !(gain.abs() > 0.0) || !gain.is_finite() {
             return Err(ActuationError::Unrelated(name.to_owned()));
         }

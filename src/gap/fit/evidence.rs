@@ -66,16 +66,19 @@ struct Projected {
     twice: f64,
 }
 
+/// Root mean square of `n` values, above zero.
+fn rms(values: impl Iterator<Item = f64>, n: f64) -> f64 {
+    (values.map(|x| x.powi(2)).sum::<f64>() / n).sqrt().max(1e-300)
+}
+
 /// Columns of each stretch.
 fn rows(seen: &[SeenStretch], effort: &[f64], turns: bool) -> Vec<SVector<f64, COLUMNS>> {
     let n = seen.len().max(1) as f64;
     let mean = seen.iter().map(|s| s.position).sum::<f64>() / n;
-    let rms = |of: &dyn Fn(&SeenStretch) -> f64| {
-        (seen.iter().map(|s| of(s).powi(2)).sum::<f64>() / n).sqrt().max(1e-300)
-    };
-    let (speed, travel) = (rms(&|s| s.velocity), rms(&|s| s.position - mean));
-    let need = rms(&|s| s.rest);
-    let size = (effort.iter().map(|u| u * u).sum::<f64>() / n).sqrt().max(1e-300);
+    let speed = rms(seen.iter().map(|s| s.velocity), n);
+    let travel = rms(seen.iter().map(|s| s.position - mean), n);
+    let need = rms(seen.iter().map(|s| s.rest), n);
+    let size = rms(effort.iter().copied(), n);
     let mut rows = Vec::with_capacity(seen.len());
     for (s, u) in seen.iter().zip(effort) {
         let (sine, cosine) = if turns { s.position.sin_cos() } else { (0.0, 0.0) };
@@ -211,9 +214,9 @@ impl Regression {
         ((needed.transpose() * known * needed)[0] / self.weight).max(0.0).sqrt()
     }
 
-    /// The known columns without the columns of missing effects, one entry for each noise. `effort` and `load`
-    /// are prior deviations; `unused` is a column to leave out; `least` and `most` are the sizes of the erring
-    /// signal.
+    /// The known columns without the columns of missing effects, one entry for each noise. `effort` and
+    /// `load` are prior deviations; `unused` is a column to leave out; `least` and `most` are the sizes of
+    /// the erring signal.
     fn projected(&self, effort: f64, load: f64, unused: usize, least: f64, most: f64) -> Vec<Projected> {
         let mut sd = SVector::<f64, MISSING>::repeat(effort);
         sd[unused] = 0.0;

@@ -128,6 +128,11 @@ pub fn covariance(
     (c, witnesses)
 }
 
+/// Number of equal shares with the same sum and sum of squares; 1 where there are none.
+pub(super) fn effective_count(sum: f64, squares: f64) -> f64 {
+    if squares > 0.0 { sum * sum / squares } else { 1.0 }
+}
+
 /// The witnesses of a group as one.
 fn pooled(windows: &[Witness], groups: &[usize]) -> Vec<Witness> {
     let mut pools: Vec<Option<Witness>> = vec![None; groups.iter().max().map_or(0, |m| m + 1)];
@@ -162,8 +167,7 @@ fn moves(matrix: &DMatrix<f64>, c: &DMatrix<f64>, witnesses: &[Witness]) -> (Vec
             shares[i] = (shares[i].0 + known[(i, i)], shares[i].1 + known[(i, i)] * known[(i, i)]);
         }
     }
-    let count = |(sum, squares): &(f64, f64)| if *squares > 0.0 { sum * sum / squares } else { 1.0 };
-    (moved, shares.iter().map(count).collect())
+    (moved, shares.iter().map(|(sum, squares)| effective_count(*sum, *squares)).collect())
 }
 
 #[cfg(test)]

@@ -127,8 +127,8 @@ impl Residuals<'_, '_, '_> {
             let mut now = EffortNoise { memory_s: intervals * interval_s, wander, ..best.1 };
             let mut reached = f64::NEG_INFINITY;
             for _ in 0..SWEEPS {
-                let of = |wander| self.log_likelihood(&EffortNoise { wander, ..now });
-                now.wander = top(now.wander, least, of).1;
+                now.wander =
+                    top(now.wander, least, |wander| self.log_likelihood(&EffortNoise { wander, ..now })).1;
                 (reached, now) = self.white(now);
             }
             wander = now.wander;

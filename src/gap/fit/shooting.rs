@@ -122,11 +122,10 @@ fn evaluate_columns<const W: usize>(
         whiten::<W>(&mut rollout.rows, &whitening.locals[span.log][span.start..], &whitening.gains[w]);
         let sums = products::<W>(&rollout.rows);
         // A frozen parameter keeps its place with zeros: indices stay those of the model.
-        let held = |i: usize, j: usize| frozen[i] || frozen[j];
         blocks.push(Block {
             cost: sums[residual][residual],
             hessian: DMatrix::from_fn(free, free, |i, j| {
-                if held(i, j) { 0.0 } else { sums[2 + i.min(j)][2 + i.max(j)] }
+                if frozen[i] || frozen[j] { 0.0 } else { sums[2 + i.min(j)][2 + i.max(j)] }
             }),
             start: Matrix2::new(sums[0][0], sums[0][1], sums[0][1], sums[1][1]) + ridge,
             cross: DMatrix::from_fn(2, free, |i, j| if frozen[j] { 0.0 } else { sums[i][2 + j] }),

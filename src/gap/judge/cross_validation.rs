@@ -102,9 +102,10 @@ pub fn assumes(model: &JointModel) -> (usize, usize) {
 #[must_use]
 pub fn predicted_weights(problem: &Problem, chosen: &Candidate, others: &[&Candidate]) -> Vec<f64> {
     let folds = problem.folds();
-    let predicted = |c: &Candidate| crossed(&folds, &c.fit.model, chosen.fit.noise);
-    let own = predicted(chosen);
-    others.iter().take(CONTENDERS).map(|c| (-LOGISTIC * surest(&own, &predicted(c))).exp()).collect()
+    let own = crossed(&folds, &chosen.fit.model, chosen.fit.noise);
+    let contenders = others.iter().take(CONTENDERS);
+    let predicted = contenders.map(|c| crossed(&folds, &c.fit.model, chosen.fit.noise));
+    predicted.map(|residuals| (-LOGISTIC * surest(&own, &residuals)).exp()).collect()
 }
 
 /// Slope of the logistic function next to the normal distribution's.

@@ -220,9 +220,11 @@ impl<'c> Maker<'_, 'c> {
                 (_, false) => of(Fate::FittedAgain, vec![own.clone()]),
             };
         }
-        let is_found = |t: &Term| self.updated.terms.iter().any(|u| u.effect == t.effect);
-        let stands_in = |t: &&Term| !is_found(t) && may_stand_in(self.catalogue()[t.effect].as_ref(), effect);
-        let by: Vec<Term> = model.terms.iter().filter(stands_in).cloned().collect();
+        let mut by = model.terms.clone();
+        by.retain(|t| {
+            let is_found = self.updated.terms.iter().any(|u| u.effect == t.effect);
+            !is_found && may_stand_in(self.catalogue()[t.effect].as_ref(), effect)
+        });
         let fate = match (by.is_empty(), is_translated) {
             (false, true) => Fate::Approximated,
             (false, false) => Fate::Replaced,
@@ -277,8 +279,8 @@ impl<'c> Maker<'_, 'c> {
         expressed(format, &without_pushes(problem.catalogue, &found.fit.model), problem.catalogue)
     }
 
-    /// The sought effects with a place in a file; with the push, fitted beside them and not written, where one
-    /// was found.
+    /// The sought effects with a place in a file; with the push, fitted beside them and not written, where
+    /// one was found.
     fn holdable_effects(&self, format: Format) -> Vec<usize> {
         let catalogue = self.catalogue();
         let has_push = self.diagnosis.model.terms.iter().any(|t| catalogue[t.effect].is_of_one_run());

@@ -217,9 +217,10 @@ impl VariableTerms<'_> {
 
     /// Friction changes its sign with the way: over anything but the velocity it has two branches.
     fn ways(&self) -> Vec<Way> {
-        let rubs = |(_, t): &(usize, &Term)| self.problem.catalogue[t.effect].place() == Place::Friction;
+        let mut effects = self.terms.iter().map(|(_, t)| &self.problem.catalogue[t.effect]);
+        let rubs = effects.any(|effect| effect.place() == Place::Friction);
         let bare = self.terms.is_empty() && self.variable == Variable::Position;
-        if self.variable != Variable::Velocity && (bare || self.terms.iter().any(rubs)) {
+        if self.variable != Variable::Velocity && (bare || rubs) {
             vec![Way::Rising, Way::Falling]
         } else {
             vec![Way::Both]

@@ -227,9 +227,9 @@ fn dependence(
         .collect();
     let peak = (0..columns).max_by(|&a, &b| bins[a].sigmas.abs().total_cmp(&bins[b].sigmas.abs()))?;
     let strength = 0.5 * bins[peak].sigmas.abs();
-    let is_strong = |c: usize| bins[c].sigmas * bins[peak].sigmas.signum() >= strength;
+    let sign = bins[peak].sigmas.signum();
     // A region in time ends with its run.
-    let is_alike = |c: &usize| is_strong(*c) && c / count == peak / count;
+    let is_alike = |c: &usize| bins[*c].sigmas * sign >= strength && c / count == peak / count;
     let low = (0..=peak).rev().take_while(is_alike).last().unwrap_or(peak);
     let high = (peak..columns).take_while(is_alike).last().unwrap_or(peak);
     let region = (bins[low].edges.0, bins[high].edges.1);

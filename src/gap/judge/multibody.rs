@@ -62,11 +62,11 @@ fn connected(tree: &TwinTree, joint: usize) -> Vec<usize> {
 /// together, nothing was found at any, or held-out runs are predicted no better.
 fn together(tree: &TwinTree, members: &[&mut Member]) -> Option<Vec<(JointModel, Spread)>> {
     let models: Vec<JointModel> = members.iter().map(|m| m.1.diagnosis.effects().clone()).collect();
-    let indices = || members.iter().map(|m| m.0).collect::<Vec<usize>>();
+    let indices: Vec<usize> = members.iter().map(|m| m.0).collect();
     let runs: Vec<&Problem> = members.iter().map(|m| &m.1.problem).collect();
-    let fitted = simpler(&Joints::new(tree, indices(), &runs)?, &models)?;
+    let fitted = simpler(&Joints::new(tree, indices.clone(), &runs)?, &models)?;
     let held_out: Vec<&Problem> = members.iter().map(|m| &m.1.held_out).collect();
-    let held_out = Joints::new(tree, indices(), &held_out).filter(|j| j.windows() > 0)?;
+    let held_out = Joints::new(tree, indices, &held_out).filter(|j| j.windows() > 0)?;
     // In units of the fit's residual at each joint.
     let in_units = |w: &Vec<f64>| w.iter().zip(&fitted.size).map(|(x, unit)| (x / unit).powi(2)).sum::<f64>();
     let missed = |models: &[JointModel]| window_sizes(&held_out, models).iter().map(in_units).sum::<f64>();

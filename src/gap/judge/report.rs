@@ -340,8 +340,8 @@ fn remainder(joint: &JointReport) -> Option<RemainderJson> {
 
 fn off_axis(joint: &JointReport) -> Option<OffAxisJson> {
     let e = joint.off_axis?;
-    let json = |a: &Across| AcrossJson { mm: 1e3 * a.shift_m, deg: a.turn_rad.to_degrees() };
-    let [measured, noise, left, axis] = [&e.measured, &e.noise, &e.left, &e.axis].map(json);
+    let [measured, noise, left, axis] = [&e.measured, &e.noise, &e.left, &e.axis]
+        .map(|a: &Across| AcrossJson { mm: 1e3 * a.shift_m, deg: a.turn_rad.to_degrees() });
     Some(OffAxisJson {
         joint: joint.joint.clone(),
         suspect: e.suspect.name().to_owned(),

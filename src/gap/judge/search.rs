@@ -438,9 +438,11 @@ fn ranked(
     }
     let screen = Screen::new(problem, &parent.fit);
     let taken = parent.effects();
-    let overlaps =
-        |e: usize| taken.iter().any(|t| problem.catalogue[*t].spec().overlaps(problem.catalogue[e].spec()));
-    let free: Vec<usize> = effects.iter().copied().filter(|e| !overlaps(*e)).collect();
+    let mut free = effects.to_vec();
+    free.retain(|e| {
+        let spec = problem.catalogue[*e].spec();
+        !taken.iter().any(|t| problem.catalogue[*t].spec().overlaps(spec))
+    });
     let mut hits: Vec<Vec<Hit>> =
         free.par_iter().map(|e| screen.hits(*e, shapes)).filter(|h| !h.is_empty()).collect();
     // Less the price of the parameters (14.15): more of them gain more by chance.

@@ -86,8 +86,10 @@ fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
         let general = &problem.catalogue[term.effect];
         for special in special_terms(problem, term) {
             let own = problem.catalogue[special.effect].parameters();
-            let is_shared = |k: usize| own.get(k).is_some_and(|o| o.name == general.parameters()[k].name);
-            let lost_is_sure = (0..term.p.len()).any(|k| !is_shared(k) && is_sure(problem, chosen, i, at, k));
+            let lost_is_sure = (0..term.p.len()).any(|k| {
+                let is_shared = own.get(k).is_some_and(|o| o.name == general.parameters()[k].name);
+                !is_shared && is_sure(problem, chosen, i, at, k)
+            });
             let begun = candidate(problem, replaced(problem, &chosen.fit.model, i, special, &chosen.fit));
             let fitted = refitted(problem, &begun, &begun.fit.model);
             if fitted.score > chosen.score - SIMPLER || (!lost_is_sure && fitted.score.is_finite()) {

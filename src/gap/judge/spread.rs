@@ -53,8 +53,7 @@ impl Spread {
 /// as large: C + n C. See docs/method.md 14.11.
 #[must_use]
 pub fn with_common(covariance: &DMatrix<f64>, witnesses: &[f64]) -> DMatrix<f64> {
-    let wider = |i: usize, j: usize| ((1.0 + witnesses[i]) * (1.0 + witnesses[j])).sqrt();
-    covariance.map_with_location(|i, j, c| c * wider(i, j))
+    covariance.map_with_location(|i, j, c| c * ((1.0 + witnesses[i]) * (1.0 + witnesses[j])).sqrt())
 }
 
 /// Terms of the series of [`half_width`] in 1 / n: coefficients of odd powers of z, and a divisor.

@@ -448,7 +448,8 @@ fn generalizes(catalogue: &Catalogue, effects: &[usize], own: &[usize]) -> bool 
     others.any(|e| catalogue[*e].spec().contains.iter().any(|n| own_names.contains(n)))
 }
 
-/// A set with a partner in place of its first effect with an indistinguishable one: a rival of the same weight.
+/// A set with a partner in place of its first effect with an indistinguishable one: a rival of the same
+/// weight.
 fn indistinguishable_set(problem: &Problem, own: &[usize]) -> Option<Vec<usize>> {
     let (name, partner) = own.iter().find_map(|e| {
         let effect = &problem.catalogue[*e];

@@ -58,10 +58,7 @@ pub fn carried(
 
 /// Factors of the load of a joint ([`Carried::load`]) under the motion of all others, `q` to `a` by joint.
 fn load(tree: &TwinTree, joint: usize, mut q: Vec<f64>, v: &[f64], a: &[f64]) -> [f64; 6] {
-    let mut load_at = |own: f64| {
-        q[joint] = own;
-        tree.inverse_dynamics(&q, v, a, true)[joint]
-    };
+    let mut load_at = |own: f64| load_at_position(tree, joint, own, &mut q, v, a);
     match tree.joints[joint].motion {
         Motion::Turn => harmonics(load_at),
         Motion::Slide | Motion::Fixed => {
@@ -70,6 +67,12 @@ fn load(tree: &TwinTree, joint: usize, mut q: Vec<f64>, v: &[f64], a: &[f64]) ->
             [at_zero, at_one - at_zero, 0.0, 0.0, 0.0, 0.0]
         }
     }
+}
+
+/// Load of a joint with its own position set to `own`, N m or N.
+fn load_at_position(tree: &TwinTree, joint: usize, own: f64, q: &mut [f64], v: &[f64], a: &[f64]) -> f64 {
+    q[joint] = own;
+    tree.inverse_dynamics(q, v, a, true)[joint]
 }
 
 /// The trigonometric polynomial of second order through five angles.
@@ -110,8 +113,10 @@ pub fn motions(
         joints.iter().map(|j| run.joint(name(j), &[], told, &mut Vec::new()).ok()).collect();
     // Missing efforts, or some at different stamps, give no common acceleration; then the positions alone
     // must do.
-    let is_usable = |l: &JointLog, first: &JointLog| l.time_s == first.time_s && l.commanded.is_empty();
-    let logs = logs.filter(|l| told.unit != EffortUnit::Unknown && l.iter().all(|x| is_usable(x, &l[0])));
+    let logs = logs.filter(|logs| {
+        let is_usable = |l: &JointLog| l.time_s == logs[0].time_s && l.commanded.is_empty();
+        told.unit != EffortUnit::Unknown && logs.iter().all(is_usable)
+    });
     let Some(logs) = logs else { return Ok(free) };
     let expected = expected(tree, &free, &logs, hold);
     let mut motions = Vec::with_capacity(joints.len());

@@ -153,8 +153,8 @@ pub fn position_noise(logs: &[JointLog]) -> f64 {
         for s in log.segments(index) {
             let q = &log.position[s.start..s.start + s.len];
             // derived: binomial coefficients.
-            let fourth = |w: &[f64]| (w[0] - 4.0 * w[1] + 6.0 * w[2] - 4.0 * w[3] + w[4]).abs();
-            differences.extend(q.windows(5).map(fourth));
+            let fourth = q.windows(5).map(|w| w[0] - 4.0 * w[1] + 6.0 * w[2] - 4.0 * w[3] + w[4]);
+            differences.extend(fourth.map(f64::abs));
             steps.extend(q.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > 0.0));
         }
     }
@@ -181,9 +181,8 @@ const MIN_HELD: usize = 8;
 /// Step of the encoder, rad or m, where the held positions of the joint are multiples of one: also positions
 /// interpolated between readings of the encoder show it at rest.
 fn lattice(logs: &[JointLog]) -> Option<f64> {
-    let still = |w: &[f64]| w.iter().all(|q| *q == w[0]).then_some(w[0]);
-    let mut held: Vec<f64> =
-        logs.iter().flat_map(|l| l.position.windows(HELD_SAMPLES).filter_map(still)).collect();
+    let stretches = logs.iter().flat_map(|l| l.position.windows(HELD_SAMPLES));
+    let mut held: Vec<f64> = stretches.filter(|w| w.iter().all(|q| *q == w[0])).map(|w| w[0]).collect();
     held.sort_by(f64::total_cmp);
     held.dedup();
     if held.len() < MIN_HELD {

@@ -133,8 +133,10 @@ fn filter(
         if k > 0 {
             let h = time_s[k] - time_s[k - 1];
             transition = Matrix3::new(1.0, h, 0.5 * h * h, 0.0, 1.0, h, 0.0, 0.0, 1.0);
-            let [a, b] = [h.powi(5) / 20.0, h.powi(4) / 8.0]; // derived: integrals of white jerk.
-            let [c, d, e] = [h.powi(3) / 6.0, h.powi(3) / 3.0, h.powi(2) / 2.0]; // derived: likewise.
+            // derived: integrals of white jerk.
+            let [a, b] = [h.powi(5) / 20.0, h.powi(4) / 8.0];
+            // derived: likewise.
+            let [c, d, e] = [h.powi(3) / 6.0, h.powi(3) / 3.0, h.powi(2) / 2.0];
             // (14.5)
             let noise = Matrix3::new(a, b, c, b, d, e, c, e, h) * (jerk * jerk);
             let push = expected.get(k - 1).copied().unwrap_or(0.0);

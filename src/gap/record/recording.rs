@@ -176,11 +176,10 @@ impl Recording {
         warnings: &mut Vec<Note>,
     ) -> Result<JointLog, RecordingError> {
         let (run, joint) = (|| self.name.clone(), || name.to_owned());
-        let has = || self.names();
         let samples = self.joints.iter().find(|j| j.name == name).ok_or_else(|| RecordingError::NoJoint {
             run: run(),
             joint: joint(),
-            has: has(),
+            has: self.names(),
         })?;
         if !samples.position.iter().any(|q| q.is_finite()) {
             return Err(RecordingError::NoPosition { run: run(), joint: joint() });

@@ -40,6 +40,14 @@ pub struct PatchMean {
 
 type Key = (usize, [i32; 3], usize);
 
+/// A surface point, its residual and the residual's standard deviation, meters.
+type PixelReading = (SurfacePoint, f64, f64);
+
+/// Mean of a quantity by the inverse variances of the residuals; `weight` is their sum.
+fn weighted_mean(kept: &[&PixelReading], weight: f64, of: &dyn Fn(&PixelReading) -> f64) -> f64 {
+    kept.iter().map(|g| of(g) * g.2.powi(-2)).sum::<f64>() / weight
+}
+
 /// Averages samples of the frames accepted by `is_used`. Patches are cubes in the part's frame, split by the
 /// facing side of the surface. Returns the means and the number of patches.
 #[must_use]
@@ -80,7 +88,7 @@ pub fn patch_means(
 }
 
 /// The mean of a patch in a frame, without its outliers.
-fn average(group: &[(SurfacePoint, f64, f64)]) -> Option<PatchMean> {
+fn average(group: &[PixelReading]) -> Option<PatchMean> {
     if group.len() < MIN_PIXELS {
         return None;
     }
@@ -89,13 +97,10 @@ fn average(group: &[(SurfacePoint, f64, f64)]) -> Option<PatchMean> {
     // Readings in whole millimeters may not spread at all: a pixel's own noise is the least spread.
     let kept: Vec<_> = group.iter().filter(|g| (g.1 - middle).abs() <= 3.0 * spread.max(g.2)).collect();
     let weight: f64 = kept.iter().map(|g| g.2.powi(-2)).sum();
-    let mean = |f: &dyn Fn(&(SurfacePoint, f64, f64)) -> f64| {
-        kept.iter().map(|g| f(g) * g.2.powi(-2)).sum::<f64>() / weight
-    };
-    let vector = |f: &dyn Fn(&SurfacePoint) -> Vector3<f64>| Vector3::from_fn(|k, _| mean(&|g| f(&g.0)[k]));
+    let mean = |f: &dyn Fn(&PixelReading) -> f64| weighted_mean(&kept, weight, f);
     let seen = SurfacePoint {
-        point: Point3::from(vector(&|s| s.point.coords)),
-        normal: vector(&|s| s.normal).try_normalize(LEAST_NORMAL)?,
+        point: Point3::from(Vector3::from_fn(|k, _| mean(&|g| g.0.point.coords[k]))),
+        normal: Vector3::from_fn(|k, _| mean(&|g| g.0.normal[k])).try_normalize(LEAST_NORMAL)?,
         depth_m: mean(&|g| g.0.depth_m),
         slant: mean(&|g| g.0.slant),
         ..kept.first()?.0

@@ -77,8 +77,8 @@ pub(super) fn conclude(
     let still = still(problem.twin, &after, least_m);
     notes.extend(still.iter().map(|(j, way_m)| stands_still(&problem.twin.joints[*j].name, *way_m)));
     let nothing_moves = !problem.twin.joints.is_empty() && still.len() == problem.twin.joints.len();
-    let off = |p: &PartResidual| p.rms_m > p.floor_m + largest_m(&problem.scales);
-    let unexplained = parts.iter().any(off) || gap.conflict_after > CONFLICT_SHARE;
+    let unexplained = parts.iter().any(|p| p.rms_m > p.floor_m + largest_m(&problem.scales))
+        || gap.conflict_after > CONFLICT_SHARE;
     let ambiguous = findings.iter().any(|f| !f.finding.alternatives.is_empty());
     let verdict = match (findings.is_empty(), ambiguous, unexplained) {
         _ if too_few => Verdict::Insufficient,

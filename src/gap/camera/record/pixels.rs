@@ -59,8 +59,8 @@ fn choose(frame: &capture::RgbdFrame, run: &FrameRun) -> (Vec<usize>, Vec<usize>
     let grid = (0..h).step_by(stride).flat_map(|y| (0..w).step_by(stride).map(move |x| y * w + x));
     let object = grid.clone().filter(|&i| usable(i)).collect();
     // Without a mask no pixel is known to be off the object.
-    let off = |i: usize| frame.mask.is_some() && around(i, w, h).all(|n| !frame.is_object(n));
-    let empty = grid.filter(|&i| off(i)).collect();
+    let off = grid.filter(|_| frame.mask.is_some());
+    let empty = off.filter(|&i| around(i, w, h).all(|n| !frame.is_object(n))).collect();
     (object, empty, stride)
 }
 

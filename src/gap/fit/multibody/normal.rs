@@ -2,6 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::fit::jackknife::effective_count;
+
 /// Normal equations of one window.
 #[derive(Clone, Debug)]
 pub struct MultibodyBlock {
@@ -115,6 +117,5 @@ pub fn covariance(blocks: &[MultibodyBlock], frozen: &[bool], share: f64) -> (DM
     let covariance = DMatrix::from_fn(n, n, |i, j| {
         if frozen[i] || frozen[j] { 0.0 } else { inverse[(i, j)] / share * wider[i] * wider[j] }
     });
-    let of = |(sum, squares): &(f64, f64)| if *squares > 0.0 { sum * sum / squares } else { 1.0 };
-    (covariance, shares.iter().map(of).collect())
+    (covariance, shares.iter().map(|(sum, squares)| effective_count(*sum, *squares)).collect())
 }

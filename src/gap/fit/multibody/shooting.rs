@@ -87,9 +87,8 @@ pub fn fit(
     let share = joints.problems[0].weighing.share();
     let (covariance, witnesses) = covariance(&blocks, &frozen, share);
     // Two of the independent numbers of a window go to a start state.
-    let free = |p: &Problem| (p.independent() - 2.0 * p.windows.len() as f64).max(1.0);
-    let twice_likelihood =
-        joints.problems.iter().zip(&size).map(|(p, size)| -2.0 * free(p) * size.ln()).sum();
+    let free = joints.problems.iter().map(|p| (p.independent() - 2.0 * p.windows.len() as f64).max(1.0));
+    let twice_likelihood = free.zip(&size).map(|(free, size)| -2.0 * free * size.ln()).sum();
     let FitState { models, starts } = at;
     MultibodyFit { models, starts, size, twice_likelihood, covariance, witnesses }
 }
