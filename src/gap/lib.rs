@@ -1,9 +1,7 @@
-//! The gap between a twin and measured motion: where they disagree, which effect is missing, and how much it
-//! closes.
+//! The gap between a twin and measured motion: its places, the missing effects, and their share of it.
 //!
 //! Data flows `record` -> `model` -> `fit` -> `judge`: recordings become logs of one joint, a model predicts
-//! them, a fit chooses its parameters, and a verdict says which effects may be named. `camera` does the same
-//! by RGB-D frames.
+//! them, a fit chooses its parameters, and a verdict names effects. `camera` does the same by RGB-D frames.
 //!
 //! ```ignore
 //! use gap::model::effects::catalogue;

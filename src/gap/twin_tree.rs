@@ -1,10 +1,10 @@
-//! Tree dynamics of a twin: recursive Newton-Euler in the world frame, and what one joint sees of it.
+//! Tree dynamics of a twin: recursive Newton-Euler in the world frame, and its effect on one joint.
 
 use nalgebra::{DMatrix, Matrix3, Point3, Unit, Vector3};
 
 use geometry::Pose;
 
-/// What a joint lets its child do, as far as its dynamics go.
+/// Motion of a joint's child, as far as its dynamics go.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motion {
     /// Nothing.
@@ -33,7 +33,7 @@ pub struct TwinLink {
 pub struct TwinJoint {
     /// Name.
     pub name: String,
-    /// What it lets its child do.
+    /// Motion of its child.
     pub motion: Motion,
     /// Index of the parent link.
     pub parent: usize,
@@ -73,7 +73,7 @@ pub struct TwinTree {
     pub name: String,
     /// Links.
     pub links: Vec<TwinLink>,
-    /// Joints, in an order in which every parent link stands before its child.
+    /// Joints, every parent link before its child.
     pub joints: Vec<TwinJoint>,
     /// Index of the root link.
     pub root: usize,
@@ -94,8 +94,7 @@ struct LinkMotion {
 }
 
 impl TwinTree {
-    /// Efforts that produce the accelerations (order of `joints`; fixed joints hold 0), N m or N: `M a + h(q,
-    /// v)`.
+    /// Efforts for the accelerations (order of `joints`; fixed joints hold 0), N m or N: `M a + h(q, v)`.
     #[must_use]
     pub fn inverse_dynamics(
         &self,
@@ -104,22 +103,21 @@ impl TwinTree {
         acceleration: &[f64],
         with_gravity: bool,
     ) -> Vec<f64> {
-        // A root that accelerates upwards makes the same efforts as gravity: no link needs a term of its
-        // own.
+        // A root accelerating upwards makes the same efforts as gravity: no link needs a term of its own.
         let start = if with_gravity { -self.gravity } else { Vector3::zeros() };
         let rest =
             LinkMotion { pose: Pose::identity(), w: Vector3::zeros(), dw: Vector3::zeros(), acc: start };
         let mut motion = vec![rest; self.links.len()];
-        // Outward: the motion of each link from that of its parent.
+        // Outward: the motion of each link from its parent's.
         for (j, joint) in self.joints.iter().enumerate() {
             motion[joint.child] =
                 step_out(&motion[joint.parent], joint, position[j], velocity[j], acceleration[j]);
         }
-        // Force and moment about the world's origin that each link needs.
+        // Required force and moment of each link about the world's origin.
         let mut wrench: Vec<(Vector3<f64>, Vector3<f64>)> =
             self.links.iter().zip(&motion).map(|(l, m)| newton_euler(l, m)).collect();
         let mut effort = vec![0.0; self.joints.len()];
-        // Inward: a joint carries what its child needs and hands it on to the parent.
+        // Inward: a joint carries its child's wrench and hands it on to the parent.
         for (j, joint) in self.joints.iter().enumerate().rev() {
             let (force, moment) = wrench[joint.child];
             let pose = &motion[joint.child].pose;
@@ -153,7 +151,7 @@ impl TwinTree {
         matrix
     }
 
-    /// Effort that holds the tree against gravity, N m or N.
+    /// Effort to hold the tree against gravity, N m or N.
     #[must_use]
     pub fn gravity_effort(&self, position: &[f64]) -> Vec<f64> {
         let zero = vec![0.0; self.joints.len()];
@@ -189,14 +187,14 @@ impl TwinTree {
         }
     }
 
-    /// The link that a link is fixed to and that moves by a joint of its own, or the root.
+    /// The link below all fixed joints of a link, with a moving joint of its own, or the root.
     #[must_use]
     pub fn carrier(&self, link: usize) -> usize {
         let fixed = self.joints.iter().find(|j| j.child == link && j.motion == Motion::Fixed);
         fixed.map_or(link, |j| self.carrier(j.parent))
     }
 
-    /// Whether a joint that moves lies between the root and a link.
+    /// Whether a moving joint lies between the root and a link.
     #[must_use]
     pub fn carries(&self, joint: usize, link: usize) -> bool {
         let above = self.joints.iter().position(|j| j.child == link);
@@ -206,13 +204,11 @@ impl TwinTree {
         })
     }
 
-    /// The other moving joints that lie between a joint and the root, or beyond it.
+    /// The other moving joints between a joint and the root, or beyond it.
     #[must_use]
     pub fn chain(&self, joint: usize) -> Vec<usize> {
-        let moves = |j: usize| self.joints[j].motion != Motion::Fixed;
-        (0..self.joints.len())
-            .filter(|&k| k != joint && moves(k) && (self.is_above(k, joint) || self.is_above(joint, k)))
-            .collect()
+        let moving = (0..self.joints.len()).filter(|&k| self.joints[k].motion != Motion::Fixed);
+        moving.filter(|&k| k != joint && (self.is_above(k, joint) || self.is_above(joint, k))).collect()
     }
 
     /// Whether joint `upper` lies between the root and joint `lower`.
@@ -235,7 +231,7 @@ fn step_out(parent: &LinkMotion, joint: &TwinJoint, q: f64, v: f64, a: f64) -> L
     let arm = pose.translation.vector - parent.pose.translation.vector;
     let w = parent.w;
     let dw = parent.dw;
-    // Tangential and centripetal acceleration of the child's origin, which the parent carries along.
+    // Tangential and centripetal acceleration of the child's origin, carried along by the parent.
     let carried = parent.acc + dw.cross(&arm) + w.cross(&w.cross(&arm));
     match joint.motion {
         Motion::Fixed => LinkMotion { pose, w, dw, acc: carried },

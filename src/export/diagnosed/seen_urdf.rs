@@ -12,7 +12,7 @@ use common::limits::{XmlError, parse_xml};
 use gap::camera::{
     judge::diagnosis::FrameDiagnosis,
     model::{
-        hypothesis::Law,
+        hypothesis::MotionLaw,
         twin::{SeenJoint, SeenMotion},
     },
 };
@@ -38,7 +38,8 @@ pub fn urdf(
     let mut updated = text.to_owned();
     for (j, joint) in original.iter().enumerate() {
         let law = diagnosis.after.laws[j];
-        let before = Law { kind: joint.kind, axis: joint.axis, point: joint.point, frame: Pose::identity() };
+        let before =
+            MotionLaw { kind: joint.kind, axis: joint.axis, point: joint.point, frame: Pose::identity() };
         if law == before {
             continue;
         }
@@ -79,7 +80,7 @@ pub fn urdf(
 
 /// A joint's new type, origin and axis. Its frame moves onto the axis, and what hangs on the child moves
 /// back.
-fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &Law, edits: &mut Vec<Edit>) {
+fn joint_edits(root: &Node, text: &str, joint: &SeenJoint, law: &MotionLaw, edits: &mut Vec<Edit>) {
     let Some(node) =
         root.children().find(|n| n.has_tag_name("joint") && n.attribute("name") == Some(&joint.name))
     else {

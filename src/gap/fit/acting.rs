@@ -1,8 +1,8 @@
-//! What acts on a joint at a state: efforts and bounds of the friction, with their derivatives.
+//! Efforts on a joint at a state and bounds of the friction, with their derivatives.
 
 use crate::model::{
     effect::{At, Effect, MAX_PARAMETERS, Place, Response},
-    joint_model::{Catalogue, JointModel, Term},
+    joint_model::{Catalogue, JointModel},
     plant::Plant,
 };
 
@@ -13,8 +13,8 @@ pub type Row = [f64; MAX_COLUMNS];
 
 /// Efforts at a state, summed over the plant and the terms.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Sum {
-    /// Smooth effort without the one that acts.
+pub struct EffortSum {
+    /// Smooth effort without the actuator's.
     pub effort: f64,
     /// Both by position.
     pub q: f64,
@@ -26,11 +26,11 @@ pub struct Sum {
     pub friction_q: f64,
     /// By the measured effort.
     pub friction_u: f64,
-    /// Share of the measured effort that contacts take off.
+    /// Share of the measured effort taken off by contacts.
     pub taken: f64,
 }
 
-/// What acts on a joint, looked up once for many states.
+/// The terms of a model, looked up once for many states.
 pub struct Acting<'a> {
     plant: &'a Plant,
     /// Every term: effect, place, parameters.
@@ -42,19 +42,22 @@ impl<'a> Acting<'a> {
     /// Of a model.
     #[must_use]
     pub fn of(model: &'a JointModel, catalogue: &'a Catalogue) -> Self {
-        let one = |t: &'a Term| (catalogue[t.effect].as_ref(), catalogue[t.effect].place(), t.p.as_slice());
-        let terms: Vec<_> = model.terms.iter().map(one).collect();
+        let mut terms = Vec::with_capacity(model.terms.len());
+        for term in &model.terms {
+            let effect = catalogue[term.effect].as_ref();
+            terms.push((effect, effect.place(), term.p.as_slice()));
+        }
         let has_contact = terms.iter().any(|t| t.1 == Place::Contact);
         Self { plant: &model.plant, terms, has_contact }
     }
 
     /// Efforts at a state, without derivatives by parameters.
     #[must_use]
-    pub fn at(&self, at: &At) -> Sum {
+    pub fn at(&self, at: &At) -> EffortSum {
         self.add_up(at, &mut [0.0; MAX_COLUMNS], &mut [0.0; MAX_COLUMNS])
     }
 
-    /// The first contact that begins while the joint moves at `v` for `h` seconds.
+    /// The first contact reached by the joint moving at `v` for `h` seconds.
     #[inline]
     pub fn meeting(&self, q: f64, v: f64, h: f64) -> Option<Meeting> {
         if !self.has_contact {
@@ -79,17 +82,17 @@ impl<'a> Acting<'a> {
 
     /// Adds up plant and terms at a state. `effort` and `friction` take the derivatives by the parameters.
     #[inline]
-    pub fn add_up(&self, at: &At, effort: &mut Row, friction: &mut Row) -> Sum {
+    pub fn add_up(&self, at: &At, effort: &mut Row, friction: &mut Row) -> EffortSum {
         let plant = self.plant;
         let (load, slope) = plant.load_at(at.carried, at.q);
-        // An inertia that changes as a chain moves acts as damping: d(I v)/dt = I a + dI/dt v.
+        // An inertia changing with the motion of a chain acts as damping: d(I v)/dt = I a + dI/dt v.
         let damping = plant.damping + plant.inertia_at(at.carried).1;
-        let mut sum = Sum {
+        let mut sum = EffortSum {
             effort: -load - damping * at.v,
             q: at.feedback[0] - slope,
             v: at.feedback[1] - damping,
             friction: plant.friction,
-            ..Sum::default()
+            ..EffortSum::default()
         };
         let mut column = 3;
         for (effect, place, p) in &self.terms {
@@ -119,8 +122,8 @@ impl<'a> Acting<'a> {
         sum
     }
 
-    /// Adds contacts up, which feel the sum of the other efforts.
-    fn add_contacts(&self, at: &At, effort: &mut Row, sum: &mut Sum) {
+    /// Adds contacts up; they feel the sum of the other efforts.
+    fn add_contacts(&self, at: &At, effort: &mut Row, sum: &mut EffortSum) {
         let at = At { load: at.u + sum.effort, ..*at };
         let mut column = 3;
         for (effect, place, p) in &self.terms {
@@ -135,7 +138,7 @@ impl<'a> Acting<'a> {
             sum.q += r.q + r.load * sum.q;
             sum.v += r.v + r.load * sum.v;
             sum.taken -= r.load;
-            // What the contact takes off the efforts it takes off their derivatives as well.
+            // A contact takes the same share off the efforts and off their derivatives.
             if r.load != 0.0 {
                 effort[3..].iter_mut().for_each(|x| *x *= 1.0 + r.load);
             }
@@ -149,7 +152,7 @@ impl<'a> Acting<'a> {
 pub struct Meeting {
     /// Seconds from the start of the step.
     pub after_s: f64,
-    /// Position at which the contact begins.
+    /// Position of the contact's begin.
     pub position: f64,
     /// Its column.
     pub column: usize,
@@ -165,7 +168,7 @@ fn write(target: &mut [f64], values: &[f64; MAX_PARAMETERS], count: usize) {
     }
 }
 
-/// Bound of the friction on a joint that turns back: at rest that of the side which it leaves to; on the way
+/// Bound of the friction on a joint turning back: at rest the bound of the side it leaves to; on the way
 /// through rest the larger one of both sides.
 #[must_use]
 pub fn bound_at_turn(acting: &Acting, at: &At, bound: f64, friction: &mut Row) -> f64 {

@@ -1,5 +1,5 @@
-//! Where the fit of an actuator begins: what recorded signals must be multiplied by to move the twin as it
-//! was measured, by a regression on the smoothed motion.
+//! Start of an actuator's fit: factors of recorded signals to move the twin as measured, by a regression on
+//! the smoothed motion.
 
 use nalgebra::{Matrix4, Vector4};
 
@@ -18,10 +18,10 @@ use crate::{
     },
 };
 
-/// Delays of a command that are tried, seconds.
+/// Tried delays of a command, seconds.
 /// chosen: none to five periods of 50 Hz, the slowest rate of commands in use.
 const DELAYS_S: [f64; 11] = [0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1];
-/// Share of its limit from which a servo is taken to be at it.
+/// Share of its limit from which a servo counts as limited.
 /// chosen: a reading within the interval may lie a step off.
 const AT_LIMIT: f64 = 0.98;
 
@@ -46,13 +46,13 @@ pub enum ActuationError {
 struct Moment {
     log: usize,
     sample: usize,
-    /// Effort that moves the twin so.
+    /// Effort for this motion of the twin.
     required: f64,
     velocity: f64,
 }
 
-/// The plant with its actuator as far as it is given or a regression has it, and logs with the efforts that
-/// it makes, those of `fitted` and `held_out`. The regression reads the fitted ones.
+/// The plant with its actuator as given or by a regression, and logs with the actuator's efforts, those of
+/// `fitted` and `held_out`. The regression reads the fitted ones.
 ///
 /// # Errors
 /// [`ActuationError`] where the recorded signal moves nothing.
@@ -69,8 +69,7 @@ pub fn actuated(
     }
     let moments = moments(plant, fitted);
     if !is_servo {
-        let signal = |m: &Moment| fitted[m.log].effort[m.sample];
-        let gain = regressed(&moments, &signal, None, None).factor;
+        let gain = regressed(&moments, &|m| fitted[m.log].effort[m.sample], None, None).factor;
         if !(gain.abs() > 0.0) || !gain.is_finite() {
             return Err(ActuationError::Unrelated(name.to_owned()));
         }
@@ -104,49 +103,59 @@ pub fn actuated(
         ..Actuator::default()
     };
     for log in fitted.iter_mut().chain(held_out) {
-        let errors = position_errors(log, delay_s);
-        let velocity = |k: usize| {
-            let next = (k + 1).min(log.time_s.len() - 1);
-            (log.position[next] - log.position[k]) / (log.time_s[next] - log.time_s[k]).max(1e-9)
-        };
-        let act = |(k, e): (usize, &f64)| (stiffness * e - damping * velocity(k)).clamp(-limit, limit);
-        log.effort = errors.iter().enumerate().map(act).collect();
+        log.effort = servo_efforts(log, delay_s, stiffness, damping, limit);
     }
     Ok(Plant { actuator, ..plant.clone() })
 }
 
-/// What a servo sees from each sample to the next: the command less the reading in the middle.
+/// Efforts of a servo from each sample to the next, N m or N.
+fn servo_efforts(log: &JointLog, delay_s: f64, stiffness: f64, damping: f64, limit: f64) -> Vec<f64> {
+    let errors = position_errors(log, delay_s);
+    let mut efforts = Vec::with_capacity(errors.len());
+    for (k, error) in errors.iter().enumerate() {
+        let next = (k + 1).min(log.time_s.len() - 1);
+        let velocity = (log.position[next] - log.position[k]) / (log.time_s[next] - log.time_s[k]).max(1e-9);
+        efforts.push((stiffness * error - damping * velocity).clamp(-limit, limit));
+    }
+    efforts
+}
+
+/// Position errors of a servo from each sample to the next: the command less the reading in the middle.
 fn position_errors(log: &JointLog, delay_s: f64) -> Vec<f64> {
     let drive = Drive::with_steps(log, Hold::Zero, delay_s, 1);
     let n = log.time_s.len();
-    let reading = |k: usize| 0.5 * (log.position[k] + log.position[(k + 1).min(n - 1)]);
-    drive.means(log.commanded.last().copied()).into_iter().enumerate().map(|(k, c)| c - reading(k)).collect()
+    let means = drive.means(log.commanded.last().copied()).into_iter().enumerate();
+    means.map(|(k, c)| c - 0.5 * (log.position[k] + log.position[(k + 1).min(n - 1)])).collect()
 }
 
-/// What a regression finds.
+/// Result of a regression.
 struct Regressed {
     /// Of the signal.
     factor: f64,
     damping: f64,
-    /// Root mean square of the required efforts that is left.
+    /// Remaining root mean square of the required efforts.
     left: f64,
 }
 
 /// Stiffness and damping of a servo, without the samples at its limit.
 fn servo(moments: &[Moment], errors: &[Vec<f64>], given: &ToldServo, limit: f64) -> Regressed {
     let error = |m: &Moment| errors[m.log][m.sample];
-    let fitted = |of: &[Moment]| regressed(of, &error, given.stiffness, given.damping);
-    let first = fitted(moments);
+    let first = regressed(moments, &error, given.stiffness, given.damping);
     if limit.is_infinite() {
         return first;
     }
-    let effort = |m: &Moment| first.factor * error(m) - first.damping * m.velocity;
-    let is_free = |m: &&Moment| effort(m).abs() < AT_LIMIT * limit;
-    fitted(&moments.iter().filter(is_free).copied().collect::<Vec<_>>())
+    let mut free = Vec::new();
+    for m in moments {
+        let effort = first.factor * error(m) - first.damping * m.velocity;
+        if effort.abs() < AT_LIMIT * limit {
+            free.push(*m);
+        }
+    }
+    regressed(&free, &error, given.stiffness, given.damping)
 }
 
-/// Factor of a signal that makes the required efforts, beside damping, Coulomb friction and a constant. What
-/// is given stays.
+/// Factor of a signal for the required efforts, beside damping, Coulomb friction and a constant. Given
+/// numbers stay.
 fn regressed(
     moments: &[Moment],
     signal: &dyn Fn(&Moment) -> f64,
@@ -167,7 +176,7 @@ fn regressed(
         normal += row * row.transpose();
     }
     for i in 0..4 {
-        // A column that is given, or zero throughout, must not stop the solution.
+        // A given column, or one of zeros, must not stop the solution.
         normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-9) + 1e-300;
     }
     let Some(x) = normal.cholesky().map(|c| c.solve(&right)) else {
@@ -177,7 +186,7 @@ fn regressed(
     Regressed { factor: factor.unwrap_or(x[0]), damping: damping.unwrap_or(x[1]), left }
 }
 
-/// The required effort of every interval in which the joint moves.
+/// The required effort of every interval with motion.
 fn moments(plant: &Plant, logs: &[JointLog]) -> Vec<Moment> {
     let noise = reading_noise(logs);
     let mut all = Vec::new();

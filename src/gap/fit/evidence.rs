@@ -1,39 +1,39 @@
-//! How probable recorded efforts make recorded motion under a twin, and the motion these efforts: two linear
-//! regressions with proper priors, one for each of the two that may err. See docs/method.md 14.14.
+//! Probability of recorded motion given recorded efforts under a twin, and of the efforts given the motion:
+//! two linear regressions with proper priors, one for an error in each of the two. See docs/method.md 14.14.
 
 use nalgebra::{SMatrix, SVector};
 
-/// What a twin needs and what is recorded: its inertia times the acceleration, the rest, the effort.
+/// Known columns: the twin's inertia times the acceleration, the rest of its effort, the recorded effort.
 const KNOWN: usize = 3;
-/// What may be missing: a constant, velocity, its sign, position, sine and cosine of it, and a friction by
-/// the effort, or by what the twin needs beside its inertia.
+/// Possible missing effects: a constant, velocity, its sign, position, sine and cosine of it, and a friction
+/// by the effort, or by the twin's effort beside its inertia.
 const MISSING: usize = 8;
-/// Of these, friction by the effort and by the twin's need: what errs cannot explain itself.
+/// Of these, friction by the effort and by the twin's need: an erring signal cannot explain itself.
 const BY_EFFORT: usize = 6;
 const BY_NEED: usize = 7;
-/// Of these, what an axis that stands otherwise changes.
+/// Of these, the columns of another axis.
 const TILTING: [usize; 3] = [0, 4, 5];
 const COLUMNS: usize = KNOWN + MISSING;
 
-/// Noises that are tried, as shares of the size of what errs: each half the one before.
+/// Tried noises, as shares of the size of the erring signal: each half the one before.
 /// derived: from as large as it to 2^-13, the noise of a good encoder over a stretch.
 const NOISES: i32 = 14;
-/// Most further noises, for what may have several sizes.
-/// chosen: from a load to the inertia of a twin whose lengths are a thousand times too long.
+/// Most further noises, for an erring signal of several sizes.
+/// chosen: from a load to the inertia of a twin with lengths a thousand times too long.
 const MOST_NOISES: f64 = 40.0;
 
 /// A stretch of motion of a joint under a twin.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Seen {
+pub struct SeenStretch {
     /// Position, rad or m.
     pub position: f64,
     /// Velocity.
     pub velocity: f64,
     /// The twin's inertia times the acceleration, N m or N.
     pub inertial: f64,
-    /// What else the twin needs for the motion, N m or N: load, damping, friction, what other joints make.
+    /// Other efforts of the twin for the motion, N m or N: load, damping, friction, efforts by other joints.
     pub rest: f64,
-    /// The twin's inertia: the effort by the acceleration in the unit that it was recorded in.
+    /// The twin's inertia: the effort by the acceleration in its recorded unit.
     pub inertia: f64,
 }
 
@@ -47,69 +47,68 @@ pub struct Regression {
     log_inertia: f64,
 }
 
-/// What a regression finds.
+/// Result of a regression.
 #[derive(Clone, Copy, Debug)]
 pub struct Explained {
     /// Log evidence.
     pub evidence: f64,
-    /// Factor of what explains.
+    /// Factor of the explaining signal.
     pub factor: f64,
-    /// Share of the squares that is left.
+    /// Remaining share of the squares.
     pub left: f64,
 }
 
-/// What may be missing, taken out of the known columns under one noise.
+/// The known columns without possible missing effects, under one noise.
 struct Projected {
-    /// Products of what is left of the columns, by the variance of the noise.
+    /// Products of the remaining columns, by the variance of the noise.
     products: SMatrix<f64, KNOWN, KNOWN>,
-    /// What the noise and the priors add to minus twice the log evidence.
+    /// Share of the noise and the priors in minus twice the log evidence.
     twice: f64,
 }
 
+/// Root mean square of `n` values, above zero.
+fn rms(values: impl Iterator<Item = f64>, n: f64) -> f64 {
+    (values.map(|x| x.powi(2)).sum::<f64>() / n).sqrt().max(1e-300)
+}
+
 /// Columns of each stretch.
-fn rows(seen: &[Seen], effort: &[f64], turns: bool) -> Vec<SVector<f64, COLUMNS>> {
+fn rows(seen: &[SeenStretch], effort: &[f64], turns: bool) -> Vec<SVector<f64, COLUMNS>> {
     let n = seen.len().max(1) as f64;
     let mean = seen.iter().map(|s| s.position).sum::<f64>() / n;
-    let rms =
-        |of: &dyn Fn(&Seen) -> f64| (seen.iter().map(|s| of(s).powi(2)).sum::<f64>() / n).sqrt().max(1e-300);
-    let (speed, travel) = (rms(&|s| s.velocity), rms(&|s| s.position - mean));
-    let need = rms(&|s| s.rest);
-    let size = (effort.iter().map(|u| u * u).sum::<f64>() / n).sqrt().max(1e-300);
-    let one = |(s, u): (&Seen, &f64)| {
+    let speed = rms(seen.iter().map(|s| s.velocity), n);
+    let travel = rms(seen.iter().map(|s| s.position - mean), n);
+    let need = rms(seen.iter().map(|s| s.rest), n);
+    let size = rms(effort.iter().copied(), n);
+    let mut rows = Vec::with_capacity(seen.len());
+    for (s, u) in seen.iter().zip(effort) {
         let (sine, cosine) = if turns { s.position.sin_cos() } else { (0.0, 0.0) };
         let v = s.velocity / speed;
         let q = (s.position - mean) / travel;
         let sign = s.velocity.signum();
         let by_effort = u.abs() / size * sign;
         let by_need = s.rest.abs() / need * sign;
-        SVector::from([s.inertial, s.rest, *u, 1.0, v, sign, q, sine, cosine, by_effort, by_need])
-    };
-    seen.iter().zip(effort).map(one).collect()
+        rows.push(SVector::from([s.inertial, s.rest, *u, 1.0, v, sign, q, sine, cosine, by_effort, by_need]));
+    }
+    rows
 }
 
-/// Share of the stretches that say something new: what of the efforts no factor of what is known, and
-/// nothing that may be missing, explains still resembles itself from one stretch to the next. `follows` says
-/// of each stretch whether it follows the one before it.
+/// Share of independent stretches, by the correlation of the unexplained efforts from one stretch to the
+/// next; known and possible missing efforts explain the rest. `follows` is true for each stretch right behind
+/// the one before it.
 #[must_use]
-pub fn independent_share(seen: &[Seen], effort: &[f64], turns: bool, follows: &[bool]) -> f64 {
+pub fn independent_share(seen: &[SeenStretch], effort: &[f64], turns: bool, follows: &[bool]) -> f64 {
     let rows = rows(seen, effort, turns);
     let scale = rows.iter().fold(SVector::<f64, COLUMNS>::zeros(), |sum, r| sum + r.component_mul(r));
     let scale = scale.map(|x| if x > 0.0 { 1.0 / x.sqrt() } else { 0.0 });
-    // The effort's own column is what is explained.
-    let without = |r: &SVector<f64, COLUMNS>| {
-        let mut r = r.component_mul(&scale);
-        let own = std::mem::take(&mut r[2]);
-        r[KNOWN + BY_EFFORT] = 0.0;
-        (r, own)
-    };
     let mut normal = SMatrix::<f64, COLUMNS, COLUMNS>::identity() * RIDGE;
     let mut right = SVector::<f64, COLUMNS>::zeros();
-    for (r, own) in rows.iter().map(without) {
+    for (r, own) in rows.iter().map(|r| without_effort(r, &scale)) {
         normal += r * r.transpose();
         right += r * own;
     }
     let Some(found) = normal.cholesky().map(|c| c.solve(&right)) else { return 0.0 };
-    let error: Vec<f64> = rows.iter().map(without).map(|(r, own)| own - r.dot(&found)).collect();
+    let scaled = rows.iter().map(|r| without_effort(r, &scale));
+    let error: Vec<f64> = scaled.map(|(r, own)| own - r.dot(&found)).collect();
     let square: f64 = error.iter().map(|e| e * e).sum();
     let pairs = error.windows(2).zip(&follows[1.min(follows.len())..]).filter(|(_, f)| **f);
     let mut product = 0.0;
@@ -126,8 +125,19 @@ pub fn independent_share(seen: &[Seen], effort: &[f64], turns: bool, follows: &[
     ((1.0 - alike) / (1.0 + alike)).clamp(0.0, 1.0)
 }
 
+/// A scaled row with zeros in the columns of the effort, and its effort: the explained column.
+fn without_effort(
+    row: &SVector<f64, COLUMNS>,
+    scale: &SVector<f64, COLUMNS>,
+) -> (SVector<f64, COLUMNS>, f64) {
+    let mut row = row.component_mul(scale);
+    let effort = std::mem::take(&mut row[2]);
+    row[KNOWN + BY_EFFORT] = 0.0;
+    (row, effort)
+}
+
 /// Ridge of a regression of columns of unit length.
-/// chosen: rounding, for columns that are zero throughout.
+/// chosen: rounding, for columns of zeros.
 const RIDGE: f64 = 1e-12;
 
 /// The recorded effort among the known columns.
@@ -139,7 +149,7 @@ impl Regression {
     /// Of rows with their efforts; `turns` where sine and cosine of the position mean something. `weight` is
     /// the number of independent numbers in them.
     #[must_use]
-    pub fn of(seen: &[Seen], effort: &[f64], turns: bool, weight: f64) -> Self {
+    pub fn of(seen: &[SeenStretch], effort: &[f64], turns: bool, weight: f64) -> Self {
         let n = seen.len().max(1) as f64;
         let gram = rows(seen, effort, turns).iter().fold(SMatrix::zeros(), |sum, r| sum + r * r.transpose());
         let log_inertia = seen.iter().map(|s| s.inertia.abs().max(1e-300).ln()).sum::<f64>() / n;
@@ -163,53 +173,51 @@ impl Regression {
         self.weight > 2.0 * COLUMNS as f64 && self.size(0) > 0.0 && self.size(2) > 0.0
     }
 
-    /// What explains the accelerations by the efforts, in the units that they were recorded in. Each of the
-    /// inertias is tried; gains are those of one range.
+    /// Explanations of the accelerations by the efforts, in their recorded units. Each of the inertias is
+    /// tried; gains are those of one range.
     #[must_use]
     pub fn of_motion(&self, inertias: &[f64], gain: (f64, f64)) -> Vec<Explained> {
-        // What is missing is as large as the effort that acts, and a tilt as the load.
+        // Missing efforts are as large as the acting effort, and a tilt as the load.
         let effort = (gain.0 * gain.1).sqrt() * self.size(2);
-        // One grid of noises for all inertias, which share the work.
+        // One grid of noises for all inertias, to share the work.
         let sizes = inertias.iter().map(|i| self.needed(*i));
         let range = sizes.fold((f64::INFINITY, 0.0), |r: (f64, f64), s| (r.0.min(s), r.1.max(s)));
-        let projected = self.projected((effort, self.size(1)), BY_NEED, range);
-        let one = |inertia: &f64| {
+        let projected = self.projected(effort, self.size(1), BY_NEED, range.0, range.1);
+        let mut all = Vec::with_capacity(inertias.len());
+        for inertia in inertias {
             let needed = SVector::<f64, KNOWN>::new(*inertia, 1.0, 0.0);
-            let mut best = self.best(&projected, &needed, &effort_alone(), gain);
+            let mut best = self.best(&projected, &needed, &effort_alone(), gain.0, gain.1);
             best.evidence += self.weight * (inertia.ln() + self.log_inertia);
-            best
-        };
-        inertias.iter().map(one).collect()
+            all.push(best);
+        }
+        all
     }
 
-    /// What explains the efforts by the motion.
+    /// Explanations of the efforts by the motion.
     #[must_use]
     pub fn of_effort(&self, inertias: &[f64], gain: (f64, f64)) -> Vec<Explained> {
         let by = 1.0 / (gain.0 * gain.1).sqrt();
-        let projected =
-            self.projected((self.size(2), by * self.size(1)), BY_EFFORT, (self.size(2), self.size(2)));
-        let one = |inertia: &f64| {
+        let size = self.size(2);
+        let projected = self.projected(size, by * self.size(1), BY_EFFORT, size, size);
+        let mut all = Vec::with_capacity(inertias.len());
+        for inertia in inertias {
             let needed = SVector::<f64, KNOWN>::new(*inertia, 1.0, 0.0);
-            self.best(&projected, &effort_alone(), &needed, (1.0 / gain.1, 1.0 / gain.0))
-        };
-        inertias.iter().map(one).collect()
+            all.push(self.best(&projected, &effort_alone(), &needed, 1.0 / gain.1, 1.0 / gain.0));
+        }
+        all
     }
 
-    /// Size of what the twin needs with an inertia.
+    /// Size of the twin's effort with an inertia.
     fn needed(&self, inertia: f64) -> f64 {
         let needed = SVector::<f64, KNOWN>::new(inertia, 1.0, 0.0);
         let known = self.gram.fixed_view::<KNOWN, KNOWN>(0, 0);
         ((needed.transpose() * known * needed)[0] / self.weight).max(0.0).sqrt()
     }
 
-    /// What is left of the known columns beside what may be missing, for every noise of what has a size
-    /// within a range; deviations of an effort and of a load. `unused` is what would explain itself.
-    fn projected(
-        &self,
-        (effort, load): (f64, f64),
-        unused: usize,
-        (least, most): (f64, f64),
-    ) -> Vec<Projected> {
+    /// The known columns without the columns of missing effects, one entry for each noise. `effort` and
+    /// `load` are prior deviations; `unused` is a column to leave out; `least` and `most` are the sizes of
+    /// the erring signal.
+    fn projected(&self, effort: f64, load: f64, unused: usize, least: f64, most: f64) -> Vec<Projected> {
         let mut sd = SVector::<f64, MISSING>::repeat(effort);
         sd[unused] = 0.0;
         TILTING.into_iter().for_each(|i| sd[i] += load);
@@ -217,17 +225,18 @@ impl Regression {
         let known = self.gram.fixed_view::<KNOWN, KNOWN>(0, 0);
         let missing = self.gram.fixed_view::<MISSING, MISSING>(KNOWN, KNOWN);
         let across = self.gram.fixed_view::<MISSING, KNOWN>(KNOWN, 0);
-        let one = |i: i32| {
+        let more = (most / least.max(1e-300)).log2().clamp(0.0, MOST_NOISES) as i32;
+        let mut all = Vec::new();
+        for i in 0..NOISES + more {
             let variance = (most * f64::from(-i).exp2()).powi(2).max(1e-300);
             let whole = SMatrix::identity() + deviation * missing * deviation / variance;
-            let cholesky = whole.cholesky()?;
+            let Some(cholesky) = whole.cholesky() else { continue };
             let right = deviation * across / variance;
             let products = known / variance - right.transpose() * cholesky.solve(&right);
             let log_determinant = 2.0 * (0..MISSING).map(|k| cholesky.l_dirty()[(k, k)].ln()).sum::<f64>();
-            Some(Projected { products, twice: self.weight * variance.ln() + log_determinant })
-        };
-        let more = (most / least.max(1e-300)).log2().clamp(0.0, MOST_NOISES) as i32;
-        (0..NOISES + more).filter_map(one).collect()
+            all.push(Projected { products, twice: self.weight * variance.ln() + log_determinant });
+        }
+        all
     }
 
     /// The best of the noises: `left` explained by a multiple of `right` in a range, by Laplace's
@@ -237,7 +246,8 @@ impl Regression {
         all: &[Projected],
         left: &SVector<f64, KNOWN>,
         right: &SVector<f64, KNOWN>,
-        (low, high): (f64, f64),
+        low: f64,
+        high: f64,
     ) -> Explained {
         let mut best = Explained { evidence: f64::NEG_INFINITY, factor: 1.0, left: 1.0 };
         for one in all {

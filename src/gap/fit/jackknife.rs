@@ -1,5 +1,5 @@
-//! How well parameters are known: by the residuals, and by how far leaving out what bears witness to them
-//! moves them. See docs/method.md (14.13).
+//! Uncertainty of parameters: by the residuals, and by their moves without single witnesses. See
+//! docs/method.md (14.13).
 
 use nalgebra::{DMatrix, DVector};
 
@@ -9,15 +9,15 @@ use crate::{
 };
 use numeric::statistics::chi_square_99;
 
-/// Share of what is known of a parameter from which a witness is its sole one.
+/// Share of the information on a parameter from which a witness is its sole one.
 /// derived: more than all others together.
 const SOLE: f64 = 0.5;
-/// Ranks into which windows are put, each way.
-/// derived: the fewest that show a difference at all, and as many again.
+/// Ranks of the windows, each way.
+/// derived: the fewest to show a difference at all, and as many again.
 const RANKS: [usize; 2] = [2, 4];
 
-/// What a window, or several of them, add to the normal equations of the parameters, start states eliminated:
-/// summand of the matrix and of the gradient.
+/// Summand of one window or several in the normal equations of the parameters, start states eliminated: of
+/// the matrix and of the gradient.
 #[derive(Clone)]
 pub struct Witness {
     /// Summand of the matrix.
@@ -26,28 +26,25 @@ pub struct Witness {
     pub gradient: DVector<f64>,
 }
 
-/// The windows of a problem in groups that are alike in what a machine's own errors depend on, each way it
-/// moves: the place (ripple, spots), the speed (lag, friction), the effort (flexibility, gain), the time
-/// since the start and the run (heat). What a machine does beyond any catalog repeats there, so that such
-/// windows bear one witness to a parameter, not many: cluster-robust errors (Liang and Zeger 1986) with the
-/// clusters of the discrepancy.
+/// The windows of a problem in groups with the same conditions for a machine's own errors, each way it moves:
+/// the place (ripple, spots), the speed (lag, friction), the effort (flexibility, gain), the time since the
+/// start and the run (heat). Effects beyond any catalog repeat there: such windows are one witness of a
+/// parameter, not many: cluster-robust errors (Liang and Zeger 1986) with the clusters of the discrepancy.
 #[must_use]
 pub fn alike(problem: &Problem) -> Vec<Vec<usize>> {
     let windows = &problem.windows;
-    let mean = |w: &Span, of: fn(&Trace) -> &Vec<f64>, size: fn(&f64) -> f64| {
-        own(problem, w, of).iter().map(size).sum::<f64>() / w.len.max(1) as f64
-    };
     let coordinates: [&dyn Fn(&Span) -> f64; 4] = [
-        &|w| mean(w, |t| &t.position, |q| *q),
-        &|w| mean(w, |t| &t.velocity, |v| v.abs()),
-        &|w| mean(w, |t| &t.effort, |u| u.abs()),
+        &|w| window_mean(problem, w, |t| &t.position, |q| *q),
+        &|w| window_mean(problem, w, |t| &t.velocity, |v| v.abs()),
+        &|w| window_mean(problem, w, |t| &t.effort, |u| u.abs()),
         &|w| w.start as f64,
     ];
-    let goes_back = |w: &Span| {
+    // 1 where the position falls over the window.
+    let mut back = Vec::with_capacity(windows.len());
+    for w in windows {
         let positions = own(problem, w, |t| &t.position);
-        usize::from(positions.last() < positions.first())
-    };
-    let back: Vec<usize> = windows.iter().map(goes_back).collect();
+        back.push(usize::from(positions.last() < positions.first()));
+    }
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for coordinate in coordinates {
         let ranks = ranks(&windows.iter().map(coordinate).collect::<Vec<_>>());
@@ -60,9 +57,14 @@ pub fn alike(problem: &Problem) -> Vec<Vec<usize>> {
     groups
 }
 
-/// What a window has of its trace.
+/// Samples of a trace within a window.
 fn own<'p>(problem: &'p Problem, w: &Span, of: fn(&Trace) -> &Vec<f64>) -> &'p [f64] {
     &of(&problem.traces[w.log])[w.start..w.start + w.len]
+}
+
+/// Mean over a window of a quantity of its trace.
+fn window_mean(problem: &Problem, w: &Span, of: fn(&Trace) -> &Vec<f64>, size: fn(&f64) -> f64) -> f64 {
+    own(problem, w, of).iter().map(size).sum::<f64>() / w.len.max(1) as f64
 }
 
 /// Rank of every value, the first of equal ones lowest.
@@ -74,27 +76,28 @@ fn ranks(values: &[f64]) -> Vec<usize> {
     ranks
 }
 
-/// Covariance of the parameters, the inverse of `matrix`, widened where the parameters move by more than that
-/// when witnesses are left out (a jackknife of one Gauss-Newton step); and the number of witnesses that each
-/// rests on. The windows are the witnesses; in their place the windows of a group, for each of the `groups`,
-/// a number a window, where errors are known to `repeat` or these move the parameters by more than chance
-/// would. What widens most counts.
+/// Covariance of the parameters, the inverse of `matrix`, widened where the parameters move by more without
+/// single witnesses (a jackknife of one Gauss-Newton step); and the number of witnesses of each. The windows
+/// are the witnesses; in their place the windows of a group, for each of the `groups`, a number a window,
+/// where errors are known to `repeat` or these move the parameters by more than chance. The largest widening
+/// counts.
 #[must_use]
 pub fn covariance(
     mut matrix: DMatrix<f64>,
     windows: &[Witness],
-    (groups, repeat): (&[Vec<usize>], bool),
+    groups: &[Vec<usize>],
+    repeat: bool,
     frozen: &[bool],
 ) -> (DMatrix<f64>, Vec<f64>) {
     let n = matrix.nrows();
     for i in (0..n).filter(|&i| frozen[i]) {
         matrix[(i, i)] = 1.0;
     }
-    // Parameters that the windows do not determine have no finite interval.
+    // Undetermined parameters have no finite interval.
     let Some(mut c) = matrix.clone().cholesky().map(|c| c.inverse()) else {
         return (DMatrix::from_element(n, n, f64::INFINITY), vec![1.0; n]);
     };
-    // (14.13): residuals that are not white move a parameter by more than its variance says.
+    // (14.13): residuals other than white noise move a parameter by more than its variance.
     let width = |moved: &[f64], i: usize| Some((moved[i] / c[(i, i)]).sqrt()).filter(|w| w.is_finite());
     let (moved, mut witnesses) = moves(&matrix, &c, windows);
     let mut wider: Vec<f64> = (0..n).map(|i| width(&moved, i).unwrap_or(1.0).max(1.0)).collect();
@@ -102,8 +105,8 @@ pub fn covariance(
     for group in groups {
         let (moved, count) = moves(&matrix, &c, &pooled(windows, group));
         for i in 0..n {
-            // Few groups say little of a variance: beyond the quantile it is surely another one. Leaving out
-            // one of k moves a mean by k / (k - 1) times what it weighs.
+            // Few groups determine a variance badly: beyond the quantile it is surely another one. Leaving
+            // out one of k moves a mean by k / (k - 1) times its weight.
             let freedom = (count[i] - 1.0).max(1.0);
             let jackknife = (freedom + 1.0) / freedom;
             let by_chance = if repeat {
@@ -118,11 +121,16 @@ pub fn covariance(
     }
     for i in 0..n {
         for j in 0..n {
-            // Rows and columns alike, which keeps the correlations.
+            // Rows and columns alike, to keep the correlations.
             c[(i, j)] = if frozen[i] || frozen[j] { 0.0 } else { c[(i, j)] * wider[i] * wider[j] };
         }
     }
     (c, witnesses)
+}
+
+/// Number of equal shares with the same sum and sum of squares; 1 where there are none.
+pub(super) fn effective_count(sum: f64, squares: f64) -> f64 {
+    if squares > 0.0 { sum * sum / squares } else { 1.0 }
 }
 
 /// The witnesses of a group as one.
@@ -140,27 +148,26 @@ fn pooled(windows: &[Witness], groups: &[usize]) -> Vec<Witness> {
     pools.into_iter().flatten().collect()
 }
 
-/// Squared moves of the parameters as each witness is left out, summed, and the number of witnesses that each
-/// parameter rests on; `c` is the inverse of `matrix`.
+/// Squared moves of the parameters without each witness, summed, and the number of witnesses of each
+/// parameter; `c` is the inverse of `matrix`.
 fn moves(matrix: &DMatrix<f64>, c: &DMatrix<f64>, witnesses: &[Witness]) -> (Vec<f64>, Vec<f64>) {
     let n = matrix.nrows();
     let mut moved = vec![0.0; n];
     let mut shares = vec![(0.0, 0.0); n];
     for Witness { hessian, gradient } in witnesses {
         // At the optimum the gradient of the others is minus this one's: one solve without it gives the step
-        // that its absence makes, up to a sign.
+        // by its absence, up to a sign.
         let without = (matrix - hessian).cholesky().map_or_else(|| c * gradient, |rest| rest.solve(gradient));
         let known = c * hessian * c;
         let within = c * gradient;
         for i in 0..n {
-            // Without the witness that shows most of a parameter nothing is left to compare.
+            // Without the main witness of a parameter nothing is left to compare.
             let way = if known[(i, i)] > SOLE * c[(i, i)] { within[i] } else { without[i] };
             moved[i] += way * way;
             shares[i] = (shares[i].0 + known[(i, i)], shares[i].1 + known[(i, i)] * known[(i, i)]);
         }
     }
-    let count = |(sum, squares): &(f64, f64)| if *squares > 0.0 { sum * sum / squares } else { 1.0 };
-    (moved, shares.iter().map(count).collect())
+    (moved, shares.iter().map(|(sum, squares)| effective_count(*sum, *squares)).collect())
 }
 
 #[cfg(test)]
@@ -183,18 +190,17 @@ mod tests {
         let groups: Vec<usize> = (0..40).map(|k| k / 10).collect();
         let (matrix, windows) = mean(&errors);
         let variance =
-            |groups: &[Vec<usize>]| covariance(matrix.clone(), &windows, (groups, false), &[false]).0[(0, 0)];
+            |groups: &[Vec<usize>]| covariance(matrix.clone(), &windows, groups, false, &[false]).0[(0, 0)];
         // As 40 independent readings: 1 / 40. As four of the size 1: 1 / 4, times (4 / 3)^2 of the jackknife.
         assert!((variance(&[]) * 40.0 - 1.0).abs() < 0.1, "{}", variance(&[]));
         let wide = variance(std::slice::from_ref(&groups));
         assert!((wide - 0.25 * 16.0 / 9.0).abs() < 1e-9, "{wide}");
-        let count =
-            covariance(matrix.clone(), &windows, (std::slice::from_ref(&groups), true), &[false]).1[0];
+        let count = covariance(matrix.clone(), &windows, std::slice::from_ref(&groups), true, &[false]).1[0];
         assert!((count - 4.0).abs() < 1e-9, "{count}");
         // Errors that differ within a place are no more than those of windows.
         let within: Vec<f64> = (0..40).map(|k| if k % 2 == 0 { 1.0 } else { -1.0 }).collect();
         let (matrix, windows) = mean(&within);
-        let narrow = covariance(matrix, &windows, (&[groups], true), &[false]).0[(0, 0)];
+        let narrow = covariance(matrix, &windows, &[groups], true, &[false]).0[(0, 0)];
         assert!((narrow * 40.0 - 1.0).abs() < 0.1, "{narrow}");
     }
 }

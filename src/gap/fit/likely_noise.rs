@@ -1,4 +1,4 @@
-//! The noise that makes a fit's residuals most probable.
+//! The most probable noise of a fit's residuals.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -14,24 +14,23 @@ use crate::{
 };
 use numeric::statistics::CHI_SQUARE_999;
 
-/// Ratio of the first and the last grid, through which a parabola is laid.
-/// chosen: over it the likelihood of a standard deviation differs from a parabola so little that its top is
-/// 4 % off at most.
+/// Ratio of the first and the last grid, for a parabola through it.
+/// chosen: over it the likelihood of a standard deviation is nearly a parabola: its top is 4 % off at most.
 const FINE: f64 = std::f64::consts::SQRT_2;
 /// Largest ratio of a grid.
-/// chosen: two doublings of [`FINE`] on a logarithmic scale; one that is passed over is found later.
+/// chosen: two doublings of [`FINE`] on a logarithmic scale; a missed top is found later.
 const COARSE: f64 = 4.0;
 
-/// Memories that an effort which lasts is looked for with, in sample intervals.
+/// Tried memories of a lasting effort, in sample intervals.
 /// chosen: from where it is white noise to a window of usual rates; the likelihood is broad in the memory.
 const MEMORIES: [f64; 3] = [4.0, 16.0, 64.0];
 /// Sweeps over the deviations, one after the other.
 const SWEEPS: usize = 2;
-/// Log likelihood that an effort which lasts must gain.
+/// Least gain of log likelihood by a lasting effort.
 /// derived: half the quantile of chi-square with two degrees of freedom, its size and its memory.
 const ENOUGH: f64 = 0.5 * CHI_SQUARE_999[1];
 
-/// The noise that makes the residuals most probable, by a search about `around`.
+/// The most probable noise of the residuals, by a search about `around`.
 #[must_use]
 pub fn most_likely_noise(
     problem: &Problem,
@@ -62,20 +61,22 @@ pub fn most_likely_noise(
     residuals.with_wander(white, around)
 }
 
-/// Deflection that makes the residuals of whole windows most probable: of their squares beyond the start
-/// states, the share of each independent number.
+/// Most probable deflection of whole windows: of their squares beyond the start states, the share of each
+/// independent number.
 fn deflection(problem: &Problem, rollouts: &[Vec<[f64; 3]>]) -> f64 {
     let ridge = start_ridge(problem);
-    let square = |rows: &Vec<[f64; 3]>| {
-        let mut sums = Products::default();
-        rows.iter().for_each(|row| sums.add(row));
-        let inverse = (sums.start() + ridge).try_inverse().unwrap_or_else(Matrix2::zeros);
-        sums.cost() - sums.gradient().dot(&(inverse * sums.gradient()))
-    };
-    let squares: f64 = rollouts.iter().map(square).sum();
+    let squares: f64 = rollouts.iter().map(|rows| square_beyond_start(rows, &ridge)).sum();
     // Two of the independent numbers of a window go to its start state.
     let free = problem.independent() - 2.0 * rollouts.len() as f64;
     (squares / free.max(1.0)).sqrt().max(problem.noise_floor())
+}
+
+/// Sum of the squared residuals of a window with its best start state.
+fn square_beyond_start(rows: &[[f64; 3]], ridge: &Matrix2<f64>) -> f64 {
+    let mut sums = Products::default();
+    rows.iter().for_each(|row| sums.add(row));
+    let inverse = (sums.start() + ridge).try_inverse().unwrap_or_else(Matrix2::zeros);
+    sums.cost() - sums.gradient().dot(&(inverse * sums.gradient()))
 }
 
 /// Residuals of all windows under a model, ready to be weighed under any noise.
@@ -94,9 +95,9 @@ impl Residuals<'_, '_, '_> {
         let ridge = start_ridge(self.problem);
         let groups = self.problem.windows.chunks(SIDE_BY_SIDE).zip(self.rollouts.chunks(SIDE_BY_SIDE));
         for (windows, rollouts) in groups {
-            let mut ways: Vec<Way> = rollouts.iter().map(|rows| Way::of(noise, rows)).collect();
-            pass_windows(self.problem, &self.whitening.locals, windows, &mut ways, Way::pass);
-            for Way { gains, sums, .. } in &ways {
+            let mut ways: Vec<WindowPass> = rollouts.iter().map(|rows| WindowPass::of(noise, rows)).collect();
+            pass_windows(self.problem, &self.whitening.locals, windows, &mut ways, WindowPass::pass);
+            for WindowPass { gains, sums, .. } in &ways {
                 log_variance += gains.log_variance();
                 let start = sums.start() + ridge;
                 let gradient = sums.gradient();
@@ -116,7 +117,7 @@ impl Residuals<'_, '_, '_> {
         (reached, EffortNoise { white, ..from })
     }
 
-    /// With an effort that lasts, where that is likelier, of the memory that serves best.
+    /// With a lasting effort, where likelier, of the best memory.
     fn with_wander(&self, without: (f64, EffortNoise), around: EffortNoise) -> EffortNoise {
         let interval_s = self.problem.coverage.interval_s;
         let least = self.problem.min_sigma_u;
@@ -126,8 +127,8 @@ impl Residuals<'_, '_, '_> {
             let mut now = EffortNoise { memory_s: intervals * interval_s, wander, ..best.1 };
             let mut reached = f64::NEG_INFINITY;
             for _ in 0..SWEEPS {
-                let of = |wander| self.log_likelihood(&EffortNoise { wander, ..now });
-                now.wander = top(now.wander, least, of).1;
+                now.wander =
+                    top(now.wander, least, |wander| self.log_likelihood(&EffortNoise { wander, ..now })).1;
                 (reached, now) = self.white(now);
             }
             wander = now.wander;
@@ -173,7 +174,7 @@ fn top(around: f64, least: f64, mut score: impl FnMut(f64) -> f64) -> (f64, f64)
 }
 
 /// A window on its way through the filter of a noise.
-struct Way<'a> {
+struct WindowPass<'a> {
     /// Start position, start velocity, residual of every sample.
     rows: &'a [[f64; 3]],
     gains: Gains<'a>,
@@ -181,7 +182,7 @@ struct Way<'a> {
     sums: Products,
 }
 
-impl<'a> Way<'a> {
+impl<'a> WindowPass<'a> {
     fn of(noise: &'a EffortNoise, rows: &'a [[f64; 3]]) -> Self {
         Self { rows, gains: Gains::of(noise), filter: Filter::default(), sums: Products::default() }
     }

@@ -1,13 +1,13 @@
-//! What moves a joint beyond its model: noise of the recorded effort, and an effort without a name that
-//! lasts. See docs/method.md 14.6.
+//! Efforts on a joint beyond its model: noise of the recorded effort, and a lasting effort without a name.
+//! See docs/method.md 14.6.
 
-/// Standard deviations of the effort that no effect explains.
+/// Standard deviations of the unexplained effort.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EffortNoise {
     /// New at every sample, N m or N.
     pub white: f64,
-    /// Of what lasts, N m or N: what a machine does beyond any catalogue (ripple, flexibility, heat, cables)
-    /// makes neighboring residuals say the same thing again. A first-order Gauss-Markov process.
+    /// Of the lasting part, N m or N: effects of a machine beyond any catalogue (ripple, flexibility, heat,
+    /// cables) correlate neighboring residuals. A first-order Gauss-Markov process.
     pub wander: f64,
     /// Time in which the wander falls to 1/e, seconds.
     pub memory_s: f64,
@@ -35,14 +35,14 @@ impl EffortNoise {
         Self { white: self.white.max(least), ..self }
     }
 
-    /// What of another noise this one leaves, as a share of its size.
+    /// Share of another noise's size left by this one.
     #[must_use]
     pub fn share_of(&self, other: &Self) -> f64 {
         let size = |n: &Self| if other.deflection > 0.0 { n.deflection } else { n.size() };
         size(self) / size(other).max(1e-300)
     }
 
-    /// Whether something is in it that is no noise of a sensor: it lasts, or stands beside the model.
+    /// Whether it has a part beyond the noise of a sensor: a lasting one, or a deflection.
     #[must_use]
     pub fn remains(&self) -> bool {
         self.wander > 0.0 || self.deflection > 0.0
@@ -54,7 +54,7 @@ impl EffortNoise {
         self.white.hypot(self.wander)
     }
 
-    /// Share of the wander that is left after `interval_s`.
+    /// Share of the wander left after `interval_s`.
     #[must_use]
     pub fn kept(&self, interval_s: f64) -> f64 {
         if self.wander > 0.0 { (-interval_s / self.memory_s).exp() } else { 0.0 }

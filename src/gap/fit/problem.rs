@@ -1,4 +1,4 @@
-//! What a fit works on: logs of one joint, windows, smoothed motion, noise and the catalogue.
+//! Input of a fit: logs of one joint, windows, smoothed motion, noise and the catalogue.
 
 use crate::{
     fit::{
@@ -20,22 +20,22 @@ use crate::{
     },
 };
 
-/// Share of a sample interval by which stamps of effort and position may disagree unreported.
+/// Disagreement of the stamps of effort and position without a report, as a share of a sample interval.
 /// tuned: tests/python/gap/generate.py.
 const LAG_SHARE: f64 = 0.06;
-/// Deviation of a servo's delay from the one that the regression chose, seconds.
-/// derived: the steps of the delays that it tries.
+/// Deviation of a servo's delay from the regression's choice, seconds.
+/// derived: the steps of the tried delays.
 const SERVO_LAG_S: f64 = 0.01;
 /// Least relative noise of the effort.
-/// derived: rounding to a 32-bit float, as which drivers hold an effort, 2^-24.
+/// derived: rounding to a 32-bit float, the type of efforts in drivers, 2^-24.
 const MIN_EFFORT_NOISE: f64 = 1.0 / 16_777_216.0;
 
-/// Angle by which a servo may swing in a step.
+/// Largest angle of a servo's swing in a step.
 /// chosen: the frequency of a leapfrog errs by the square over 24: a ten thousandth, as low as the noise
 /// of a good encoder over a swing.
 const MAX_TURN: f64 = 0.05;
-/// Most steps between two samples that a servo may ask for.
-/// chosen: a servo that swings faster holds the joint, whatever the steps.
+/// Most steps between two samples for a servo.
+/// chosen: a servo with faster swings holds the joint, whatever the steps.
 const MAX_SERVO_STEPS: f64 = 64.0;
 
 /// Most parts of a cross-validation.
@@ -44,13 +44,13 @@ const FOLDS: usize = 6;
 /// Steps of the last fit and of the proof for each step of the search.
 const FINER: usize = 4;
 
-/// What residuals are weighed by.
+/// Weights of residuals.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Weighing {
-    /// By the noise of effort and readings: what each sample adds to those before it.
+    /// By the noise of effort and readings: the innovation of each sample.
     Innovations,
-    /// By the size of the residuals of whole windows, for a machine that has more in it than any model: a
-    /// sample says little beside its neighbors, and `independent` of them count.
+    /// By the size of the residuals of whole windows, for a machine with more effects than any model:
+    /// neighboring samples are correlated, and `independent` of them count.
     Predictions {
         /// Share of the samples.
         independent: f64,
@@ -58,7 +58,7 @@ pub enum Weighing {
 }
 
 impl Weighing {
-    /// Share of the samples that count.
+    /// Counting share of the samples.
     #[must_use]
     pub fn share(self) -> f64 {
         match self {
@@ -67,7 +67,7 @@ impl Weighing {
         }
     }
 
-    /// What a fit takes a given noise for before it has residuals.
+    /// Noise at the begin of a fit, before there are residuals.
     #[must_use]
     pub fn begin(self, noise: EffortNoise, problem: &Problem) -> EffortNoise {
         match self {
@@ -81,12 +81,12 @@ impl Weighing {
     }
 }
 
-/// Samples of a window that is predicted as a whole.
-/// chosen: what a window's motion has in it above a 32nd of its length is not what is asked.
+/// Samples of a window in a prediction of the whole.
+/// chosen: motion above a 32nd of a window's length is not of interest.
 const SAMPLES_OF_PREDICTION: f64 = 64.0;
-/// Independent numbers in the positions of a window that a model predicts: its start state, and two more.
-/// chosen: an effort that is missing acts through two integrals; of what is left beyond position and
-/// velocity the first two curves hold most.
+/// Independent numbers in the predicted positions of a window: its start state, and two more.
+/// chosen: a missing effort acts through two integrals; beyond position and velocity the first two curves
+/// hold most of the rest.
 const FREEDOM_OF_WINDOW: f64 = 4.0;
 
 /// Logs of one joint, prepared.
@@ -106,7 +106,7 @@ pub struct Problem<'c> {
     pub windows: Vec<Span>,
     /// Smoothed motion of each log.
     pub traces: Vec<Trace>,
-    /// What the motion covers.
+    /// Range of the motion.
     pub coverage: Coverage,
     /// Noise of the positions.
     pub noise: ReadingNoise,
@@ -120,7 +120,7 @@ pub struct Problem<'c> {
     pub steps: Vec<usize>,
     /// Steps of a rollout for each one of the search.
     pub finer: usize,
-    /// What residuals are weighed by.
+    /// Weights of the residuals.
     pub weighing: Weighing,
 }
 
@@ -130,17 +130,17 @@ const DAMPING_TIMES: f64 = 2.5;
 /// Least and largest length of a window, seconds.
 /// chosen: samples enough for a fit, and no more than its start state rules.
 const WINDOW_S: [f64; 2] = [0.25, 1.0];
-/// Quantiles of the speed that are its middle and its top: shapes are laid over it, and one bad sample would
-/// shift them all.
+/// Quantiles of the speed for its middle and its top: shapes are laid over it, and one bad sample would shift
+/// them all.
 /// chosen: one sample of two hundred may be bad.
 const SPEED_QUANTILES: [f64; 2] = [0.6, 0.995];
-/// Slope of the load over the position below which there is none, N m/rad or N/m.
-/// chosen: above rounding, below any load that is felt.
+/// Least slope of the load over the position, N m/rad or N/m; below it there is none.
+/// chosen: above rounding, below any felt load.
 const LEAST_SLOPE: f64 = 1e-6;
 
-/// Window length for a joint: two and a half time constants of its damping, and three of the load where that
-/// drives it away from rest, between a quarter of a second and a second. Longer windows would be ruled by
-/// their start states. See docs/method.md (14.6).
+/// Window length for a joint: two and a half time constants of its damping, and three of the load where it
+/// drives the joint away from rest, between a quarter of a second and a second. Longer windows would be ruled
+/// by their start states. See docs/method.md (14.6).
 #[must_use]
 pub fn window_length_s(plant: &Plant) -> f64 {
     let slope = plant.load.sine.hypot(plant.load.cosine);
@@ -164,7 +164,7 @@ impl<'c> Problem<'c> {
         Self::with_noise(catalogue, plant, turns, logs, hold, noise)
     }
 
-    /// Prepares logs whose noise is known.
+    /// Prepares logs with known noise.
     fn with_noise(
         catalogue: &'c Catalogue,
         plant: &Plant,
@@ -199,7 +199,7 @@ impl<'c> Problem<'c> {
         }
     }
 
-    /// Other logs of the same joint; their noise is that of the sensor, as these logs show it.
+    /// Other logs of the same joint; their noise is the sensor's, as these logs show it.
     #[must_use]
     pub fn of_logs(&self, logs: Vec<JointLog>) -> Self {
         let same = Self::with_noise(self.catalogue, &self.plant, self.turns, logs, self.hold, self.noise);
@@ -224,8 +224,7 @@ impl<'c> Problem<'c> {
     /// The same logs no finer than the steps of a rollout.
     #[must_use]
     pub fn at_steps(self) -> Self {
-        let is_finer = |l: &JointLog| l.samples_in(MAX_STEP_S) > 1;
-        if self.logs.iter().any(is_finer) { self.coarser(MAX_STEP_S) } else { self }
+        if self.logs.iter().any(|l| l.samples_in(MAX_STEP_S) > 1) { self.coarser(MAX_STEP_S) } else { self }
     }
 
     /// The same logs with samples of about `interval_s`, where those recorded lie closer.
@@ -245,19 +244,20 @@ impl<'c> Problem<'c> {
     /// together); of a single run its halves.
     #[must_use]
     pub fn folds(&self) -> Vec<[Self; 2]> {
-        let of = |holds: &dyn Fn(usize) -> bool| {
-            let logs =
-                self.logs.iter().enumerate().filter(|(i, _)| holds(*i)).map(|(_, log)| log.clone()).collect();
-            self.of_logs(logs)
-        };
         if let [log] = self.logs.as_slice() {
-            let half = |from: usize, to: usize| self.of_logs(vec![log.part(from, to)]);
             let n = log.time_s.len();
-            let [first, second] = [half(0, n / 2), half(n / 2, n)];
+            let first = self.of_logs(vec![log.part(0, n / 2)]);
+            let second = self.of_logs(vec![log.part(n / 2, n)]);
             return vec![[first.clone(), second.clone()], [second, first]];
         }
         let count = self.logs.len().min(FOLDS);
-        (0..count).map(|k| [of(&|i| i % count != k), of(&|i| i % count == k)]).collect()
+        (0..count).map(|k| [self.of_runs(|i| i % count != k), self.of_runs(|i| i % count == k)]).collect()
+    }
+
+    /// The logs with an index accepted by `is_kept`.
+    fn of_runs(&self, is_kept: impl Fn(usize) -> bool) -> Self {
+        let kept = self.logs.iter().enumerate().filter(|(i, _)| is_kept(*i));
+        self.of_logs(kept.map(|(_, log)| log.clone()).collect())
     }
 
     /// The same with windows of a share of their length.
@@ -266,7 +266,7 @@ impl<'c> Problem<'c> {
         Self { windows: windows(&self.logs, share * window_length_s(&self.plant)), ..self.clone() }
     }
 
-    /// The same with the small steps that parameters are reported from.
+    /// The same with the small steps of reported parameters.
     #[must_use]
     pub fn refined(&self) -> Self {
         Self { finer: FINER, ..self.clone() }
@@ -276,14 +276,15 @@ impl<'c> Problem<'c> {
     #[must_use]
     pub fn starts(&self, model: &JointModel) -> Vec<Start> {
         let sensor = model.sensor(self.catalogue);
-        let start = |w: &Span| {
+        let mut starts = Vec::with_capacity(self.windows.len());
+        for w in &self.windows {
             let trace = &self.traces[w.log];
-            // A joint that moves up drags what measures it behind, at the lower end of the gap.
+            // A joint moving up drags its sensor behind, at the lower end of the gap.
             let play = -trace.direction[w.start];
             let position = (trace.position[w.start] - sensor.bias) / sensor.scale - play * sensor.half_gap;
-            Start { position, velocity: trace.velocity[w.start] / sensor.scale, play }
-        };
-        self.windows.iter().map(start).collect()
+            starts.push(Start { position, velocity: trace.velocity[w.start] / sensor.scale, play });
+        }
+        starts
     }
 
     /// The effort of every log, acting as late as the model has it.
@@ -296,34 +297,36 @@ impl<'c> Problem<'c> {
     /// The effort of every log, acting so much late.
     #[must_use]
     pub fn drives_late(&self, delay_s: f64) -> Vec<Drive> {
-        let one = |(log, steps): (&JointLog, &usize)| {
-            Drive::with_steps(log, self.hold, delay_s, steps * self.finer)
-        };
-        self.logs.iter().zip(&self.steps).map(one).collect()
+        let logs = self.logs.iter().zip(&self.steps);
+        logs.map(|(l, steps)| Drive::with_steps(l, self.hold, delay_s, steps * self.finer)).collect()
     }
 
-    /// Effects that may be looked for: not what is found of the actuator anyway.
+    /// Sought effects: without those found with the actuator anyway.
     #[must_use]
     pub fn sought(&self) -> Vec<usize> {
+        (0..self.catalogue.len()).filter(|e| self.is_sought(*e)).collect()
+    }
+
+    /// Whether an effect is looked for.
+    fn is_sought(&self, effect: usize) -> bool {
         let [gain, damping] = self.plant.actuator.is_found;
-        let is_told = |e: &usize| match self.catalogue[*e].place() {
+        match self.catalogue[effect].place() {
             Place::Gain => !gain,
             Place::Delay => !self.plant.actuator.is_late,
-            // Without a load that depends on the position, a scale of it is a gain.
+            // Under a load independent of the position, a scale of the position is a gain.
             Place::Scale => !gain || self.coverage.has_load_slope,
-            _ => !(damping && self.catalogue[*e].is_of_damping()),
-        };
-        (0..self.catalogue.len()).filter(is_told).collect()
+            _ => !(damping && self.catalogue[effect].is_of_damping()),
+        }
     }
 
     /// Standard deviation of the readings in the windows, root mean square, rad or m.
     #[must_use]
     pub fn noise_floor(&self) -> f64 {
-        let of = |w: &Span| self.readings[w.log][w.start..w.start + w.len].iter().sum::<f64>();
-        (self.windows.iter().map(of).sum::<f64>() / self.samples().max(1) as f64).sqrt()
+        let variances = self.windows.iter().map(|w| self.readings[w.log][w.start..w.start + w.len].iter());
+        (variances.map(|v| v.sum::<f64>()).sum::<f64>() / self.samples().max(1) as f64).sqrt()
     }
 
-    /// Number of measurements in the windows that say something new.
+    /// Number of independent measurements in the windows.
     #[must_use]
     pub fn independent(&self) -> f64 {
         (self.weighing.share() * self.samples() as f64).max(2.0)
@@ -336,7 +339,7 @@ impl<'c> Problem<'c> {
     }
 }
 
-/// Steps of a rollout between two samples: as a servo needs that swings fast.
+/// Steps of a rollout between two samples: as many as a fast servo needs.
 fn steps(log: &JointLog, plant: &Plant) -> usize {
     let swings = plant.actuator.servo.map_or(0.0, |s| (s.stiffness / plant.inertia).sqrt());
     let of_servo = log.interval_s().map_or(1.0, |dt| (dt * swings / MAX_TURN).ceil());
@@ -361,13 +364,6 @@ fn cover(plant: &Plant, turns: bool, logs: &[JointLog], traces: &[Trace], sigma_
     let efforts: Vec<f64> = traces.iter().flat_map(|t| t.effort.iter().copied()).collect();
     let low = positions().fold(f64::INFINITY, f64::min);
     let high = positions().fold(f64::NEG_INFINITY, f64::max);
-    let range = |t: &Trace| {
-        let [lo, hi] = t
-            .position
-            .iter()
-            .fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], p| [lo.min(*p), hi.max(*p)]);
-        hi - lo
-    };
     // Every twentieth sample is enough to see whether the load depends on the position at all.
     let carried = logs.iter().flat_map(|l| l.carried.iter().step_by(20).map(Some));
     let seen: Vec<_> =
@@ -379,7 +375,7 @@ fn cover(plant: &Plant, turns: bool, logs: &[JointLog], traces: &[Trace], sigma_
     let slope = slopes.fold(0.0f64, |m, s| m.max(s.abs()));
     Coverage {
         position: (low, high),
-        travel: traces.iter().map(range).fold(0.0, f64::max),
+        travel: traces.iter().map(Trace::travel).fold(0.0, f64::max),
         speed: (at(SPEED_QUANTILES[0]), at(SPEED_QUANTILES[1])),
         effort_rms: (efforts.iter().map(|u| u * u).sum::<f64>() / efforts.len().max(1) as f64).sqrt(),
         interval_s: logs.iter().filter_map(JointLog::interval_s).fold(0.0, f64::max),

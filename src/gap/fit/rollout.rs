@@ -3,11 +3,11 @@
 //!
 //! A step moves half a step, changes the velocity at the middle, and moves the other half. Velocity-dependent
 //! efforts are taken linearly implicit, friction is set-valued: where its bound can slow the joint down to
-//! rest within the model's settle time (within the step, where that is 0), it does, so that a joint that
-//! sticks stands still.
+//! rest within the model's settle time (within the step, where this is 0), it does: a sticking joint stands
+//! still.
 
 use crate::{
-    fit::acting::{Acting, MAX_COLUMNS, Row, Sum, bound_at_turn},
+    fit::acting::{Acting, EffortSum, MAX_COLUMNS, Row, bound_at_turn},
     model::{
         actuator::Acted,
         effect::{At, Place, run_time_s},
@@ -31,7 +31,14 @@ pub struct Rollout {
     pub rows: Vec<Row>,
 }
 
-/// State that a window starts in.
+impl Rollout {
+    fn push(&mut self, position: f64, row: &Row) {
+        self.position.push(position);
+        self.rows.push(*row);
+    }
+}
+
+/// Start state of a window.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Start {
     /// Position of the joint, rad or m.
@@ -42,8 +49,7 @@ pub struct Start {
     pub play: f64,
 }
 
-/// Columns that are computed for a number of free parameters: start state, parameters, and one for the
-/// caller.
+/// Computed columns for a number of free parameters: start state, parameters, and one for the caller.
 #[must_use]
 pub fn width(free: usize) -> usize {
     (3 + free).next_multiple_of(4).min(MAX_COLUMNS)
@@ -61,11 +67,7 @@ pub fn roll(
 ) {
     out.position.clear();
     out.rows.clear();
-    let Rollout { position, rows } = out;
-    let keep = |q: f64, row: &Row| {
-        position.push(q);
-        rows.push(*row);
-    };
+    let keep = |q: f64, row: &Row| out.push(q, row);
     match width(model.free()) {
         4 => roll_columns::<4>(model, catalogue, log, drive, span, start, keep),
         8 => roll_columns::<8>(model, catalogue, log, drive, span, start, keep),
@@ -74,8 +76,8 @@ pub fn roll(
     };
 }
 
-/// Simulates a window with the sensitivities to its start state alone, which are the first two columns of
-/// every row that `each` is given beside the predicted measurement; gives the state at the last sample.
+/// Simulates a window with the sensitivities to its start state alone, the first two columns of every row;
+/// `each` gets the predicted measurement and the row. Returns the state at the last sample.
 pub fn roll_starts(
     model: &JointModel,
     catalogue: &Catalogue,
@@ -88,7 +90,7 @@ pub fn roll_starts(
     roll_columns::<2>(model, catalogue, log, drive, span, start, each)
 }
 
-/// Scalars of a model that enter every step, and their columns.
+/// Scalars of a model in every step, and their columns.
 struct Layout {
     gain: f64,
     gain_column: Option<usize>,
@@ -104,35 +106,35 @@ struct Layout {
 
 impl Layout {
     fn of(model: &JointModel, catalogue: &Catalogue) -> Self {
-        let scalar = |place, neutral| {
-            // The first two columns are the start state.
-            model.scalar(catalogue, place).map_or((neutral, None), |(x, at)| (x, Some(at + 2)))
-        };
-        let (added, inertia_column) = scalar(Place::Inertia, 0.0);
-        let (gain, gain_column) = scalar(Place::Gain, 1.0);
+        // The first two columns are the start state.
+        let scalar = |place| model.scalar(catalogue, place).map(|(x, at)| (x, at + 2));
+        let column = |place| scalar(place).map(|s| s.1);
+        let inertia = scalar(Place::Inertia);
+        let gain = scalar(Place::Gain);
         Self {
-            gain,
-            gain_column,
-            added,
-            inertia_column,
-            delay_column: scalar(Place::Delay, 0.0).1,
-            sensors: [scalar(Place::Bias, 0.0).1, scalar(Place::Scale, 1.0).1, scalar(Place::Play, 0.0).1],
+            gain: gain.map_or(1.0, |g| g.0),
+            gain_column: gain.map(|g| g.1),
+            added: inertia.map_or(0.0, |i| i.0),
+            inertia_column: inertia.map(|i| i.1),
+            delay_column: column(Place::Delay),
+            sensors: [Place::Bias, Place::Scale, Place::Play].map(column),
             actuator: model.actuator_columns().map(|c| c.map(|at| at + 2)),
         }
     }
 
-    /// Columns of what the recorded signal goes through; `by_delay` is its derivative by the delay, and `q`
-    /// the position that a servo reads through the sensor.
+    /// Columns of the recorded signal's path; `by_delay` is its derivative by the delay, and `q` the position
+    /// read by a servo through the sensor.
     #[inline]
     fn by_drive(
         &self,
-        sum: &Sum,
+        sum: &EffortSum,
         acted: &Acted,
-        (by_delay, q): (f64, f64),
+        by_delay: f64,
+        q: f64,
         effort_p: &mut Row,
         friction_p: &mut Row,
     ) {
-        // A contact takes its share off the effort that acts too, and off whatever changes that.
+        // A contact takes its share off the acting effort too, and off its changes.
         let by_u = 1.0 - sum.taken;
         let by_delay = self.gain * acted.signal * by_delay;
         (effort_p[2], friction_p[2]) = (by_u * by_delay, sum.friction_u * by_delay);
@@ -148,7 +150,7 @@ impl Layout {
                 (effort_p[c], friction_p[c]) = (by_u * self.gain * by, sum.friction_u * self.gain * by);
             }
         }
-        // What the sensor shows a servo more of, it takes for motion.
+        // A servo takes an error of its sensor for motion.
         for (c, by) in self.sensors.iter().zip([1.0, q]) {
             if let Some(c) = *c {
                 let by = self.gain * acted.read * by;
@@ -158,12 +160,12 @@ impl Layout {
     }
 }
 
-/// Least sum of an inertia and what is added to it, as a share of the inertia: the bound of the added inertia
-/// knows the chain at rest only, and where the others move, the sum could fall to zero.
-/// chosen: far below any inertia that fits.
+/// Least sum of an inertia and its addition, as a share of the inertia: the bound of the added inertia knows
+/// the chain at rest only, and in motion of the others the sum could fall to zero.
+/// chosen: far below any fitting inertia.
 pub const LEAST_INERTIA: f64 = 1e-3;
 
-/// One over an inertia and what is added to it.
+/// One over an inertia with its addition.
 #[must_use]
 pub fn inverse_inertia(inertia: f64, added: f64) -> f64 {
     1.0 / (inertia + added).max(LEAST_INERTIA * inertia)
@@ -187,12 +189,12 @@ impl Moving {
         }
     }
 
-    /// A contact begins at the position whose column is given, where the acceleration leaps by `leap`:
-    /// whatever moves the joint or that position moves the time of it. See docs/method.md (14.9).
+    /// A contact begins at the position of the given column, with a leap of the acceleration by `leap`: any
+    /// move of the joint or of this position moves its time. See docs/method.md (14.9).
     fn meet<const W: usize>(&mut self, column: usize, leap: f64) {
         let rate = leap / self.v;
         for c in 0..W {
-            // (14.9), where the contact's own position counts against that of the joint.
+            // (14.9), with the contact's own position against the joint's.
             self.dv[c] += rate * (self.dq[c] - f64::from(u8::from(c == column)));
         }
     }
@@ -224,10 +226,10 @@ impl Kicks<'_> {
         let inverse = self.inverse;
         let v = moving.v;
         let mut sum = self.acting.add_up(at, &mut self.effort_p, &mut self.friction_p);
-        self.layout.by_drive(&sum, acted, (by_delay, at.q), &mut self.effort_p, &mut self.friction_p);
+        self.layout.by_drive(&sum, acted, by_delay, at.q, &mut self.effort_p, &mut self.friction_p);
         let total = at.u + sum.effort;
-        // (14.7): implicit in the velocity, so that strong damping does not overshoot; the floor bounds
-        // the step where an effort drives the joint.
+        // (14.7): implicit in the velocity, so strong damping does not overshoot; the floor bounds the step
+        // where an effort drives the joint.
         let kick = h * inverse / (1.0 - (0.5 * h * sum.v * inverse)).max(0.5);
         // The kick divides by the inertia: the derivative is an effort of minus total / I.
         if let Some(c) = self.layout.inertia_column {
@@ -239,7 +241,7 @@ impl Kicks<'_> {
             sum.friction = bound_at_turn(&self.acting, at, sum.friction, &mut self.friction_p);
         }
         let bound = kick * sum.friction;
-        // The velocity that friction gives a joint that it can hold, (14.7) and (14.8).
+        // The velocity of a joint held by friction, (14.7) and (14.8).
         let target = settling.keep * v + settling.creep * kick * total;
         let taken = free - target;
         let dq = &moving.dq;
@@ -252,7 +254,7 @@ impl Kicks<'_> {
                 dv[c] = (settling.keep + creep * sum.v) * dv[c] + creep * (sum.q * dq[c] + self.effort_p[c]);
             }
         } else {
-            // Slide: friction acts at its bound, whose changes with position and parameters count.
+            // Slide: friction acts at its bound, with its changes by position and parameters.
             let sign = taken.signum();
             moving.v = free - sign * bound;
             let by_q = kick * (sum.q - sign * sum.friction_q);
@@ -263,8 +265,8 @@ impl Kicks<'_> {
         }
     }
 
-    /// Leap of the acceleration where a contact begins, at a state that is before it, as a kick of `h`
-    /// seconds has it.
+    /// Leap of the acceleration where a contact begins, at a state before it, as a kick of `h` seconds has
+    /// it.
     fn leap(&self, at: &At, position: f64, h: f64) -> f64 {
         // A contact's damping sets in at once: the effort differs on both sides of its position.
         let side = |by: f64| self.acting.at(&At { q: position + by * at.direction, ..*at });
@@ -275,7 +277,7 @@ impl Kicks<'_> {
     }
 }
 
-/// Distance from a contact that is as good as none, rad or m.
+/// Distance from a contact as good as none, rad or m.
 /// chosen: some thousand times the rounding of a position of 1.
 const BESIDE: f64 = 1e-12;
 
@@ -323,7 +325,7 @@ fn roll_columns<const W: usize>(
             let index = k * drive.steps + s;
             let signal = drive.signal[index];
             let by_delay = drive.by_delay[index];
-            // A step across the begin of a contact is split: else that would act too long or too late.
+            // A step across the begin of a contact is split: else the contact would act too long or too late.
             let meeting = kicks.acting.meeting(moving.q, moving.v, step);
             let before = meeting.map_or(step, |m| m.after_s);
             for (h, meeting) in [(before, None), (step - before, meeting)]
@@ -334,7 +336,7 @@ fn roll_columns<const W: usize>(
                 if h != settled_h {
                     (settled_h, settling) = (h, Settling::over(model.settle_s, h));
                 }
-                // At rest either side will do: the kick looks up the one to which the joint leaves.
+                // At rest either side will do: the kick looks up the side of the motion.
                 let direction = if moving.v != 0.0 { moving.v.signum() } else { 1.0 };
                 let t = t + (s as f64 + 0.5) * step;
                 // The kick acts after the first half drift: its efforts are those of the middle of the

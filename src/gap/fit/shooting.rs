@@ -32,13 +32,13 @@ pub struct Fit {
     pub model: JointModel,
     /// Start state of each window.
     pub starts: Vec<Start>,
-    /// What acts beyond the model.
+    /// Effort beyond the model.
     pub noise: EffortNoise,
     /// Restricted log likelihood.
     pub log_likelihood: f64,
     /// Covariance of the free parameters; rows of frozen ones are zero.
     pub covariance: DMatrix<f64>,
-    /// Number of windows that each free parameter rests on, were they all to show as much of it.
+    /// Number of windows behind each free parameter, were they all to show as much of it.
     pub witnesses: Vec<f64>,
     /// Sum of squared whitened residuals of each window.
     pub costs: Vec<f64>,
@@ -70,7 +70,7 @@ struct Normal {
     gradient: DVector<f64>,
 }
 
-/// What a fit may change.
+/// Free parts of a fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Free {
     /// Parameters, lag and start states.
@@ -118,15 +118,14 @@ fn evaluate_columns<const W: usize>(
     for (w, start) in starts.iter().enumerate() {
         predict(problem, model, &drives, w, *start, &mut rollout);
         let span = problem.windows[w];
-        // The residual stands behind the sensitivities, so that one filter whitens both alike (14.10).
+        // The residual stands behind the sensitivities: one filter whitens both alike (14.10).
         whiten::<W>(&mut rollout.rows, &whitening.locals[span.log][span.start..], &whitening.gains[w]);
         let sums = products::<W>(&rollout.rows);
         // A frozen parameter keeps its place with zeros: indices stay those of the model.
-        let held = |i: usize, j: usize| frozen[i] || frozen[j];
         blocks.push(Block {
             cost: sums[residual][residual],
             hessian: DMatrix::from_fn(free, free, |i, j| {
-                if held(i, j) { 0.0 } else { sums[2 + i.min(j)][2 + i.max(j)] }
+                if frozen[i] || frozen[j] { 0.0 } else { sums[2 + i.min(j)][2 + i.max(j)] }
             }),
             start: Matrix2::new(sums[0][0], sums[0][1], sums[0][1], sums[1][1]) + ridge,
             cross: DMatrix::from_fn(2, free, |i, j| if frozen[j] { 0.0 } else { sums[i][2 + j] }),
@@ -163,7 +162,7 @@ fn products<const W: usize>(rows: &[Row]) -> [[f64; W]; W] {
     for row in rows {
         for i in 0..W {
             let x = row[i];
-            // From an even column on, the loop runs over whole pairs, which vectorize.
+            // From an even column on, the loop runs over whole pairs: they vectorize.
             for j in i & !1..W {
                 sums[i][j] += x * row[j];
             }
@@ -184,7 +183,7 @@ fn solve(normal: &Normal, frozen: &[bool], damping: f64) -> Option<Step> {
     let inverses: Vec<Matrix2<f64>> =
         normal.blocks.iter().map(|b| b.start.try_inverse().unwrap_or_else(Matrix2::zeros)).collect();
     for (b, inverse) in normal.blocks.iter().zip(&inverses) {
-        // (14.11): what a window's free start state could explain as well says nothing about parameters.
+        // (14.11): residuals within the reach of a window's free start state do not determine parameters.
         let weighted = b.cross.transpose() * inverse;
         s -= &weighted * &b.cross;
         g -= &weighted * b.start_gradient;
@@ -195,8 +194,8 @@ fn solve(normal: &Normal, frozen: &[bool], damping: f64) -> Option<Step> {
             s[(i, i)] = 1.0;
             g[i] = 0.0;
         } else {
-            // Marquardt's scaling by the diagonal is free of units. The two small terms keep a parameter
-            // that no window shows from making the matrix singular.
+            // Marquardt's scaling by the diagonal is free of units. The two small terms keep the matrix
+            // regular with an undetermined parameter.
             s[(i, i)] = s[(i, i)] * (1.0 + damping) + 1e-12 * normal.hessian[(i, i)] + 1e-300;
         }
     }
@@ -240,9 +239,9 @@ pub fn moved(problem: &Problem, model: &JointModel, step: &DVector<f64>) -> Join
     model.with_parameters(&parameters)
 }
 
-/// Shares of the effort noise that a fit with play, and the last fits with a contact, run through first:
-/// under the noise of the twin, which takes what is missing for noise, a window that starts on the wrong side
-/// of the gap would never leave it.
+/// Shares of the effort noise, run through first by a fit with play and by the last fits with a contact:
+/// under the noise of the twin, with missing effects in it, a window started on the wrong side of the gap
+/// would never leave it.
 /// tuned: tests/python/gap/generate.py.
 const ANNEALING: &[f64] = &[0.3, 0.1, 0.03];
 
@@ -253,12 +252,12 @@ pub struct Pace {
     pub rounds: usize,
     /// Most steps of a round.
     pub steps: usize,
-    /// A step that gains less, and less than this share of 15 000 times the cost, is the last.
+    /// The last step gains less, and less than this share of 15 000 times the cost.
     pub enough: f64,
     /// The settle time of friction is chosen as well.
     pub settles: bool,
-    /// Start states are looked for in every window; otherwise those given are of a like model, and only
-    /// windows that fit badly are searched.
+    /// Start states are looked for in every window; otherwise those given are of a like model, and only badly
+    /// fitting windows are searched.
     pub searches: bool,
     /// The noise is estimated before the first round as well.
     pub hears: bool,
@@ -266,13 +265,13 @@ pub struct Pace {
 
 /// Most steps of one round.
 const MAX_STEPS: usize = 14;
-/// Log likelihood that a step must gain for another one.
+/// Least gain of log likelihood by a step before another one.
 /// chosen: a parameter is then within a standard deviation of its best.
 const ENOUGH: f64 = 0.2;
 /// The same as a share of it and of the cost.
 /// chosen: of many residuals single ones say nothing.
 const ENOUGH_OF_COST: f64 = 6e-5;
-/// Damping that a fit begins with.
+/// Damping at the begin of a fit.
 /// chosen: small, as most fits begin near their end.
 pub(super) const FIRST_DAMPING: f64 = 1e-4;
 
@@ -286,10 +285,10 @@ impl Pace {
     /// From near its end.
     pub const WARM: Self =
         Self { rounds: 1, steps: 6, enough: ENOUGH, settles: false, searches: false, hears: false };
-    /// Far enough to see which start of a fit leads.
+    /// Far enough to see the leading start of a fit.
     pub const FIRST: Self =
         Self { rounds: 1, steps: 4, enough: 2.0, settles: false, searches: true, hears: false };
-    /// From there on, far enough to see which candidates lead.
+    /// From there on, far enough to see the leading candidates.
     pub const NEXT: Self = Self { searches: false, hears: true, ..Self::FIRST };
 }
 
@@ -319,7 +318,7 @@ pub fn fit(
             // steps.
             let trial_pace = Pace { rounds: 2, steps: 4, searches: false, ..pace };
             let trial = fit_settled(problem, &trial, Some(&best.starts), best.noise, free, trial_pace);
-            // Negated, so that a likelihood that is not a number ends the search.
+            // Negated: a likelihood of NaN ends the search.
             if !(trial.log_likelihood > best.log_likelihood + ENOUGH_TO_SETTLE) {
                 break;
             }
@@ -329,11 +328,11 @@ pub fn fit(
     best
 }
 
-/// Log likelihood that another settle time must gain.
+/// Least gain of log likelihood by another settle time.
 /// derived: half the 95 % quantile of chi-square with one degree of freedom.
 const ENOUGH_TO_SETTLE: f64 = 1.920_729;
 
-/// Fits at the settle time that the model has.
+/// Fits at the model's settle time.
 fn fit_settled(
     problem: &Problem,
     model: &JointModel,
@@ -356,7 +355,7 @@ fn fit_settled(
     } else {
         &[]
     };
-    // Annealing: little noise first, so that no window counts its misfit as noise.
+    // Annealing: little noise first, to keep the misfit of windows out of the noise.
     for share in anneal {
         whitening = Whitening::new(problem, &model, &noise.scaled(*share).at_least(problem.min_sigma_u));
         improve(problem, &model, &mut starts, &whitening, true);
@@ -365,14 +364,13 @@ fn fit_settled(
     }
     let mut end = None;
     for round in 0..pace.rounds.max(1) {
-        // A model that is not fitted yet leaves its misfit in the residuals, and the estimate would take
-        // that for noise.
+        // A model before its fit leaves its misfit in the residuals, and the estimate would take it for
+        // noise.
         if round > 0 || !anneal.is_empty() || pace.hears {
             noise = most_likely_noise(problem, &model, &starts, &whitening, noise);
             whitening = Whitening::new(problem, &model, &noise);
         }
-        // Gauss-Newton cannot move a start across the play, so that with play every round searches all
-        // windows.
+        // Gauss-Newton cannot move a start across the play: with play every round searches all windows.
         improve(problem, &model, &mut starts, &whitening, (round == 0 && pace.searches) || has_play);
         let now = evaluate(problem, &model, &starts, &whitening, &frozen);
         end = Some(iterate(problem, &mut model, &mut starts, &whitening, &frozen, pace, now));
@@ -380,12 +378,12 @@ fn fit_settled(
     let end = end.unwrap_or_else(|| evaluate(problem, &model, &starts, &whitening, &frozen));
     let log_likelihood = restricted(problem, &model, &end, &whitening);
     let (matrix, windows) = witnesses(&end.normal);
-    let (covariance, witnesses) = covariance(matrix, &windows, (&alike(problem), noise.remains()), &frozen);
+    let (covariance, witnesses) = covariance(matrix, &windows, &alike(problem), noise.remains(), &frozen);
     let costs = end.normal.blocks.iter().map(|b| b.cost).collect();
     Fit { model, starts, noise, log_likelihood, covariance, witnesses, costs }
 }
 
-/// Steps from `now`, the evaluation of the model and the start states; gives that of where it ends.
+/// Steps from `now`, the evaluation of the model and the start states; returns the evaluation at the end.
 fn iterate(
     problem: &Problem,
     model: &mut JointModel,
@@ -409,7 +407,7 @@ fn iterate(
             .collect();
         let mut trial = evaluate(problem, &trial_model, &trial_starts, whitening, frozen);
         if !(trial.cost < now.cost) {
-            // Window by window, the start state that serves the new parameters better.
+            // Window by window, the better start state for the new parameters.
             let kept = evaluate(problem, &trial_model, starts, whitening, frozen).normal.blocks;
             let mut blocks = trial.normal.blocks;
             for (w, own) in kept.into_iter().enumerate() {
@@ -436,21 +434,25 @@ fn iterate(
     now
 }
 
-/// What every window adds, the start states eliminated, and the matrix of all.
+/// Witness of every window, the start states eliminated, and the matrix of all.
 fn witnesses(normal: &Normal) -> (DMatrix<f64>, Vec<Witness>) {
     let mut matrix = normal.hessian.clone();
-    let witness = |b: &Block| {
-        // A window without its start state determined says nothing.
+    let mut windows = Vec::with_capacity(normal.blocks.len());
+    for b in &normal.blocks {
+        // A window with an undetermined start state adds nothing.
         let Some(inverse) = b.start.try_inverse() else {
             let n = b.hessian.nrows();
-            return Witness { hessian: DMatrix::zeros(n, n), gradient: DVector::zeros(n) };
+            windows.push(Witness { hessian: DMatrix::zeros(n, n), gradient: DVector::zeros(n) });
+            continue;
         };
         let weighted = b.cross.transpose() * inverse;
         let lost = &weighted * &b.cross;
         matrix -= &lost;
-        Witness { hessian: &b.hessian - lost, gradient: &b.gradient - &weighted * b.start_gradient }
-    };
-    let windows = normal.blocks.iter().map(witness).collect();
+        windows.push(Witness {
+            hessian: &b.hessian - lost,
+            gradient: &b.gradient - &weighted * b.start_gradient,
+        });
+    }
     (matrix, windows)
 }
 

@@ -1,5 +1,4 @@
-//! Position and velocity that a log most probably ran through: a Kalman smoother on the twin with white
-//! effort noise.
+//! Most probable position and velocity over a log: a Kalman smoother on the twin with white effort noise.
 
 use crate::{
     model::plant::Plant,
@@ -10,11 +9,11 @@ use crate::{
     },
 };
 
-/// Least effort noise that is tried, as a share of the effort, and the ratio of two that are tried.
+/// Least tried effort noise, as a share of the effort, and the ratio of two neighbors.
 /// chosen: up to six times the effort (docs/method.md 14.3).
 const LEAST_NOISE: f64 = 0.003;
 const NOISE_RATIO: f64 = 2.6;
-/// Share of the top speed from which the sign of a smoothed velocity is clear.
+/// Share of the top speed for a clear sign of a smoothed velocity.
 /// chosen: near rest it is noise.
 const CLEAR_SPEED: f64 = 0.02;
 
@@ -25,7 +24,7 @@ pub struct Trace {
     pub position: Vec<f64>,
     /// Velocity.
     pub velocity: Vec<f64>,
-    /// Mean effort until the next sample, N m or N; of a servo, what it made of the readings.
+    /// Mean effort until the next sample, N m or N; of a servo, its effort by the readings.
     pub effort: Vec<f64>,
     /// Mean signal likewise: the effort, or a servo's commanded position.
     pub signal: Vec<f64>,
@@ -35,8 +34,17 @@ pub struct Trace {
     pub direction: Vec<f64>,
 }
 
+impl Trace {
+    /// Range of its positions, rad or m.
+    pub(super) fn travel(&self) -> f64 {
+        let ends = [f64::INFINITY, f64::NEG_INFINITY];
+        let [low, high] = self.position.iter().fold(ends, |[low, high], p| [low.min(*p), high.max(*p)]);
+        high - low
+    }
+}
+
 #[derive(Clone, Copy, Default)]
-struct Belief {
+struct FilterEstimate {
     q: f64,
     v: f64,
     qq: f64,
@@ -57,12 +65,18 @@ impl Predict<'_> {
         let i = 1.0 / inertia;
         let k = self.plant.load_at(carried, q).1 * i;
         let b = (self.plant.damping + rate) * i;
-        // Exact in the damping, which may be strong over an interval; first order in the load's slope.
+        // Exact in the damping, perhaps strong over an interval; first order in the load's slope.
         let lost = 1.0 - (-b * dt).exp();
         ([1.0 - 0.5 * k * dt * dt, dt * (1.0 - 0.5 * lost), -k * dt, 1.0 - lost], [0.5 * dt * dt * i, dt * i])
     }
 
-    fn step(&self, carried: Option<&Carried>, s: &Belief, effort: f64, dt: f64) -> (Belief, [f64; 4]) {
+    fn step(
+        &self,
+        carried: Option<&Carried>,
+        s: &FilterEstimate,
+        effort: f64,
+        dt: f64,
+    ) -> (FilterEstimate, [f64; 4]) {
         let (a, g) = self.matrices(carried, s.q, dt);
         let (load, slope) = self.plant.load_at(carried, s.q);
         // The transition carries the load's linear part about this position; the push carries the rest.
@@ -72,7 +86,7 @@ impl Predict<'_> {
         let m01 = a[0] * s.qv + a[1] * s.vv;
         let m10 = a[2] * s.qq + a[3] * s.qv;
         let m11 = a[2] * s.qv + a[3] * s.vv;
-        let next = Belief {
+        let next = FilterEstimate {
             q: a[0] * s.q + a[1] * s.v + g[0] * push,
             v: a[2] * s.q + a[3] * s.v + g[1] * push,
             qq: m00 * a[0] + m01 * a[1] + w * g[0] * g[0],
@@ -83,41 +97,45 @@ impl Predict<'_> {
     }
 }
 
-/// Smooths logs with the effort noise of the grid that makes them most probable; `readings` holds the
-/// variance of every position.
+/// Smooths logs with the most probable effort noise of the grid; `readings` holds the variance of every
+/// position.
 #[must_use]
 pub fn smooth(logs: &[JointLog], hold: Hold, plant: &Plant, readings: &[Vec<f64>]) -> Vec<Trace> {
-    let means = |log: &JointLog, values: &[f64]| {
-        Drive::of(&log.time_s, values, hold, 0.0, Drive::steps(log)).means(values.last().copied())
-    };
-    let effort: Vec<Vec<f64>> = logs.iter().map(|l| means(l, &l.effort)).collect();
+    let effort: Vec<Vec<f64>> = logs.iter().map(|l| means(l, &l.effort, hold)).collect();
     let count: usize = effort.iter().map(Vec::len).sum();
     let rms = (effort.iter().flatten().map(|u| u * u).sum::<f64>() / count.max(1) as f64).sqrt();
-    // A joint that was released has no effort; then the load sets the scale.
+    // A released joint has no effort; then the load sets the scale.
     let scale = rms.max(plant.load.amplitude()).max(1e-9);
-    let likelihood = |noise: f64| -> f64 {
-        let each = logs
-            .iter()
-            .enumerate()
-            .map(|(i, log)| forward(log, i, &effort[i], &Predict { plant, noise }, &readings[i]).1);
-        each.sum()
-    };
-    let best = (0..9)
-        .map(|i| scale * LEAST_NOISE * NOISE_RATIO.powi(i))
-        .map(|n| (likelihood(n), n))
-        .max_by(|a, b| a.0.total_cmp(&b.0));
+    let mut trials: Vec<(f64, f64)> = Vec::new();
+    for i in 0..9 {
+        let noise = scale * LEAST_NOISE * NOISE_RATIO.powi(i);
+        let predict = Predict { plant, noise };
+        let each = logs.iter().enumerate();
+        let likelihood = each.map(|(i, log)| forward(log, i, &effort[i], &predict, &readings[i]).1).sum();
+        trials.push((likelihood, noise));
+    }
+    let best = trials.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
     let noise = best.map_or(scale, |(_, n)| n);
     let predict = Predict { plant, noise };
-    let one = |(i, log): (usize, &JointLog)| {
-        let trace = backward(log, i, &effort[i], &predict, &readings[i]);
-        if log.commanded.is_empty() { trace } else { Trace { signal: means(log, &log.commanded), ..trace } }
-    };
-    logs.iter().enumerate().map(one).collect()
+    let mut traces = Vec::with_capacity(logs.len());
+    for (i, log) in logs.iter().enumerate() {
+        let mut trace = backward(log, i, &effort[i], &predict, &readings[i]);
+        if !log.commanded.is_empty() {
+            trace.signal = means(log, &log.commanded, hold);
+        }
+        traces.push(trace);
+    }
+    traces
 }
 
-type Passed = (Belief, Belief, [f64; 4]);
+/// Mean of a signal of a log from each sample to the next.
+fn means(log: &JointLog, values: &[f64], hold: Hold) -> Vec<f64> {
+    Drive::of(&log.time_s, values, hold, 0.0, Drive::steps(log)).means(values.last().copied())
+}
 
-/// Filters; gives (predicted, updated, transition that led here) of every sample, and the log likelihood.
+type Passed = (FilterEstimate, FilterEstimate, [f64; 4]);
+
+/// Filters; returns (predicted, updated, transition to here) of every sample, and the log likelihood.
 fn forward(
     log: &JointLog,
     index: usize,
@@ -130,7 +148,8 @@ fn forward(
     for span in log.segments(index) {
         let first = log.position[span.start];
         // Nothing is known of the motion within a gap: each segment begins anew.
-        let mut belief = Belief { q: first, v: 0.0, qq: readings[span.start] * 1e4, qv: 0.0, vv: 1e4 };
+        let mut belief =
+            FilterEstimate { q: first, v: 0.0, qq: readings[span.start] * 1e4, qv: 0.0, vv: 1e4 };
         let mut transition = [1.0, 0.0, 0.0, 1.0];
         let mut passed = Vec::with_capacity(span.len);
         for k in span.start..span.start + span.len {
@@ -151,7 +170,7 @@ fn forward(
             }
             let kq = predicted.qq / s;
             let kv = predicted.qv / s;
-            belief = Belief {
+            belief = FilterEstimate {
                 q: predicted.q + kq * innovation,
                 v: predicted.v + kv * innovation,
                 qq: predicted.qq * (1.0 - kq),

@@ -1,6 +1,6 @@
-//! Start states of windows, searched window by window: where a window holds a contact, a catch or play,
-//! Gauss-Newton from one state ends in the nearest minimum, and one window that started wrongly is taken for
-//! noise of the effort.
+//! Start states of windows, searched window by window: in a window with a contact, a catch or play,
+//! Gauss-Newton from one state ends in the nearest minimum, and a wrong start is taken for noise of the
+//! effort.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -19,22 +19,22 @@ use crate::{
 };
 use numeric::statistics::chi_square_99;
 
-/// States of a searched window that are polished.
+/// Polished states of a searched window.
 const POLISHED: usize = 4;
 /// Steps of a polish.
 const POLISH_STEPS: usize = 6;
-/// Damping after a step that does not lower the cost, against that before it.
+/// Factor of the damping after a step without a lower cost.
 /// chosen: more than a decade, as steps are few.
 const RISE: f64 = 20.0;
-/// Places in the play that a window is started at.
+/// Tried places of a window's start in the play.
 /// chosen: the ends, the middle, and between them.
 const PLAY: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];
-/// Samples over which the recorded slope is taken, from the start of a window: (first, last).
+/// Samples of the recorded slopes, from the start of a window: (first, last).
 const SLOPES: [(i64, i64); 8] = [(0, 1), (0, 2), (0, 4), (0, 8), (-2, 2), (-4, 0), (4, 8), (8, 16)];
 
 /// A window from one start state.
 #[derive(Clone, Copy, Debug)]
-struct Trial {
+struct StartTrial {
     start: Start,
     /// Sum of the squared whitened residuals.
     cost: f64,
@@ -42,17 +42,17 @@ struct Trial {
     gradient: Vector2<f64>,
 }
 
-impl Trial {
-    /// The cost that one step of the start state promises.
+impl StartTrial {
+    /// The promised cost after one step of the start state.
     fn reach(&self) -> f64 {
-        // A state in the right basin may begin with the higher cost, so trials are ranked by what a step
-        // promises.
+        // A state in the right basin may begin with the higher cost: trials are ranked by the cost after a
+        // step.
         let step = self.normal.try_inverse().map_or(0.0, |i| self.gradient.dot(&(i * self.gradient)));
         if self.cost.is_finite() { self.cost - step } else { f64::INFINITY }
     }
 }
 
-/// What every window is tried with.
+/// Common inputs of all trials.
 struct Bench<'a, 'c> {
     problem: &'a Problem<'c>,
     model: &'a JointModel,
@@ -62,7 +62,7 @@ struct Bench<'a, 'c> {
 }
 
 impl Bench<'_, '_> {
-    fn try_start(&self, window: usize, start: Start) -> Trial {
+    fn try_start(&self, window: usize, start: Start) -> StartTrial {
         let span = self.problem.windows[window];
         let log = &self.problem.logs[span.log];
         let measured = &log.position[span.start..span.start + span.len];
@@ -72,17 +72,25 @@ impl Bench<'_, '_> {
             .zip(&self.whitening.gains[window]);
         let mut filter = Filter::<3>::default();
         let [mut cost, mut aa, mut ab, mut bb, mut ae, mut be] = [0.0; 6];
-        let each = |predicted: f64, row: &Row| {
-            let Some(((measured, local), gain)) = whitening.next() else { return };
-            let mut white = [row[0], row[1], measured - predicted];
-            filter.pass(&mut white, local, gain);
-            let [a, b, e] = white;
-            cost += e * e;
-            (aa, ab, bb, ae, be) = (aa + a * a, ab + a * b, bb + b * b, ae + a * e, be + b * e);
-        };
-        roll_starts(self.model, self.problem.catalogue, log, &self.drives[span.log], span, start, each);
+        let drive = &self.drives[span.log];
+        roll_starts(
+            self.model,
+            self.problem.catalogue,
+            log,
+            drive,
+            span,
+            start,
+            |predicted: f64, row: &Row| {
+                let Some(((measured, local), gain)) = whitening.next() else { return };
+                let mut white = [row[0], row[1], measured - predicted];
+                filter.pass(&mut white, local, gain);
+                let [a, b, e] = white;
+                cost += e * e;
+                (aa, ab, bb, ae, be) = (aa + a * a, ab + a * b, bb + b * b, ae + a * e, be + b * e);
+            },
+        );
         let normal = self.ridge + Matrix2::new(aa, ab, ab, bb);
-        Trial {
+        StartTrial {
             start,
             cost: if cost.is_finite() { cost } else { f64::INFINITY },
             normal,
@@ -91,7 +99,7 @@ impl Bench<'_, '_> {
     }
 
     /// Damped Gauss-Newton on the start state alone.
-    fn polish(&self, window: usize, from: Trial) -> Trial {
+    fn polish(&self, window: usize, from: StartTrial) -> StartTrial {
         let mut now = from;
         let mut damping = FIRST_DAMPING;
         for _ in 0..POLISH_STEPS {
@@ -108,7 +116,7 @@ impl Bench<'_, '_> {
             if trial.cost < now.cost {
                 let gained = now.cost - trial.cost;
                 (now, damping) = (trial, damping * damping::FALL);
-                // Half a squared standard deviation does not change which state wins.
+                // Half a squared standard deviation does not change the winning state.
                 if gained < 0.5 {
                     break;
                 }
@@ -119,7 +127,7 @@ impl Bench<'_, '_> {
         now
     }
 
-    /// The state that a window hands on to the next one, where that follows without a gap.
+    /// The start state for the next window, where it follows without a gap.
     fn hand_on(&self, window: usize, start: Start) -> Option<Start> {
         let span = self.problem.windows[window];
         let next = self.problem.windows.get(window + 1)?;
@@ -142,9 +150,9 @@ impl Bench<'_, '_> {
     }
 }
 
-/// Start states that serve the model best: those given, those of the smoothed motion, those that the
-/// preceding window ends in; for windows that none of them fits, states over the play and over the recorded
-/// slopes. `all` compares the given states with the others in every window, not only in those that fit badly.
+/// The best start states for the model: those given, those of the smoothed motion, the ends of preceding
+/// windows; for windows without a fit among them, states over the play and over the recorded slopes. `all`
+/// compares the given states with the others in every window, not only in badly fitting ones.
 pub fn improve(
     problem: &Problem,
     model: &JointModel,
@@ -161,7 +169,7 @@ pub fn improve(
     for w in 0..starts.len() {
         // Of windows that fit, one of a hundred is searched in vain.
         let most = chi_square_99(problem.windows[w].len as f64);
-        let fits = |t: &Trial| t.cost <= most;
+        let fits = |t: &StartTrial| t.cost <= most;
         let given = bench.try_start(w, starts[w]);
         let mut trials = vec![given];
         // These trials cost one rollout each; most windows need no more.
@@ -185,15 +193,15 @@ pub fn improve(
     }
 }
 
-/// The best start state of a window that fits badly.
+/// The best start state of a badly fitting window.
 fn searched(
     bench: &Bench,
     w: usize,
-    mut trials: Vec<Trial>,
+    mut trials: Vec<StartTrial>,
     fresh: &Start,
     half_gap: f64,
-    fits: &dyn Fn(&Trial) -> bool,
-) -> Trial {
+    fits: &dyn Fn(&StartTrial) -> bool,
+) -> StartTrial {
     // One polish costs less than the search below and often is enough.
     let quick = bench.polish(w, trials[0]);
     if fits(&quick) {
@@ -224,7 +232,7 @@ fn searched(
     trials.truncate(POLISHED);
     // Whatever the ranking says, the quick polish stays a candidate.
     trials.push(quick);
-    let polished: Vec<Trial> = trials.into_iter().map(|t| bench.polish(w, t)).collect();
+    let polished: Vec<StartTrial> = trials.into_iter().map(|t| bench.polish(w, t)).collect();
     polished.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).unwrap_or(quick)
 }
 

@@ -1,5 +1,5 @@
-//! Short stretches of measured motion, whatever the twin is: what the positions alone say of velocities and
-//! accelerations of all joints, and the mean effort over each.
+//! Short stretches of measured motion, whatever the twin is: velocities and accelerations of all joints by
+//! the positions alone, and the mean effort over each.
 
 use crate::record::{
     drive::{Hold, Signal},
@@ -8,7 +8,7 @@ use crate::record::{
 };
 
 /// Least length of a stretch, seconds.
-/// chosen: a sixteenth of the longest window, whose four independent numbers are then seen by four each.
+/// chosen: a sixteenth of the longest window: four for each of its four independent numbers.
 const WIDTH_S: f64 = 1.0 / 16.0;
 /// Share of the top speed below which friction may hold the joint.
 /// chosen: a smoothed motion is never exactly at rest.
@@ -19,17 +19,17 @@ pub(crate) const SLOW: f64 = 0.03;
 pub struct Moved {
     /// Stamps and efforts; none where no effort was recorded.
     pub log: Option<JointLog>,
-    /// Motion that the positions show.
+    /// Motion of the positions.
     pub motion: SmoothMotion,
 }
 
-/// Joints of a run, in the order of the twin's; `None` for those of which nothing is recorded.
+/// Joints of a run, in the order of the twin's; `None` for unrecorded ones.
 pub type RunMotion = Vec<Option<Moved>>;
 
 /// Means over a stretch of time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stretch {
-    /// Run, and which stretch of it: stretches of all joints of a run are cut at the same times.
+    /// Run, and its stretch: stretches of all joints of a run are cut at the same times.
     pub key: (usize, usize),
     /// First and last time, seconds.
     pub time_s: (f64, f64),
@@ -47,7 +47,7 @@ fn width_s(run: &RunMotion) -> f64 {
     logs.fold(WIDTH_S, |width, interval| width.max(2.0 * interval))
 }
 
-/// Stretches in which a joint moves one way, and its stamps have no gap.
+/// Stretches of motion in one direction, without a gap in the stamps.
 #[must_use]
 pub fn stretches(runs: &[RunMotion], joint: usize) -> Vec<Stretch> {
     let of = |run: usize| runs[run][joint].as_ref().and_then(|m| Some((m, m.log.as_ref()?)));
@@ -74,7 +74,7 @@ pub fn stretches(runs: &[RunMotion], joint: usize) -> Vec<Stretch> {
     found
 }
 
-/// Means of all joints; those of which nothing is recorded stand at 0.
+/// Means of all joints; unrecorded ones stand at 0.
 fn means(run: &RunMotion, key: (usize, usize), time_s: (f64, f64)) -> Stretch {
     let mut stretch =
         Stretch { key, time_s, position: Vec::new(), velocity: Vec::new(), acceleration: Vec::new() };
@@ -93,25 +93,26 @@ fn means(run: &RunMotion, key: (usize, usize), time_s: (f64, f64)) -> Stretch {
 /// Mean over each stretch of a signal by the stamps of a log, `delay_s` late; `None` where these have a gap.
 #[must_use]
 pub fn mean_signal(
-    (log, values): (&JointLog, &[f64]),
+    log: &JointLog,
+    values: &[f64],
     stretches: &[&Stretch],
     hold: Hold,
     delay_s: f64,
 ) -> Vec<Option<f64>> {
     let spans = log.segments(0);
     let mut signal = Signal::new(&log.time_s, values, hold);
-    let mut one = |s: &&Stretch| {
+    let mut means = Vec::with_capacity(stretches.len());
+    for s in stretches {
         let (from, to) = s.time_s;
-        let holds = spans
+        let has_no_gap = spans
             .iter()
             .any(|p| log.time_s[p.start] <= from + 1e-9 && to <= log.time_s[p.start + p.len - 1] + 1e-9);
-        if !holds {
-            return None;
-        }
-        let before = signal.at(from - delay_s).1;
-        Some((signal.at(to - delay_s).1 - before) / (to - from))
-    };
-    stretches.iter().map(&mut one).collect()
+        means.push(has_no_gap.then(|| {
+            let before = signal.at(from - delay_s).1;
+            (signal.at(to - delay_s).1 - before) / (to - from)
+        }));
+    }
+    means
 }
 
 #[cfg(test)]
@@ -130,7 +131,7 @@ mod tests {
         let found = stretches(&runs, 0);
         assert!(found.len() > 100);
         let all: Vec<&Stretch> = found.iter().collect();
-        let efforts = mean_signal((&log, &effort), &all, Hold::Linear, 0.0);
+        let efforts = mean_signal(&log, &effort, &all, Hold::Linear, 0.0);
         // The smoother begins without a velocity.
         for (s, u) in found.iter().zip(efforts).skip(2) {
             assert!((s.acceleration[0] - u.unwrap()).abs() < 0.05, "{s:?} {u:?}");

@@ -1,5 +1,5 @@
-//! White residuals: a Kalman filter for the linearized joint, driven by effort noise that is partly white and
-//! partly lasts, turns positions into independent innovations of variance one. It is linear, so residuals and
+//! White residuals: a Kalman filter for the linearized joint, driven by partly white and partly lasting
+//! effort noise, turns positions into independent innovations of variance one. It is linear: residuals and
 //! sensitivities pass through the same filter. See docs/method.md (14.10).
 
 use crate::{
@@ -19,10 +19,10 @@ use crate::{
 /// Share of the top speed below which a joint may stick: a smoothed velocity is never exactly zero.
 /// chosen: little of a motion is as slow.
 const STILL: f64 = 0.003;
-/// Most that a driving effect may grow a state by in a step, as a share.
+/// Largest growth of a state by a driving effect in a step, as a share.
 /// chosen: variances do not grow without bound.
 const GROWTH: f64 = 0.2;
-/// Most that damping may take off a velocity in a step, as a share.
+/// Largest loss of a velocity by damping in a step, as a share.
 /// chosen: a stiff effect leaves something of it.
 const DAMPED: f64 = 0.9;
 
@@ -35,6 +35,16 @@ pub struct Local {
     pub g: [f64; 2],
     /// Time to the next sample, seconds.
     pub interval_s: f64,
+}
+
+impl Local {
+    /// (Position, velocity, wander) at the next sample; `kept` is the share of the wander left then.
+    #[inline]
+    fn moved(&self, q: f64, v: f64, d: f64, kept: f64) -> [f64; 3] {
+        let a = &self.a;
+        let g = &self.g;
+        [a[0] * q + a[1] * v + g[0] * d, a[2] * q + a[3] * v + g[1] * d, kept * d]
+    }
 }
 
 /// Linearizes a model along the smoothed motion of a log.
@@ -61,7 +71,7 @@ pub fn linearize(
         }
         let q = trace.position[k];
         let v = trace.velocity[k];
-        // A servo reads the position that was recorded.
+        // A servo reads the recorded position.
         let acted = model.plant.actuator.act(trace.signal[k], q, v, (1.0, 0.0));
         let u = gain * acted.effort;
         let carried = log.carried.get(k);
@@ -79,14 +89,14 @@ pub fn linearize(
         };
         let sum = acting.at(&at);
         let settling = Settling::over(model.settle_s, dt);
-        // Friction that settles must also brake the velocity within its settle time.
+        // Settling friction must also brake the velocity within its settle time.
         let held = if settling.keep > 0.0 {
             v / (model.settle_s * inverse) + u + sum.effort
         } else {
             u + sum.effort
         };
         let slow = settling.keep > 0.0 || v.abs() <= still;
-        // A joint that sticks forgets its velocity; noise of the effort moves it by the creep alone.
+        // A sticking joint forgets its velocity; noise of the effort moves it by the creep alone.
         if slow && held.abs() < sum.friction {
             let g = settling.creep * dt * inverse;
             locals.push(Local {
@@ -122,13 +132,13 @@ pub struct Gain {
     pub kv: f64,
     /// Gain of the wander.
     pub kd: f64,
-    /// Share of the wander that is left at the next sample.
+    /// Share of the wander left at the next sample.
     pub kept: f64,
 }
 
 /// Covariance of (position, velocity, wander), the upper triangle.
 #[derive(Clone, Copy, Default)]
-struct Belief {
+struct StateCovariance {
     qq: f64,
     qv: f64,
     qd: f64,
@@ -137,7 +147,7 @@ struct Belief {
     dd: f64,
 }
 
-impl Belief {
+impl StateCovariance {
     /// After a measurement with these gains.
     fn updated(&self, gain: &Gain) -> Self {
         let Self { qq, qv, qd, vv, vd, dd } = *self;
@@ -153,11 +163,8 @@ impl Belief {
 
     /// At the next sample; the wander acts as an effort does.
     fn next(&self, local: &Local, noise: &EffortNoise, kept: f64) -> Self {
-        let a = &local.a;
         let g = &local.g;
-        let moved = |q: f64, v: f64, d: f64| {
-            [a[0] * q + a[1] * v + g[0] * d, a[2] * q + a[3] * v + g[1] * d, kept * d]
-        };
+        let moved = |q: f64, v: f64, d: f64| local.moved(q, v, d, kept);
         // The transition times the covariance by columns, then times the transition by rows.
         let [qq, vq, dq] = moved(self.qq, self.qv, self.qd);
         let [qv, vv, dv] = moved(self.qv, self.vv, self.vd);
@@ -183,7 +190,7 @@ pub struct Gains<'a> {
     noise: &'a EffortNoise,
     /// Variance of where the joint is beside where its model has it.
     deflection: f64,
-    belief: Belief,
+    belief: StateCovariance,
     /// Sum of the log variances but those in the product.
     log_variance: f64,
     /// Product of the variances since; they are far from the bounds of a double, and logarithms are dear.
@@ -199,7 +206,7 @@ impl<'a> Gains<'a> {
         Self {
             noise,
             deflection: noise.deflection * noise.deflection,
-            belief: Belief { dd: noise.wander * noise.wander, ..Belief::default() },
+            belief: StateCovariance { dd: noise.wander * noise.wander, ..StateCovariance::default() },
             log_variance: 0.0,
             product: 1.0,
             interval_s: 0.0,
@@ -207,7 +214,7 @@ impl<'a> Gains<'a> {
         }
     }
 
-    /// Gain of the next sample, whose reading has the given variance.
+    /// Gain of the next sample, with the variance of its reading.
     #[inline]
     pub fn next(&mut self, local: &Local, reading: f64) -> Gain {
         // Most intervals are alike, and exponentials are dear, too.

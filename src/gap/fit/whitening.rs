@@ -1,4 +1,4 @@
-//! The residuals of all windows under a model, and the filter that makes them white.
+//! The residuals of all windows under a model, and their whitening filter.
 
 use nalgebra::Matrix2;
 
@@ -13,7 +13,7 @@ use crate::{
     record::{drive::Drive, log::Span},
 };
 
-/// Column of the residual in the rows that are whitened: the one behind the sensitivities.
+/// Column of the residual in the whitened rows: the one behind the sensitivities.
 #[must_use]
 pub fn residual_column(free: usize) -> usize {
     2 + free
@@ -53,13 +53,13 @@ impl Whitening {
     }
 }
 
-/// Windows that are passed at a time.
-/// measured: with four, gains and likelihoods take 0.55 of the time that they take one by one (profiles of a
-/// diagnosis, 2026-11-28).
+/// Windows passed at a time.
+/// measured: with four, gains and likelihoods take 0.55 of the time for one by one (profiles of a diagnosis,
+/// 2026-11-28).
 pub const SIDE_BY_SIDE: usize = 4;
 
 /// Goes through windows side by side: every sample of a filter waits for the divisions of the one before, and
-/// the samples of other windows fill that time. `each` is given the state of a window, the linearization, the
+/// the samples of other windows fill the wait. `each` gets the state of a window, the linearization, the
 /// variance of the reading and the sample's place in the window.
 #[inline]
 pub fn pass_windows<T>(
@@ -98,13 +98,13 @@ pub fn predict(
     }
 }
 
-/// Start-state prior that only keeps a stuck joint's velocity from being undetermined.
+/// Start-state prior, only to determine a stuck joint's velocity.
 #[must_use]
 pub fn start_ridge(problem: &Problem) -> Matrix2<f64> {
     let range = problem.coverage.position.1 - problem.coverage.position.0;
     let q = (range + problem.noise.at_rest).max(1e-9);
     let v = problem.coverage.speed.1.max(range).max(1e-9);
-    // derived: deviations of ten times the range and the top speed, which any moving window outweighs.
+    // derived: deviations of ten times the range and the top speed: any moving window outweighs them.
     Matrix2::new(1e-2 / (q * q), 0.0, 0.0, 1e-2 / (v * v))
 }
 

@@ -24,7 +24,7 @@ use crate::{
     },
     record::{
         drive::Hold,
-        log::{JointLog, Span},
+        log::{JointLog, rms},
         off_axis::MAX_LEFT,
     },
 };
@@ -32,9 +32,9 @@ use crate::{
 /// Logs of one joint, split.
 #[derive(Clone, Debug)]
 pub struct Runs {
-    /// Logs that are fitted.
+    /// Fitted logs.
     pub fitted: Vec<JointLog>,
-    /// Logs that only the proof reads.
+    /// Logs for the proof alone.
     pub held_out: Vec<JointLog>,
     /// The joint turns.
     pub turns: bool,
@@ -44,16 +44,16 @@ pub struct Runs {
     pub effects: Vec<usize>,
 }
 
-/// A joint's runs with what was found on the fitted ones.
+/// A joint's runs with the findings of the fitted ones.
 pub struct Examined<'c> {
     name: String,
     /// Fitted runs.
     pub problem: Problem<'c>,
     /// Held-out runs.
     pub held_out: Problem<'c>,
-    /// What was found.
+    /// The diagnosis.
     pub diagnosis: Diagnosis,
-    /// Effects that were given.
+    /// Given effects.
     given: Vec<usize>,
     tracks: Vec<Track>,
 }
@@ -90,7 +90,7 @@ pub fn examine<'c>(
     Examined { name: name.to_owned(), problem, held_out, diagnosis, given: runs.effects, tracks }
 }
 
-/// Proves on held-out runs what was found at a joint.
+/// Proves the findings at a joint on held-out runs.
 #[must_use]
 pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
     let Examined { name, problem, held_out, mut diagnosis, given, tracks } = examined;
@@ -102,33 +102,21 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
     }
     // With the actuator as it was found.
     let twin = diagnosis.model.without_effects();
-    // A push belongs to the run that it happened in.
+    // A push belongs to its own run.
     let mut updated = diagnosis.model.clone();
     updated.terms.retain(|t| !effects[t.effect].is_of_one_run());
     let mut proof = prove(&held_out, &twin, &updated);
-    // What lasts and moves the joint by more than its noise is something, and no effect says what.
+    // A lasting effort with a motion above the noise is something, without an effect to name it.
     if diagnosis.verdict == Verdict::None
         && diagnosis.noise.remains()
         && proof.0.before > REPORTED_NOISES * proof.0.noise_floor
     {
         diagnosis.verdict = Verdict::Unknown;
     }
-    // Names that the held-out runs do not bear out are taken back; the proof is then that of the twin.
-    let is_borne_out = |model: &JointModel, gap: &Gap, noise: EffortNoise| {
-        // Of an effect that acts at a place or for a moment, the held-out run may show nothing.
-        let closes = is_proven(gap);
-        let may_better = !is_surely_worse(gap);
-        // Beside an effort that lasts, and where little is to be explained, one held-out run says little.
-        if closes && !noise.remains() && gap.before > REPORTED_NOISES * gap.noise_floor {
-            return true;
-        }
-        if !closes && !may_better {
-            return false;
-        }
-        let unseen = Unseen::of(&problem, &held_out, [model, &twin], noise);
-        (closes && unseen.agree()) || (may_better && unseen.bear_out())
-    };
-    if !updated.terms.is_empty() && !is_borne_out(&updated, &proof.0, diagnosis.noise) {
+    // Names without confirmation by held-out runs are taken back; the proof is then the twin's.
+    if !updated.terms.is_empty()
+        && !is_borne_out(&problem, &held_out, [&updated, &twin], &proof.0, diagnosis.noise)
+    {
         diagnosis.withdraw();
         updated = twin.clone();
         proof = prove(&held_out, &twin, &twin);
@@ -137,14 +125,14 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
         let whole = prove(&held_out, &twin, &nearest.model);
         let fewer = if given.is_empty() { fewer(&problem, &nearest.model) } else { None };
         // A smaller set is diagnosed and proven like any other.
-        let asked = |effects: Vec<usize>| {
+        let smaller = fewer.map(|effects| {
             let mut diagnosis = diagnose(&problem, &effects, &[], rng);
             diagnosis.ask(problem.catalogue);
             diagnosis
-        };
-        let fewer = fewer.map(asked).filter(|d| d.named().next().is_some());
-        let proven = fewer.map(|d| (prove(&held_out, &twin, &d.model), d));
-        match proven.filter(|(p, d)| is_borne_out(&d.model, &p.0, d.noise)) {
+        });
+        let smaller = smaller.filter(|d| d.named().next().is_some());
+        let proven = smaller.map(|d| (prove(&held_out, &twin, &d.model), d));
+        match proven.filter(|(p, d)| is_borne_out(&problem, &held_out, [&d.model, &twin], &p.0, d.noise)) {
             Some((proved, found)) => {
                 (updated, proof) = (found.model.clone(), proved);
                 diagnosis = Diagnosis { before: diagnosis.before, ..found };
@@ -163,7 +151,29 @@ pub fn conclude(examined: Examined, rng: &mut impl Rng) -> JointReport {
     report
 }
 
-/// The report of a diagnosis of which nothing is proven.
+/// Whether held-out runs confirm the names of a model against the twin, the second model.
+fn is_borne_out(
+    problem: &Problem,
+    held_out: &Problem,
+    [model, twin]: [&JointModel; 2],
+    gap: &Gap,
+    noise: EffortNoise,
+) -> bool {
+    // A held-out run may show nothing of an effect acting at a place or for a moment.
+    let closes = is_proven(gap);
+    let may_better = !is_surely_worse(gap);
+    // Beside a lasting effort, and where little is to be explained, one held-out run shows little.
+    if closes && !noise.remains() && gap.before > REPORTED_NOISES * gap.noise_floor {
+        return true;
+    }
+    if !closes && !may_better {
+        return false;
+    }
+    let unseen = Unseen::of(problem, held_out, [model, twin], noise);
+    (closes && unseen.agree()) || (may_better && unseen.bear_out())
+}
+
+/// The report of an unproven diagnosis.
 pub(super) fn unproven(
     joint: String,
     turns: bool,
@@ -190,27 +200,25 @@ pub(super) fn unproven(
 
 /// Measured positions of all runs.
 pub(super) fn tracks(runs: &Runs) -> Vec<Track> {
-    let track = |is_held_out| {
-        move |log: &JointLog| Track {
-            run: log.run.clone(),
-            is_held_out,
-            time_s: log.time_s.clone(),
-            position: log.position.clone(),
-        }
-    };
-    runs.fitted.iter().map(track(false)).chain(runs.held_out.iter().map(track(true))).collect()
+    let fitted = runs.fitted.iter().map(|log| track(log, false));
+    fitted.chain(runs.held_out.iter().map(|log| track(log, true))).collect()
 }
 
-/// Another diagnosis, by how whole windows are predicted, where much is left that is no noise: beside a floor
-/// that no catalogue holds, what each sample adds to those before it says little of what moves the joint.
-/// Where what was found surely predicts better it stays, as sure of its names as the predictions are.
+fn track(log: &JointLog, is_held_out: bool) -> Track {
+    let run = log.run.clone();
+    Track { run, is_held_out, time_s: log.time_s.clone(), position: log.position.clone() }
+}
+
+/// Another diagnosis, by the prediction of whole windows, where much is left beyond noise: beside a floor
+/// beyond any catalogue, the innovation of each sample shows little of the joint's efforts. Findings with
+/// surely better predictions stay, as sure of their names as the predictions.
 fn by_prediction(
     problem: &Problem,
     mut found: Diagnosis,
     effects: &[usize],
     rng: &mut impl Rng,
 ) -> Diagnosis {
-    // An effort that lasts, or one that is a large share of the recorded one, is no noise.
+    // A lasting effort, or one as large as a share of the recorded effort, is no noise.
     let is_loud = found.noise.size() > MAX_LEFT * problem.coverage.effort_rms;
     if found.verdict == Verdict::Insufficient || !(found.noise.wander > 0.0 || is_loud) {
         return found;
@@ -228,9 +236,9 @@ fn by_prediction(
     found
 }
 
-/// Of effects that do not explain enough, those that predict each fitted run from the others clearly better
-/// without the rest: what only mends the runs that it was fitted to is taken away, the worst first. `None`
-/// where nothing can be.
+/// Of effects with too little explanation, those with clearly better predictions of each fitted run from the
+/// others without the rest: effects of single runs alone are taken away, the worst first. `None` where
+/// nothing can be.
 fn fewer(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> {
     // The halves of a single run share its conditions.
     if nearest.terms.len() < 2 || problem.logs.len() < 2 {
@@ -238,24 +246,17 @@ fn fewer(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> {
     }
     let folds = problem.folds();
     let noise = EffortNoise::white(FIRST_NOISE * problem.coverage.effort_rms);
-    let predicted = |model: &JointModel| {
-        let one = |[fitted, other]: &[Problem; 2]| {
-            // Parameters come from the other runs; a run's own samples give its start states alone.
-            let known = fit(fitted, model, None, noise, Free::All, Pace::thorough(2)).model;
-            windowed_rmse(other, &known).powi(2)
-        };
-        folds.iter().map(one).sum::<f64>().sqrt()
-    };
-    let whole = predicted(nearest);
+    let whole = predicted_rmse(&folds, nearest, noise);
     let mut model = nearest.clone();
     let mut rmse = whole;
     while model.terms.len() > 1 {
-        let without = |i: usize| {
-            let mut fewer = model.clone();
-            fewer.terms.remove(i);
-            (predicted(&fewer), fewer)
-        };
-        let best = (0..model.terms.len()).map(without).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let mut trials: Vec<(f64, JointModel)> = Vec::with_capacity(model.terms.len());
+        for i in 0..model.terms.len() {
+            let mut without = model.clone();
+            without.terms.remove(i);
+            trials.push((predicted_rmse(&folds, &without, noise), without));
+        }
+        let best = trials.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
         if best.0 > rmse {
             break;
         }
@@ -267,12 +268,24 @@ fn fewer(problem: &Problem, nearest: &JointModel) -> Option<Vec<usize>> {
     (much && !pushes).then(|| model.terms.iter().map(|t| t.effect).collect())
 }
 
-/// Share of a residual that is clearly less: the effects taken away misled.
+/// Root of the summed mean square residuals of the second problem of each fold, rad or m, under parameters
+/// from the first.
+fn predicted_rmse(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNoise) -> f64 {
+    let mut squares = Vec::with_capacity(folds.len());
+    for [fitted, other] in folds {
+        // Parameters come from the other runs; a run's own samples give its start states alone.
+        let known = fit(fitted, model, None, noise, Free::All, Pace::thorough(2)).model;
+        squares.push(windowed_rmse(other, &known).powi(2));
+    }
+    squares.iter().sum::<f64>().sqrt()
+}
+
+/// A clearly smaller share of a residual: the effects taken away misled.
 /// tuned: tests/python/gap/generate.py.
 const CLEARLY: f64 = 0.8;
 
-/// Effort noise that such a fit begins with, as a share of the recorded effort.
-/// chosen: a start value, which the fit replaces.
+/// Effort noise at the begin of such a fit, as a share of the recorded effort.
+/// chosen: a start value, replaced by the fit.
 const FIRST_NOISE: f64 = 0.05;
 
 /// Multiple of the noise up to which a name may leave the gap open.
@@ -282,36 +295,35 @@ const MAX_FLOORS: f64 = 1.5;
 /// Whether held-out runs bear a name out: it closes most of their gap, or brings them near their noise.
 fn is_proven(gap: &Gap) -> bool {
     let mut windows: Vec<&WindowGap> = gap.windows.iter().collect();
-    // The same windows are left out before and after: those that the updated twin misses most.
+    // The same windows are left out before and after: the updated twin's largest misses.
     windows.sort_by(|a, b| a.after.total_cmp(&b.after));
-    // One that starts on an edge (of a stop, a catch, a balance) cannot be predicted.
+    // A start on an edge (of a stop, a catch, a balance) cannot be predicted.
     windows.truncate(windows.len() - (MAX_LEFT * windows.len() as f64) as usize);
-    let mean = |of: fn(&WindowGap) -> f64| {
-        (windows.iter().map(|w| of(w).powi(2)).sum::<f64>() / windows.len().max(1) as f64).sqrt()
-    };
-    let floor = gap.noise_floor;
-    let closes = |before: f64, after: f64| {
-        after <= before && (left_of(before, after, floor) <= MAX_LEFT || after <= MAX_FLOORS * floor)
-    };
-    // An effect that acts in few windows shows in all of them alone.
-    closes(gap.before, gap.after) || closes(mean(|w| w.before), mean(|w| w.after))
+    let before: Vec<f64> = windows.iter().map(|w| w.before).collect();
+    let after: Vec<f64> = windows.iter().map(|w| w.after).collect();
+    // An effect acting in few windows shows in all of them alone.
+    is_closed(gap.before, gap.after, gap.noise_floor) || is_closed(rms(&before), rms(&after), gap.noise_floor)
+}
+
+/// Whether little is left of a gap, or it comes near the noise.
+fn is_closed(before: f64, after: f64, floor: f64) -> bool {
+    after <= before && (left_of(before, after, floor) <= MAX_LEFT || after <= MAX_FLOORS * floor)
 }
 
 /// The windows with their start states as the sensor sees them.
 fn replay(name: &str, held_out: &Problem, model: &JointModel, starts: &[Start]) -> Vec<ReplayWindow> {
     let sensor = model.sensor(held_out.catalogue);
-    let one = |(span, s): (&Span, &Start)| {
+    let mut windows = Vec::with_capacity(starts.len());
+    for (span, start) in held_out.windows.iter().zip(starts) {
         let log = &held_out.logs[span.log];
-        let position = sensor.scale * (s.position + s.play * sensor.half_gap) + sensor.bias;
-        let start_s = log.time_s[span.start];
-        ReplayWindow {
+        windows.push(ReplayWindow {
             joint: name.to_owned(),
             run: log.run.clone(),
-            start_s,
+            start_s: log.time_s[span.start],
             samples: span.len,
-            position,
-            velocity: s.velocity * sensor.scale,
-        }
-    };
-    held_out.windows.iter().zip(starts).map(one).collect()
+            position: sensor.scale * (start.position + start.play * sensor.half_gap) + sensor.bias,
+            velocity: start.velocity * sensor.scale,
+        });
+    }
+    windows
 }

@@ -1,8 +1,8 @@
-//! What a recording or a twin may mean by its numbers other than the program takes them for.
+//! Possible meanings of the numbers of a recording or a twin other than the program's.
 
 use crate::twin_tree::{Motion, TwinTree};
 
-/// A convention that is not the program's. Factors are those that bring numbers to it.
+/// A convention other than the program's. Factors convert numbers to the program's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Convention {
     /// Of the twin's lengths.
@@ -15,11 +15,11 @@ pub struct Convention {
     pub effort: f64,
     /// Of recorded angles.
     pub angles: f64,
-    /// Of recorded ways of joints that slide.
+    /// Of recorded positions of sliding joints.
     pub ways: f64,
-    /// What the numbers look like.
+    /// Description of the numbers.
     pub looks: &'static str,
-    /// What to do.
+    /// Remedy.
     pub remedy: &'static str,
 }
 
@@ -47,7 +47,7 @@ const fn twin(lengths: f64, masses: f64, tensors: f64, looks: &'static str) -> C
     Convention { lengths, masses, tensors, looks, remedy, ..AS_GIVEN }
 }
 
-/// Conventions that are looked for. Each is a single change.
+/// Tried conventions. Each is a single change.
 pub const CONVENTIONS: &[Convention] = &[
     twin(MILLI, 1.0, 1.0, "the twin's lengths look like millimeters"),
     twin(1.0, MILLI, 1.0, "the twin's masses look like grams"),
@@ -83,7 +83,7 @@ pub const CONVENTIONS: &[Convention] = &[
 ];
 
 impl Convention {
-    /// Whether it is one of the twin, which all of its joints share.
+    /// Whether it is one of the twin, shared by all of its joints.
     #[must_use]
     pub fn is_of_twin(&self) -> bool {
         [self.lengths, self.masses, self.tensors] != [1.0; 3]
@@ -95,7 +95,7 @@ impl Convention {
         self.effort < 0.0
     }
 
-    /// Whether a joint that moves so shows it at all.
+    /// Whether a joint with this motion shows it at all.
     #[must_use]
     pub fn concerns(&self, motion: Motion) -> bool {
         match motion {

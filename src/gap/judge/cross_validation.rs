@@ -1,4 +1,4 @@
-//! Effects that predict: each must better windows of runs that it was not fitted to.
+//! Predictive effects: each must better windows of runs other than its fitted ones.
 
 use rayon::prelude::*;
 
@@ -18,18 +18,16 @@ use crate::{
 };
 use numeric::statistics::{HALF_WIDTH_95, median};
 
-/// Lengths of the windows in which effects must show, as shares of those that are fitted.
-/// chosen: what acts all the time shows best over whole windows, what acts at a place or for a moment in
-/// short ones.
+/// Lengths of the windows for the test of effects, as shares of the fitted ones.
+/// chosen: lasting effects show best over whole windows, effects at a place or for a moment in short ones.
 const LENGTHS: [f64; 2] = [1.0, 0.25];
 
-/// Standard errors above zero at which a mean is surely above it in one of the lengths.
+/// Standard errors of a mean surely above zero in one of the lengths.
 /// derived: the normal quantile at 97.5 %, 5 % over two tests.
 const SURELY: f64 = HALF_WIDTH_95;
 
-/// Most of the squared residuals beyond the noise that an effect may leave where it acts, as a share of what
-/// they are without it: what no catalog holds has several shapes, and the one that an effect can take is
-/// seldom most of it.
+/// Largest remaining share of the squared residuals beyond the noise where an effect acts: effects beyond the
+/// catalog have several shapes, and the part within reach of one effect is seldom most of it.
 /// tuned: machines of eval/gap/suite.py, seed 6100: 0.33 and more beside a floor alone, 0.22 and less with an
 /// effect
 const MOST_LEFT: f64 = 0.25;
@@ -39,29 +37,21 @@ type Sizes = [Vec<f64>; LENGTHS.len()];
 /// Residuals of each of these windows.
 type Residuals = [Vec<Vec<f64>>; LENGTHS.len()];
 
-/// Sets of each size that are compared by what they predict.
-/// derived: those that a search fits to the end.
+/// Sets of each size in the comparison by predictions.
+/// derived: the fully fitted sets of a search.
 const CONTENDERS: usize = 5;
 
-/// The set without the effects that do not surely better the windows of runs that they were not fitted to,
-/// the one that betters them least first; then with special cases in place of what contains them, where that
-/// betters them as little; and in its place the smallest set of a search that it does not surely better:
-/// with no more effects, and of these with the fewest parameters.
+/// The set without effects of no sure use in windows of other runs, the least useful first; then with special
+/// cases in place of general effects of as little use; and in its place the smallest set of a search with
+/// predictions not surely worse: with no more effects, and of these with the fewest parameters.
 #[must_use]
 pub fn predictive(problem: &Problem, found: &Search, chosen: &Candidate) -> Candidate {
     let folds = problem.folds();
     let predicted = |model: &JointModel| crossed(&folds, model, chosen.fit.noise);
     let mut model = chosen.fit.model.clone();
     let mut with = predicted(&model);
-    let least = |models: Vec<JointModel>, with: &Residuals| {
-        let tried = models.into_iter().map(|simpler| {
-            let residuals = predicted(&simpler);
-            (surest(with, &residuals), simpler, residuals)
-        });
-        tried.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(errors, ..)| !(*errors > SURELY))
-    };
-    while let Some((_, simpler, residuals)) =
-        least(fewer(problem, &model), &with).or_else(|| least(special(problem, &model, chosen), &with))
+    while let Some((simpler, residuals)) = least_worse(fewer(problem, &model), &with, predicted)
+        .or_else(|| least_worse(special(problem, &model, chosen), &with, predicted))
     {
         (model, with) = (simpler, residuals);
     }
@@ -85,29 +75,44 @@ pub fn predictive(problem: &Problem, found: &Search, chosen: &Candidate) -> Cand
     refitted(problem, chosen, &model)
 }
 
+/// The model with the least worse predictions than `with`, and its residuals; `None` where all are surely
+/// worse.
+fn least_worse(
+    models: Vec<JointModel>,
+    with: &Residuals,
+    predicted: impl Fn(&JointModel) -> Residuals,
+) -> Option<(JointModel, Residuals)> {
+    let tried = models.into_iter().map(|model| {
+        let residuals = predicted(&model);
+        (surest(with, &residuals), model, residuals)
+    });
+    let (errors, model, residuals) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    // Negated: NaN passes.
+    (!(errors > SURELY)).then_some((model, residuals))
+}
+
 /// How much a model assumes: its effects, and their parameters.
 #[must_use]
 pub fn assumes(model: &JointModel) -> (usize, usize) {
     (model.terms.len(), model.terms.iter().map(|t| t.p.len()).sum())
 }
 
-/// Weights of other sets of as many effects beside a chosen one of weight 1, by what they predict: the
-/// probability that one predicts windows that it was not fitted to better, over that of the contrary.
+/// Weights of other sets of as many effects beside a chosen one of weight 1, by their predictions: the
+/// probability of better predictions of unfitted windows, over the contrary.
 #[must_use]
 pub fn predicted_weights(problem: &Problem, chosen: &Candidate, others: &[&Candidate]) -> Vec<f64> {
     let folds = problem.folds();
-    let predicted = |c: &Candidate| crossed(&folds, &c.fit.model, chosen.fit.noise);
-    let own = predicted(chosen);
-    let weight = |c: &&Candidate| (-LOGISTIC * surest(&own, &predicted(c))).exp();
-    others.iter().take(CONTENDERS).map(weight).collect()
+    let own = crossed(&folds, &chosen.fit.model, chosen.fit.noise);
+    let contenders = others.iter().take(CONTENDERS);
+    let predicted = contenders.map(|c| crossed(&folds, &c.fit.model, chosen.fit.noise));
+    predicted.map(|residuals| (-LOGISTIC * surest(&own, &residuals)).exp()).collect()
 }
 
-/// Slope of the logistic function that is next to the normal distribution's.
+/// Slope of the logistic function next to the normal distribution's.
 /// derived: the greatest difference of the two is the least, 0.0095.
 const LOGISTIC: f64 = 1.702;
 
-/// By how many standard errors windows are better with a model, where it changes them, in the length that
-/// shows it best.
+/// Standard errors by which windows are better with a model, where it changes them, in the best length.
 fn surest(with: &Residuals, without: &Residuals) -> f64 {
     let errors = with.iter().zip(without).map(|(with, without)| {
         let [with, without] = both(&acting(&compared(with, without)));
@@ -118,33 +123,37 @@ fn surest(with: &Residuals, without: &Residuals) -> f64 {
 
 /// A model without each of its effects.
 fn fewer(problem: &Problem, model: &JointModel) -> Vec<JointModel> {
-    // A push of one run predicts no other run.
-    let repeats = |i: &usize| !problem.catalogue[model.terms[*i].effect].is_of_one_run();
-    let without = |i: usize| {
-        let mut fewer = model.clone();
-        fewer.terms.remove(i);
-        fewer
-    };
-    (0..model.terms.len()).filter(repeats).map(without).collect()
+    let mut all = Vec::new();
+    for (i, term) in model.terms.iter().enumerate() {
+        // A push of one run predicts no other run.
+        if !problem.catalogue[term.effect].is_of_one_run() {
+            let mut fewer = model.clone();
+            fewer.terms.remove(i);
+            all.push(fewer);
+        }
+    }
+    all
 }
 
-/// A model with each special case in the place of what contains it.
+/// A model with each special case in the place of its general effect.
 fn special(problem: &Problem, model: &JointModel, chosen: &Candidate) -> Vec<JointModel> {
-    let of = |(i, term)| {
-        let placed = move |special| replaced(problem, model, (i, special), &chosen.fit).model;
-        special_terms(problem, term).into_iter().map(placed)
-    };
-    model.terms.iter().enumerate().flat_map(of).collect()
+    let mut all = Vec::new();
+    for (i, term) in model.terms.iter().enumerate() {
+        for special in special_terms(problem, term) {
+            all.push(replaced(problem, model, i, special, &chosen.fit).model);
+        }
+    }
+    all
 }
 
-/// Whether a model surely predicts windows of some length better than another, and explains more of the
-/// squared residuals of that one than it leaves.
+/// Whether a model surely predicts windows of some length better than another, and explains more than half of
+/// its squared residuals.
 #[must_use]
 pub fn predicts_better(problem: &Problem, model: &JointModel, other: &JointModel) -> bool {
     is_better(&sizes(problem, model), &sizes(problem, other), problem.noise_floor())
 }
 
-/// Whether held-out windows are surely worse with what was found than with the twin.
+/// Whether held-out windows are surely worse with the findings than with the twin.
 #[must_use]
 pub fn is_surely_worse(gap: &Gap) -> bool {
     let [before, after]: [Vec<f64>; 2] =
@@ -152,8 +161,8 @@ pub fn is_surely_worse(gap: &Gap) -> bool {
     errors_better(&before, &after) > SURELY
 }
 
-/// Windows of each length that two models were not fitted to: those of held-out runs, and those of each
-/// fitted run under the parameters that the others give.
+/// Windows of each length unfitted by two models: those of held-out runs, and those of each fitted run under
+/// the parameters of the others.
 pub struct Unseen {
     windows: [Vec<Compared>; LENGTHS.len()],
     floor: f64,
@@ -170,8 +179,8 @@ struct Compared {
     change: f64,
 }
 
-/// Share of the squared change of the predictions that the windows hold in which an effect is judged.
-/// chosen: elsewhere the models predict the same, and what is left says nothing of the effect.
+/// Share of the squared change of the predictions in the windows for the test of an effect.
+/// chosen: elsewhere the models predict the same, and the residuals show nothing of the effect.
 const ACTING: f64 = 0.9;
 
 impl Unseen {
@@ -198,11 +207,8 @@ impl Unseen {
     /// betters it, and leaves little of the squared residuals.
     #[must_use]
     pub fn bear_out(&self) -> bool {
-        let is_better = |windows: &Vec<Compared>| {
-            let [with, without] = both(&acting(windows));
-            surely_leaves(&with, &without, self.floor, MOST_LEFT)
-        };
-        self.windows.iter().any(is_better)
+        let mut acting = self.windows.iter().map(|windows| both(&acting(windows)));
+        acting.any(|[with, without]| surely_leaves(&with, &without, self.floor, MOST_LEFT))
     }
 
     /// Whether they surely are better with the model, in windows of some length.
@@ -228,25 +234,27 @@ impl Unseen {
 
 /// Windows of two models.
 fn compared(with: &[Vec<f64>], without: &[Vec<f64>]) -> Vec<Compared> {
-    let one = |(with, without): (&Vec<f64>, &Vec<f64>)| {
+    let mut windows = Vec::with_capacity(with.len());
+    for (with, without) in with.iter().zip(without) {
         let change: Vec<f64> = with.iter().zip(without).map(|(a, b)| a - b).collect();
-        Compared { with: rms(with), without: rms(without), change: rms(&change) }
-    };
-    with.iter().zip(without).map(one).collect()
+        windows.push(Compared { with: rms(with), without: rms(without), change: rms(&change) });
+    }
+    windows
 }
 
-/// The windows in which predictions differ most, that hold most of what they differ by.
+/// The windows with the largest differences of predictions, for most of their sum.
 fn acting(windows: &[Compared]) -> Vec<Compared> {
     let mut sorted = windows.to_vec();
     sorted.sort_by(|a, b| b.change.total_cmp(&a.change));
     let total: f64 = sorted.iter().map(|w| w.change * w.change).sum();
     let mut held = 0.0;
-    let is_needed = |w: &Compared| {
-        let needed = held < ACTING * total;
-        held += w.change * w.change;
-        needed
-    };
-    sorted.into_iter().take_while(is_needed).collect()
+    let mut count = 0;
+    while count < sorted.len() && held < ACTING * total {
+        held += sorted[count].change * sorted[count].change;
+        count += 1;
+    }
+    sorted.truncate(count);
+    sorted
 }
 
 /// Residuals with and without.
@@ -254,17 +262,16 @@ fn both(windows: &[Compared]) -> [Vec<f64>; 2] {
     [windows.iter().map(|w| w.with).collect(), windows.iter().map(|w| w.without).collect()]
 }
 
-/// Residuals of the windows of each part under a model with parameters that its complement gives.
+/// Residuals of the windows of each part under a model with the parameters of its complement.
 fn crossed(folds: &[[Problem; 2]], model: &JointModel, noise: EffortNoise) -> Residuals {
-    let one = |[fitted, other]: &[Problem; 2]| {
-        let known = fit(fitted, model, None, noise, Free::All, Pace::WARM).model;
-        left(other, &known)
-    };
-    let parts: Vec<_> = folds.par_iter().map(one).collect();
+    let parts: Vec<Residuals> = folds
+        .par_iter()
+        .map(|[fitted, other]| left(other, &fit(fitted, model, None, noise, Free::All, Pace::WARM).model))
+        .collect();
     std::array::from_fn(|length| parts.iter().flat_map(|p| p[length].iter().cloned()).collect())
 }
 
-/// Whether more windows are smaller than larger, beyond what chance makes of as many of both (sign test).
+/// Whether more windows are smaller than larger, beyond chance (sign test).
 fn mostly_smaller(with: &[f64], without: &[f64]) -> bool {
     let signs =
         || with.iter().zip(without).filter(|(a, b)| a != b).map(|(a, b)| if a < b { 1.0 } else { -1.0 });
@@ -300,7 +307,7 @@ fn left(problem: &Problem, model: &JointModel) -> Residuals {
     })
 }
 
-/// By how many standard errors the mean of `without` is above that of `with`, pair by pair.
+/// Standard errors by which the mean of `without` is above the mean of `with`, pair by pair.
 fn errors_better(with: &[f64], without: &[f64]) -> f64 {
     let n = with.len().max(2) as f64;
     let differences = || without.iter().zip(with).map(|(a, b)| a - b);

@@ -1,11 +1,11 @@
-//! Whether a twin and a recording mean the same by their numbers: conventions under which the recorded
-//! motion and efforts agree by far better than as they are given. See docs/method.md 14.14.
+//! Whether a twin and a recording mean the same by their numbers: conventions with far better agreement of
+//! the recorded motion and efforts than as given. See docs/method.md 14.14.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
     fit::{
-        evidence::{Explained, Regression, Seen, independent_share},
+        evidence::{Explained, Regression, SeenStretch, independent_share},
         stretch::{RunMotion, Stretch, mean_signal, stretches},
     },
     judge::{
@@ -17,14 +17,14 @@ use crate::{
     twin_tree::{Motion, TwinTree},
 };
 
-/// Delays of an effort that are allowed for, seconds.
-/// chosen: none to what bounds the delay of 400 Hz to 100 Hz and more; between two of them efforts hardly
+/// Allowed delays of an effort, seconds.
+/// chosen: none to the bound of the delay from 400 Hz to 100 Hz and more; between two of them efforts hardly
 /// change over a stretch.
 const DELAYS_S: [f64; 8] = [0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15];
-/// Log odds beforehand of a convention against numbers that are what they are taken for.
+/// Prior log odds of a convention against numbers as given.
 /// derived: one joint in ten thousand may lose its diagnosis to each of them by chance.
 pub const LOG_PRIOR: f64 = -9.21;
-/// Log odds at which a convention is said.
+/// Least log odds to report a convention.
 /// derived: a weight of 0.95, as that of a name.
 pub const LOG_ODDS: f64 = 2.944;
 /// Least factor of the twin's inertia.
@@ -40,12 +40,12 @@ const INERTIA_RATIO: f64 = 1.1;
 /// derived: the root of ten, half way to the next power.
 const LARGEST_GAIN: f64 = 3.162;
 
-/// What an input looks like.
+/// Appearance of an input.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Looks {
     /// Of another convention.
     Convention(Convention),
-    /// The efforts that move this joint were recorded as those of another one.
+    /// The efforts of this joint were recorded as those of another one.
     EffortsOf(String),
 }
 
@@ -54,25 +54,25 @@ pub enum Looks {
 pub struct Doubt {
     /// Joint.
     pub joint: String,
-    /// What its input looks like, the likeliest first: a class that has a weight of 0.95 together.
+    /// Appearances of its input, the likeliest first: a class with a weight of 0.95 together.
     pub looks: Vec<Looks>,
     /// Log odds of it, prior included.
     pub log_odds: f64,
-    /// The twin's inertia as a multiple of what motion and effort show.
+    /// The twin's inertia as a multiple of the inertia by motion and effort.
     pub inertia_ratio: f64,
-    /// Share of the squared effort that is left under it, and as given.
+    /// Remaining share of the squared effort under it, and as given.
     pub left: (f64, f64),
     /// Another joint shows it; this one does not contradict.
     pub by: Option<String>,
 }
 
-/// What is looked at.
+/// Inputs of the test.
 pub struct Scene<'a> {
     /// The twin.
     pub tree: &'a TwinTree,
     /// Fitted runs.
     pub runs: &'a [RunMotion],
-    /// Joints of the twin that may be diagnosed.
+    /// Joints of the twin up for a diagnosis.
     pub joints: &'a [usize],
     /// How efforts run between samples.
     pub hold: Hold,
@@ -83,9 +83,9 @@ pub struct JointScene<'a> {
     scene: &'a Scene<'a>,
     /// Index in the twin.
     pub joint: usize,
-    /// Stretches in which it moves.
+    /// Stretches with a motion of the joint.
     pub stretches: Vec<Stretch>,
-    /// Share of the stretches that say something new.
+    /// Share of independent stretches.
     share: f64,
 }
 
@@ -96,21 +96,21 @@ pub struct Baseline {
     left: f64,
 }
 
-/// Log odds of a convention against what is given.
+/// Log odds of a convention against the numbers as given.
 #[derive(Clone, Copy, Debug)]
 pub struct Odds {
     /// Without the prior.
     pub log: f64,
-    /// The twin's inertia as a multiple of what is found.
+    /// The twin's inertia as a multiple of the found one.
     pub inertia_ratio: f64,
-    /// Share of the squared effort that is left.
+    /// Remaining share of the squared effort.
     pub left: f64,
 }
 
 /// Ranges of gains, each as likely as any other.
 pub type Gains = Vec<(f64, f64)>;
 
-/// All gains that the catalogue allows of numbers that are what they are taken for.
+/// All gains of the catalogue for numbers as given.
 #[must_use]
 pub fn all_gains() -> Gains {
     gains_up_to(LARGEST_RATIO.log2().ceil() as i32)
@@ -119,7 +119,7 @@ pub fn all_gains() -> Gains {
 /// Gains up to a power of two and down to one over it.
 #[must_use]
 pub fn gains_up_to(power: i32) -> Gains {
-    // By each of them what may be missing is as large as the effort that acts.
+    // By each of them a missing effort is as large as the acting one.
     (-power..power).step_by(2).map(|i| (f64::from(i).exp2(), f64::from(i + 2).exp2())).collect()
 }
 
@@ -151,18 +151,18 @@ impl<'a> JointScene<'a> {
         let all: Vec<&Stretch> = own.stretches.iter().collect();
         let seen = own.seen(&all, &AS_GIVEN);
         let efforts = own.efforts(joint, &all, 0.0);
-        own.with_share((&all, &seen), &efforts)
+        own.with_share(&all, &seen, &efforts)
     }
 
-    /// With the share of the stretches that says something new by what is left of efforts over them.
+    /// With the share of independent stretches by the residual efforts over them.
     #[must_use]
-    pub fn with_share(&self, (stretches, seen): (&[&Stretch], &[Seen]), efforts: &[Option<f64>]) -> Self {
+    pub fn with_share(&self, stretches: &[&Stretch], seen: &[SeenStretch], efforts: &[Option<f64>]) -> Self {
         let known: Vec<usize> = (0..seen.len()).filter(|i| efforts[*i].is_some()).collect();
-        let rows: Vec<Seen> = known.iter().map(|i| seen[*i]).collect();
+        let rows: Vec<SeenStretch> = known.iter().map(|i| seen[*i]).collect();
         let effort: Vec<f64> = known.iter().filter_map(|i| efforts[*i]).collect();
-        let key = |k: usize| stretches[known[k]].key;
-        let follows = |k: usize| k > 0 && key(k) == (key(k - 1).0, key(k - 1).1 + 1);
-        let follows: Vec<bool> = (0..known.len()).map(follows).collect();
+        let keys: Vec<(usize, usize)> = known.iter().map(|i| stretches[*i].key).collect();
+        let follows: Vec<bool> =
+            (0..keys.len()).map(|k| k > 0 && keys[k] == (keys[k - 1].0, keys[k - 1].1 + 1)).collect();
         let share = independent_share(&rows, &effort, self.turns(), &follows);
         Self { scene: self.scene, joint: self.joint, stretches: self.stretches.clone(), share }
     }
@@ -171,9 +171,9 @@ impl<'a> JointScene<'a> {
         self.scene.tree.joints[self.joint].motion == Motion::Turn
     }
 
-    /// What a twin needs for each stretch, positions taken by a convention.
+    /// The twin's efforts for each stretch, positions taken by a convention.
     #[must_use]
-    pub fn seen(&self, stretches: &[&Stretch], convention: &Convention) -> Vec<Seen> {
+    pub fn seen(&self, stretches: &[&Stretch], convention: &Convention) -> Vec<SeenStretch> {
         let tree = convention.twin(self.scene.tree);
         let n = tree.joints.len();
         let joint = self.joint;
@@ -181,26 +181,25 @@ impl<'a> JointScene<'a> {
         let zero = vec![0.0; n];
         let mut unit = zero.clone();
         unit[joint] = 1.0;
-        let scaled =
-            |values: &[f64]| -> Vec<f64> { values.iter().zip(&factor).map(|(x, f)| x * f).collect() };
         let spec = &tree.joints[joint];
-        let one = |s: &&Stretch| {
-            let q = scaled(&s.position);
-            let v = scaled(&s.velocity);
-            let a = scaled(&s.acceleration);
+        let mut seen = Vec::with_capacity(stretches.len());
+        for s in stretches {
+            let q = products(&s.position, &factor);
+            let v = products(&s.velocity, &factor);
+            let a = products(&s.acceleration, &factor);
             let inertia = tree.inverse_dynamics(&q, &zero, &unit, false)[joint];
             let whole = tree.inverse_dynamics(&q, &v, &a, true)[joint];
             let inertial = inertia * a[joint];
             let own = spec.damping * v[joint] + spec.friction * v[joint].signum();
-            Seen {
+            seen.push(SeenStretch {
                 position: q[joint],
                 velocity: v[joint],
                 inertial,
                 rest: whole - inertial + own,
                 inertia: inertia * factor[joint],
-            }
-        };
-        stretches.iter().map(one).collect()
+            });
+        }
+        seen
     }
 
     /// Recorded efforts of a joint over stretches, late by a delay.
@@ -223,16 +222,16 @@ impl<'a> JointScene<'a> {
                 brought = resampled(&other.time_s, &other.effort, &own.time_s, hold);
                 &brought
             };
-            let means = mean_signal((own, values), part, hold, delay_s);
+            let means = mean_signal(own, values, part, hold, delay_s);
             found.extend(means.into_iter().map(|u| u.filter(|u| u.is_finite())));
         }
         found
     }
 
-    /// A regression over the stretches that have an effort.
-    fn regression(&self, seen: &[Seen], efforts: &[Option<f64>]) -> Regression {
+    /// A regression over the stretches with an effort.
+    fn regression(&self, seen: &[SeenStretch], efforts: &[Option<f64>]) -> Regression {
         let known: Vec<usize> = (0..seen.len()).filter(|i| efforts[*i].is_some()).collect();
-        let rows: Vec<Seen> = known.iter().map(|i| seen[*i]).collect();
+        let rows: Vec<SeenStretch> = known.iter().map(|i| seen[*i]).collect();
         let effort: Vec<f64> = known.iter().filter_map(|i| efforts[*i]).collect();
         let weight = self.share * rows.len() as f64;
         Regression::of(&rows, &effort, self.turns(), weight)
@@ -263,19 +262,19 @@ impl<'a> JointScene<'a> {
         Some(best)
     }
 
-    /// Log odds of numbers that are seen, and of efforts that act, otherwise than as given. They are the less
-    /// of those of the two regressions: the truth lies between them, whether motion or efforts err (Frisch
-    /// 1934). `prices` come off: for each independent number, those of the motion and of the efforts.
+    /// Log odds of numbers as in `seen`, and of `efforts`, against those given. They are the less of those of
+    /// the two regressions: the truth lies between them, whether motion or efforts err (Frisch 1934).
+    /// `prices` come off: for each independent number, those of the motion and of the efforts.
     #[must_use]
     pub fn odds(
         &self,
-        seen: &[Seen],
+        seen: &[SeenStretch],
         efforts: &dyn Fn(f64) -> Vec<Option<f64>>,
         given: &Baseline,
         gains: &Gains,
         prices: (f64, f64),
     ) -> Option<Odds> {
-        // A twin in other units whose inertia is far off as well is two changes.
+        // A twin in other units and with an inertia far off is two changes.
         let inertias = inertias(LARGEST_RATIO);
         let mut best: Option<Odds> = None;
         for delay_s in DELAYS_S {
@@ -313,17 +312,25 @@ impl<'a> JointScene<'a> {
             // A slide knows nothing of lengths.
             return None;
         }
-        let efforts = |delay_s: f64| -> Vec<Option<f64>> {
-            let own = self.efforts(self.joint, &stretches, delay_s);
-            own.into_iter().map(|u| u.map(|u| u * convention.effort)).collect()
-        };
+        let efforts = |delay_s: f64| self.scaled_efforts(&stretches, delay_s, convention.effort);
         let odds = self.odds(&seen, &efforts, given, &about_one(), (0.0, -convention.effort.abs().ln()))?;
-        let size = |s: &[Seen]| s.iter().map(|s| s.inertial.powi(2)).sum::<f64>().sqrt();
-        Some(Odds { inertia_ratio: odds.inertia_ratio * size(&taken) / size(&seen).max(1e-300), ..odds })
+        let inertia_ratio = odds.inertia_ratio * inertial_size(&taken) / inertial_size(&seen).max(1e-300);
+        Some(Odds { inertia_ratio, ..odds })
     }
 
-    /// Log odds that the efforts of another joint move this one: that they explain its motion better than its
-    /// own do, and are explained better by it than by that joint's.
+    /// Recorded efforts of the joint over stretches, late by a delay, times a factor.
+    fn scaled_efforts(&self, stretches: &[&Stretch], delay_s: f64, factor: f64) -> Vec<Option<f64>> {
+        let own = self.efforts(self.joint, stretches, delay_s);
+        own.into_iter().map(|u| u.map(|u| u * factor)).collect()
+    }
+
+    /// The joint without its stretches, with another share of new stretches.
+    fn with_new_share(&self, share: f64) -> Self {
+        Self { scene: self.scene, joint: self.joint, stretches: Vec::new(), share }
+    }
+
+    /// Log odds for the efforts of another joint as those of this one: they explain its motion better than
+    /// its own do, and are explained better by it than by the other joint's.
     fn by_efforts_of(&self, other: &Self) -> Option<Odds> {
         let keys: BTreeSet<_> = other.stretches.iter().map(|s| s.key).collect();
         let both: Vec<&Stretch> = self.stretches.iter().filter(|s| keys.contains(&s.key)).collect();
@@ -331,16 +338,25 @@ impl<'a> JointScene<'a> {
         let theirs: Vec<&Stretch> = other.stretches.iter().filter(|s| keys.contains(&s.key)).collect();
         let seen = self.seen(&both, &AS_GIVEN);
         let efforts = |delay_s: f64| self.efforts(other.joint, &both, delay_s);
-        // What wrong efforts leave of a motion resembles itself for long: the better explanation decides how
-        // much each stretch says.
-        let share = self.share.max(self.with_share((&both, &seen), &efforts(0.0)).share);
-        let of = |scene: &Self| Self { scene: scene.scene, joint: scene.joint, stretches: Vec::new(), share };
+        // The rest of a motion beside wrong efforts is correlated for long: the better explanation decides
+        // the weight of each stretch.
+        let share = self.share.max(self.with_share(&both, &seen, &efforts(0.0)).share);
         let gains = all_gains();
-        let own = of(self).baseline(&both, &gains)?;
-        let their = of(other).baseline(&theirs, &gains)?;
+        let own = self.with_new_share(share).baseline(&both, &gains)?;
+        let their = other.with_new_share(share).baseline(&theirs, &gains)?;
         let given = Baseline { motion: own.motion, ..their };
-        of(self).odds(&seen, &efforts, &given, &about_one(), (0.0, 0.0))
+        self.with_new_share(share).odds(&seen, &efforts, &given, &about_one(), (0.0, 0.0))
     }
+}
+
+/// Values times factors, one by one.
+fn products(values: &[f64], factors: &[f64]) -> Vec<f64> {
+    values.iter().zip(factors).map(|(x, f)| x * f).collect()
+}
+
+/// Root mean square inertial effort, up to the root of the number of stretches.
+fn inertial_size(seen: &[SeenStretch]) -> f64 {
+    seen.iter().map(|s| s.inertial.powi(2)).sum::<f64>().sqrt()
 }
 
 /// Doubts about the input, by joint of the twin.
@@ -351,15 +367,20 @@ pub fn doubts(scene: &Scene) -> BTreeMap<usize, Doubt> {
     let mut undecided: Vec<(usize, Vec<(Convention, f64)>)> = Vec::new();
     for own in &joints {
         let stretches: Vec<&Stretch> = own.stretches.iter().collect();
-        // Efforts of another joint leave so much that lasts that these stretches alone tell nothing.
+        // Efforts of another joint leave so much lasting residual: these stretches alone determine nothing.
         let given = own.baseline(&stretches, &all_gains());
         let motion = scene.tree.joints[own.joint].motion;
-        let of = |c: &Convention| Some((Looks::Convention(*c), own.of_convention(c, given.as_ref()?)?));
-        let mut all: Vec<(Looks, Odds)> =
-            CONVENTIONS.iter().filter(|c| c.concerns(motion)).filter_map(of).collect();
+        let mut all: Vec<(Looks, Odds)> = Vec::new();
+        if let Some(given) = &given {
+            for convention in CONVENTIONS.iter().filter(|c| c.concerns(motion)) {
+                let odds = own.of_convention(convention, given);
+                all.extend(odds.map(|odds| (Looks::Convention(*convention), odds)));
+            }
+        }
         for other in joints.iter().filter(|o| o.joint != own.joint) {
-            let name = || scene.tree.joints[other.joint].name.clone();
-            all.extend(own.by_efforts_of(other).map(|odds| (Looks::EffortsOf(name()), odds)));
+            if let Some(odds) = own.by_efforts_of(other) {
+                all.push((Looks::EffortsOf(scene.tree.joints[other.joint].name.clone()), odds));
+            }
         }
         if given.is_some() {
             let of_twin = all.iter().filter_map(|(looks, odds)| match looks {
@@ -386,7 +407,7 @@ fn doubt(joint: &str, mut all: Vec<(Looks, Odds)>, left: f64) -> Option<Doubt> {
     if !(log_odds > LOG_ODDS) {
         return None;
     }
-    // The fewest that have the weight of a name together.
+    // The fewest with the weight of a name together.
     let total: f64 = logs.iter().map(|l| (l - best.log).exp()).sum();
     let mut weight = 0.0;
     let mut looks = Vec::new();
@@ -407,24 +428,23 @@ fn doubt(joint: &str, mut all: Vec<(Looks, Odds)>, left: f64) -> Option<Doubt> {
     })
 }
 
-/// A convention of the twin that one joint shows counts for those that do not contradict it.
+/// A convention of the twin shown by one joint counts for joints without contradiction.
 fn shared(scene: &Scene, all: &[(usize, Vec<(Convention, f64)>)], found: &mut BTreeMap<usize, Doubt>) {
     let shown = found.values().filter(|d| d.looks.iter().all(is_of_twin));
     let Some(sure) = shown.max_by(|a, b| a.log_odds.total_cmp(&b.log_odds)).cloned() else { return };
     for j in scene.joints.iter().filter(|j| !found.contains_key(j)).copied().collect::<Vec<_>>() {
         let own = all.iter().find(|(joint, _)| *joint == j).map(|(_, odds)| odds.as_slice());
-        let contradicts = |looks: &Looks| {
-            let log = |own: &[(Convention, f64)]| {
-                own.iter().find(|(c, _)| *looks == Looks::Convention(*c)).map(|(_, log)| *log)
-            };
-            // What does not change with the convention does not rest on it.
-            own.is_some_and(|own| log(own).is_none_or(|log| log < LOG_PRIOR))
-        };
-        if !sure.looks.iter().all(contradicts) {
+        if !own.is_some_and(|own| sure.looks.iter().all(|looks| contradicts(own, looks))) {
             let joint = scene.tree.joints[j].name.clone();
             found.insert(j, Doubt { joint, by: Some(sure.joint.clone()), ..sure.clone() });
         }
     }
+}
+
+/// Whether the log odds of a joint's conventions contradict one, or do not depend on it.
+fn contradicts(own: &[(Convention, f64)], looks: &Looks) -> bool {
+    let known = own.iter().find(|(c, _)| *looks == Looks::Convention(*c));
+    known.is_none_or(|(_, log)| *log < LOG_PRIOR)
 }
 
 fn is_of_twin(looks: &Looks) -> bool {

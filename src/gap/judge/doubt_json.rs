@@ -5,21 +5,21 @@ use serde::Serialize;
 use super::doubt::{Doubt, Looks};
 use common::note::NoteCode;
 
-/// A joint that is not diagnosed.
+/// A joint without a diagnosis.
 #[derive(Debug, Serialize)]
 pub struct DoubtJson {
     joint: String,
     code: NoteCode,
-    /// What the input looks like: a class that has a weight of 0.95 together.
+    /// Appearances of the input: a class with a weight of 0.95 together.
     looks: Vec<String>,
-    /// Natural logarithm of its odds against numbers that are what they are taken for.
+    /// Natural logarithm of its odds against the numbers as given.
     log_odds: f64,
-    /// The twin's inertia as a multiple of what motion and efforts show.
+    /// The twin's inertia as a multiple of the inertia by motion and efforts.
     inertia_ratio: f64,
-    /// Share of the squared effort that is left unexplained, so and as given.
+    /// Unexplained share of the squared effort, so and as given.
     left: f64,
     left_as_given: f64,
-    /// The joint that shows it, where this one does not contradict.
+    /// The joint to show it, where this one does not contradict.
     by: Option<String>,
     remedy: String,
 }

@@ -4,7 +4,7 @@ use super::doubt::{Doubt, Looks};
 use common::note::{Note, NoteCode};
 
 impl Looks {
-    /// What the input looks like.
+    /// Appearance of the input.
     #[must_use]
     pub fn words(&self) -> String {
         match self {
@@ -13,7 +13,7 @@ impl Looks {
         }
     }
 
-    /// What to do.
+    /// Remedy.
     #[must_use]
     pub fn remedy(&self) -> &'static str {
         match self {
@@ -32,19 +32,19 @@ impl Looks {
 }
 
 impl Doubt {
-    /// What it is about.
+    /// Its code.
     #[must_use]
     pub fn code(&self) -> NoteCode {
         self.looks.first().map_or(NoteCode::UnitsDoubtful, Looks::code)
     }
 
-    /// What the input looks like.
+    /// Appearances of the input.
     #[must_use]
     pub fn looks(&self) -> String {
         self.list(&Looks::words)
     }
 
-    /// What to do.
+    /// Remedies.
     #[must_use]
     pub fn remedy(&self) -> String {
         self.list(&|looks| looks.remedy().to_owned())

@@ -1,13 +1,13 @@
-//! Sets that differ from a found one by a single effect: growing one by one misses those whose first member
-//! was not the best.
+//! Sets with another effect in place of one of a found set: growing one by one misses sets with a weaker
+//! first member.
 
 use crate::{
     fit::shooting::MAX_FIT_FREE,
     model::joint_model::{Catalogue, JointModel},
 };
 
-/// A set with each of its effects in exchange for each of `others`, which act alone; parameters are those of
-/// both. Left out: what overlaps what is left, what is too large to be fitted, sets that are `known`.
+/// A set with each of its effects in exchange for each of `others`, acting alone; parameters are those of
+/// both. Without overlapping sets, sets too large to be fitted, and `known` sets.
 #[must_use]
 pub fn exchanged(
     catalogue: &Catalogue,

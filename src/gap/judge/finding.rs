@@ -1,11 +1,11 @@
-//! Named effects: their parameters with intervals, what else may be in their place, whether they are there.
+//! Named effects: their parameters with intervals, their rivals, whether they are sure.
 
 use crate::{
     fit::problem::Problem,
     judge::spread::Spread,
     model::{
         effect::{RUN_SPACING_S, Reported},
-        joint_model::{Catalogue, JointModel},
+        joint_model::{Catalogue, JointModel, Term},
     },
 };
 
@@ -18,7 +18,7 @@ pub struct ParameterEstimate {
     pub value: f64,
     /// Unit.
     pub unit: String,
-    /// Interval that holds the truth with 95 %.
+    /// 95 % interval.
     pub interval: (f64, f64),
 }
 
@@ -31,18 +31,18 @@ pub struct Finding {
     pub effect: String,
     /// Parameters.
     pub parameters: Vec<ParameterEstimate>,
-    /// Weight of the sets of effects that hold it among those of the same size.
+    /// Weight of the sets with it among those of the same size.
     pub weight: f64,
-    /// Other effects that explain the recording as well, with their weights.
+    /// Other effects with as good an explanation of the recording, with their weights.
     pub alternatives: Vec<(String, f64)>,
-    /// Recording that would decide.
+    /// Recording to decide.
     pub experiment: String,
-    /// Whether it is surely there. What may be absent is no name; the files hold it all the same where unseen
-    /// windows are better with it.
+    /// Whether it is surely there. A perhaps absent effect is no name; the files hold it all the same where
+    /// unseen windows are better with it.
     pub is_sure: bool,
 }
 
-/// Weight of the sets that hold an effect of the set `own`, and what the others have in its place.
+/// Weight of the sets with an effect of the set `own`, and its replacements in the others.
 #[must_use]
 pub fn doubts(
     catalogue: &Catalogue,
@@ -65,40 +65,46 @@ pub fn doubts(
     ((1.0 + with.iter().map(|(_, weight)| weight).sum::<f64>()) / total, alternatives)
 }
 
-/// The effects of a model, each with how sure it is of its name: `rivals` are other sets of as many effects
-/// with their weights, the sum of which and of the own is `total`.
+/// A reported number of a term with its interval; the term's columns start at `at`.
+fn estimate(problem: &Problem, term: &Term, at: usize, r: &Reported, spread: &Spread) -> ParameterEstimate {
+    let effect = &problem.catalogue[term.effect];
+    let n = term.p.len();
+    let half = spread.half_width(at, &r.gradient[..n]);
+    let value = if r.name == "time" { r.value % RUN_SPACING_S } else { r.value };
+    // A parameter with a lower bound of zero has no interval below it.
+    let positive = (0..n).any(|i| {
+        r.gradient[i] == 1.0 && r.value == term.p[i] && effect.bounds(i, &problem.coverage).0 == 0.0
+    });
+    let low = if positive { (value - half).max(0.0) } else { value - half };
+    ParameterEstimate {
+        name: r.name.to_owned(),
+        value,
+        unit: r.dimension.unit(problem.turns).to_owned(),
+        interval: (low, value + half),
+    }
+}
+
+/// The effects of a model, each with the weight of its name: `rivals` are other sets of as many effects with
+/// their weights, `total` the sum of all weights with the own.
 #[must_use]
 pub fn findings(
     problem: &Problem,
     model: &JointModel,
     spread: &Spread,
-    (rivals, total): (&[(Vec<usize>, f64)], f64),
+    rivals: &[(Vec<usize>, f64)],
+    total: f64,
 ) -> Vec<Finding> {
     let own = model.effects();
     let mut findings = Vec::new();
     for (at, term) in model.placed() {
         let effect = &problem.catalogue[term.effect];
-        let n = term.p.len();
-        let estimate = |r: Reported| {
-            let half = spread.half_width(at, &r.gradient[..n]);
-            let value = if r.name == "time" { r.value % RUN_SPACING_S } else { r.value };
-            // What is never negative is not reported to be.
-            let positive = (0..n).any(|i| {
-                r.gradient[i] == 1.0 && r.value == term.p[i] && effect.bounds(i, &problem.coverage).0 == 0.0
-            });
-            let low = if positive { (value - half).max(0.0) } else { value - half };
-            ParameterEstimate {
-                name: r.name.to_owned(),
-                value,
-                unit: r.dimension.unit(problem.turns).to_owned(),
-                interval: (low, value + half),
-            }
-        };
+
+        let reported = effect.reported(&term.p).into_iter();
         let (weight, alternatives) = doubts(problem.catalogue, &own, term.effect, rivals, total);
         findings.push(Finding {
             index: term.effect,
             effect: effect.name().to_owned(),
-            parameters: effect.reported(&term.p).into_iter().map(estimate).collect(),
+            parameters: reported.map(|r| estimate(problem, term, at, &r, spread)).collect(),
             weight,
             alternatives,
             experiment: effect.spec().experiment.to_owned(),

@@ -1,5 +1,5 @@
-//! What the file of each format gets of a joint: the found effects where it holds them, else the best that it
-//! holds, fitted again alone, and the twin's values where nothing helps. See docs/method.md 14.12.
+//! The effects of a joint in the file of each format: the found effects where it holds them, else the best
+//! expressible ones, fitted again alone, and the twin's values where nothing helps. See docs/method.md 14.12.
 
 use crate::{
     fit::{
@@ -26,41 +26,42 @@ use crate::{
 pub struct FormatModel {
     /// The format.
     pub format: Format,
-    /// The twin with the effects that the file gets; without any where it keeps the twin's values.
+    /// The twin with the effects of the file; without any where it keeps the twin's values.
     pub model: JointModel,
     /// Root mean square residual of the held-out runs with it, rad or m.
     pub rmse: f64,
-    /// That of the twin.
+    /// The twin's.
     pub twin_rmse: f64,
-    /// What became of each effect that was found.
+    /// Fate of each found effect.
     pub effects: Vec<HeldEffect>,
 }
 
 /// A found effect in the file of a format.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeldEffect {
-    /// Index in the catalogue; `None` for what has no name.
+    /// Index in the catalogue; `None` for a part without a name.
     pub effect: Option<usize>,
-    /// What became of it.
+    /// Its fate.
     pub fate: Fate,
-    /// What the file has in its place, or of it with other parameters.
+    /// The terms in its place, or the effect with other parameters.
     pub by: Vec<Term>,
 }
 
-/// What becomes of a found effect in a file.
+/// Fate of a found effect in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fate {
     /// It is there as it was found.
     Native,
-    /// What comes nearest is there.
+    /// The nearest effect is there.
     Approximated,
-    /// It is there with parameters that were fitted to what the format holds.
+    /// It is there with parameters fitted again within the format.
     FittedAgain,
     /// Other effects are there, fitted in its place.
     Replaced,
-    /// The format could hold it; without what it lacks, the joint is predicted better or as well without.
+    /// The format could hold it; without the missing effects, the joint is predicted better or as well
+    /// without.
     LeftOut,
-    /// The format could hold something; nothing that it holds predicts better than the twin.
+    /// The format could hold something; nothing expressible predicts better than the twin.
     Kept,
     /// The format holds nothing like it.
     NotExpressible,
@@ -96,8 +97,7 @@ impl FormatModel {
     }
 }
 
-/// The joint in each format. `updated` is the twin with the effects that leave the runs with it, `gap` their
-/// proof.
+/// The joint in each format. `updated` is the twin with the effects of the joint itself, `gap` their proof.
 #[must_use]
 pub fn format_models(
     problem: &Problem,
@@ -111,8 +111,8 @@ pub fn format_models(
     Format::ALL.map(|format| maker.make(format)).to_vec()
 }
 
-/// The joint in each format that holds something which surely predicts better, where nothing was named: it
-/// stands in for what is unknown.
+/// The joint in each format with surely better predictions by some expressible effects, where nothing was
+/// named: they stand in for something unknown.
 #[must_use]
 pub fn stand_ins(
     problem: &Problem,
@@ -127,10 +127,11 @@ pub fn stand_ins(
     let mut maker =
         Maker { problem: predicting, held_out, diagnosis, updated: &nearest, gap, sought: Vec::new() };
     let mut weighed: Vec<(JointModel, bool)> = Vec::new();
-    let mut one = |format: Format| {
+    let mut stand_ins = Vec::new();
+    for format in Format::ALL {
         let model = maker.best(format, &expressed(format, &nearest, problem.catalogue));
         if model.terms.is_empty() {
-            return None;
+            continue;
         }
         // Most formats hold the same.
         let known = weighed.iter().find(|(m, _)| *m == model).map(|(_, serves)| *serves);
@@ -140,33 +141,29 @@ pub fn stand_ins(
             serves
         });
         let rmse = windowed_rmse(held_out, &model);
-        let by = model.terms.clone();
-        let effects = vec![HeldEffect { effect: None, fate: Fate::Replaced, by }];
-        (serves && rmse < gap.before).then_some(FormatModel {
-            format,
-            model,
-            rmse,
-            twin_rmse: gap.before,
-            effects,
-        })
-    };
-    Format::ALL.into_iter().filter_map(&mut one).collect()
+        if serves && rmse < gap.before {
+            let by = model.terms.clone();
+            let effects = vec![HeldEffect { effect: None, fate: Fate::Replaced, by }];
+            stand_ins.push(FormatModel { format, model, rmse, twin_rmse: gap.before, effects });
+        }
+    }
+    stand_ins
 }
 
 /// Searches of one joint, shared by the formats.
 struct Maker<'p, 'c> {
-    /// The fitted runs, whole windows of which are predicted: where a model lacks an effect, what it misses
-    /// is no noise, and the parameters wanted are those that predict best.
+    /// The fitted runs, for predictions of whole windows: without an effect, the misses of a model are no
+    /// noise, and the wanted parameters are those of the best predictions.
     problem: Problem<'c>,
     held_out: &'p Problem<'c>,
     diagnosis: &'p Diagnosis,
     updated: &'p JointModel,
     gap: &'p Gap,
-    /// Effects that a search was given, and what it found.
+    /// Effects of each search, and its result.
     sought: Vec<(Vec<usize>, Search)>,
 }
 
-/// What a search of a format's effects may grow.
+/// Breadth of a search among a format's effects.
 const BREADTH: Breadth = Breadth { singles: 9, grown: 2, partners: 4, largest: 4, regressed: 4 };
 
 impl<'c> Maker<'_, 'c> {
@@ -184,7 +181,7 @@ impl<'c> Maker<'_, 'c> {
             let best = self.best(format, &translated);
             let rmse = windowed_rmse(self.held_out, &best);
             may_help = !best.terms.is_empty();
-            // Negated, so that a residual that is not a number is not better.
+            // Negated: a residual of NaN is not better.
             if best.terms.is_empty() || !(rmse < self.gap.before) {
                 (twin, self.gap.before)
             } else {
@@ -201,7 +198,7 @@ impl<'c> Maker<'_, 'c> {
         FormatModel { format, model, rmse, twin_rmse: self.gap.before, effects }
     }
 
-    /// What became of a found effect.
+    /// Fate of a found effect.
     fn held(
         &self,
         format: Format,
@@ -223,9 +220,11 @@ impl<'c> Maker<'_, 'c> {
                 (_, false) => of(Fate::FittedAgain, vec![own.clone()]),
             };
         }
-        let is_found = |t: &Term| self.updated.terms.iter().any(|u| u.effect == t.effect);
-        let stands_in = |t: &&Term| !is_found(t) && may_stand_in(self.catalogue()[t.effect].as_ref(), effect);
-        let by: Vec<Term> = model.terms.iter().filter(stands_in).cloned().collect();
+        let mut by = model.terms.clone();
+        by.retain(|t| {
+            let is_found = self.updated.terms.iter().any(|u| u.effect == t.effect);
+            !is_found && may_stand_in(self.catalogue()[t.effect].as_ref(), effect)
+        });
         let fate = match (by.is_empty(), is_translated) {
             (false, true) => Fate::Approximated,
             (false, false) => Fate::Replaced,
@@ -248,59 +247,67 @@ impl<'c> Maker<'_, 'c> {
         })
     }
 
-    /// The model that predicts the runs best, of those that a format holds.
+    /// The best predicting model among those of a format.
     fn best(&mut self, format: Format, translated: &JointModel) -> JointModel {
         let problem = &self.problem;
-        let has_push = self.diagnosis.model.terms.iter().any(|t| problem.catalogue[t.effect].is_of_one_run());
-        let may = |e: &usize| {
-            let effect = problem.catalogue[*e].as_ref();
-            // A push is fitted beside the others and not written.
-            if effect.is_of_one_run() { has_push } else { self.can_hold(format, effect) }
-        };
-        let effects: Vec<usize> = problem.sought().into_iter().filter(may).collect();
+        let effects = self.holdable_effects(format);
         let known = self.sought.iter().position(|(e, _)| *e == effects);
         let at = known.unwrap_or_else(|| {
             let seeds = std::slice::from_ref(translated);
-            // What stands in for an effect needs no certainty of a name: it is there to predict.
+            // A stand-in needs no certainty of a name: it is there to predict.
             let scope = Scope { effects: &effects, seeds, least_gain: 0.0 };
             let found = search(problem, &BREADTH, &scope);
             self.sought.push((effects, found));
             self.sought.len() - 1
         });
-        let own = |m: &JointModel| -> Vec<Term> {
-            let terms = m.terms.iter();
-            terms.filter(|t| !problem.catalogue[t.effect].is_of_one_run()).cloned().collect()
-        };
         // An armature below zero is none.
-        let holds = |c: &&Candidate| {
-            let model = JointModel { terms: own(&c.fit.model), ..c.fit.model.clone() };
+        let sets = self.sought[at].1.by_size.iter().flatten().filter(|c| {
+            let model = without_pushes(problem.catalogue, &c.fit.model);
             expressed(format, &model, problem.catalogue).terms == model.terms
-        };
-        let sets = self.sought[at].1.by_size.iter().flatten().filter(holds);
+        });
         let Some(best) = sets.max_by(|a, b| a.score.total_cmp(&b.score)) else {
             return translated.without_effects();
         };
         let found = finely(problem, best);
-        // What was found has intervals: where it predicts as well it stays as it is.
+        // Found effects have intervals: with as good predictions they stay as they are.
         let starts = Some(found.fit.starts.as_slice());
         let as_found = fit(problem, translated, starts, found.fit.noise, Free::Starts, Pace::thorough(2));
         let as_found = candidate(problem, as_found);
         if !translated.terms.is_empty() && as_found.score > found.score - SIMPLER {
             return translated.clone();
         }
-        let model = JointModel { terms: own(&found.fit.model), ..found.fit.model };
-        expressed(format, &model, problem.catalogue)
+        expressed(format, &without_pushes(problem.catalogue, &found.fit.model), problem.catalogue)
+    }
+
+    /// The sought effects with a place in a file; with the push, fitted beside them and not written, where
+    /// one was found.
+    fn holdable_effects(&self, format: Format) -> Vec<usize> {
+        let catalogue = self.catalogue();
+        let has_push = self.diagnosis.model.terms.iter().any(|t| catalogue[t.effect].is_of_one_run());
+        let mut effects = self.problem.sought();
+        effects.retain(|e| {
+            let effect = catalogue[*e].as_ref();
+            if effect.is_of_one_run() { has_push } else { self.can_hold(format, effect) }
+        });
+        effects
     }
 }
 
-/// Whether what an effect does may be taken up by another: both resist the motion, or neither does; a gain
-/// and an inertia scale whatever acts.
+/// A model without the effects of one run.
+fn without_pushes(catalogue: &Catalogue, model: &JointModel) -> JointModel {
+    let mut model = model.clone();
+    model.terms.retain(|t| !catalogue[t.effect].is_of_one_run());
+    model
+}
+
+/// Whether an effect may take up another's action: both resist the motion, or neither does; a gain and an
+/// inertia scale any effort.
 fn may_stand_in(other: &dyn Effect, effect: &dyn Effect) -> bool {
     let resists = |e: &dyn Effect| e.place() == Place::Friction || e.is_of_velocity();
     matches!(other.place(), Place::Gain | Place::Inertia) || resists(other) == resists(effect)
 }
 
-/// The set fitted with the small steps that parameters are reported from.
+/// The set fitted with the small steps of reported parameters.
 fn finely(problem: &Problem, coarse: &Candidate) -> Candidate {
     let fit_ = &coarse.fit;
     let problem = &problem.refined();

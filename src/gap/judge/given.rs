@@ -1,5 +1,4 @@
-//! Effects whose names are given, fitted from where they are found one by one and from where a regression has
-//! them.
+//! Effects with given names, fitted from their places found one by one and from those of a regression.
 
 use crate::{
     fit::problem::Problem,
@@ -11,7 +10,7 @@ use crate::{
     },
 };
 
-/// A set of effects that is given.
+/// A given set of effects.
 #[must_use]
 pub fn given(problem: &Problem, effects: &[usize]) -> (Search, Candidate) {
     let base = baseline(problem);
@@ -20,12 +19,12 @@ pub fn given(problem: &Problem, effects: &[usize]) -> (Search, Candidate) {
     for effect in effects {
         let hits = Screen::new(problem, &chosen.fit).hits(*effect, 2);
         let grown = best_of_each_set(grow(problem, &chosen, &[hits]));
-        // Alone, an effect may show nothing beside the others that are still to come.
+        // Alone, an effect may show nothing without the others to come.
         let Some(next) = grown.into_iter().next() else { continue };
         chosen = next;
         by_size.push(Vec::new());
     }
-    // One by one, the first may take the place of those that follow.
+    // One by one, the first may take the place of later ones.
     let together = regressed_model(problem, &Screen::new(problem, &base.fit), &chosen.fit.model);
     if let Some(other) = together.map(|m| begun(problem, &base, &m)).filter(|o| o.score > chosen.score) {
         chosen = other;

@@ -1,5 +1,5 @@
-//! The effects found as laws, effort against what it depends on, and beside them the efforts that the twin
-//! lacks as the motion shows them; for plots.
+//! The effects found as laws, effort against their variable, and beside them the twin's missing efforts by
+//! the motion; for plots.
 
 use std::collections::BTreeMap;
 
@@ -25,17 +25,17 @@ const BINS: usize = 24;
 const LEAST_SAMPLES: usize = 12;
 /// Least windows of a bin: its error comes from their scatter.
 const LEAST_WINDOWS: usize = 3;
-/// Samples at each end of a range that no bin is laid over, as a share: few, and the fastest.
+/// Share of the samples beyond the bins at each end of a range: few, and the fastest.
 /// chosen: a thousandth, three standard deviations.
 const OUTLYING: f64 = 0.001;
 /// Half width of a 95 % interval in standard deviations.
 /// derived: quantile of the normal distribution.
 const HALF_WIDTH: f64 = 1.96;
-/// Durations of a push that are shown on either side of it.
+/// Durations of a push in view on either side of it.
 /// chosen: the push is over after five.
 const PUSH_SHOWN: f64 = 8.0;
 
-/// Which way the joint moves where a law holds.
+/// Direction of motion under a law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Way {
     /// Either.
@@ -52,16 +52,16 @@ impl Way {
     }
 }
 
-/// Effects that depend on one variable.
+/// Effects of one variable.
 #[derive(Clone, Debug)]
 pub struct Law {
     /// The variable.
     pub variable: Variable,
     /// Names of the effects; empty where nothing was found.
     pub effects: Vec<String>,
-    /// What they make, summed.
+    /// Their summed efforts.
     pub curves: Vec<Curve>,
-    /// What the twin lacks, less what effects of other variables make.
+    /// The twin's missing efforts, less those of effects of other variables.
     pub points: Vec<Point>,
 }
 
@@ -93,8 +93,8 @@ pub struct Point {
     pub half: f64,
 }
 
-/// Laws of what was found, or of what comes nearest; without either what the twin lacks over velocity and
-/// position, and over the variable that the residual depends on most.
+/// Laws of the findings, or of the nearest effects; without either the twin's missing efforts over velocity
+/// and position, and over the variable with the strongest dependence.
 #[must_use]
 pub fn laws(fitted: &Problem, held_out: &Problem, diagnosis: &Diagnosis) -> Vec<Law> {
     let model = diagnosis.nearest.as_ref().map_or(&diagnosis.model, |n| &n.model);
@@ -118,14 +118,15 @@ pub fn laws(fitted: &Problem, held_out: &Problem, diagnosis: &Diagnosis) -> Vec<
             by_variable.insert((variable, 0), Vec::new());
         }
     }
-    let law = |((variable, run), terms)| {
-        Sum { problem: fitted, model, terms, variable, run, middle: middle(&all) }
-            .law(&seen, diagnosis.spread.as_ref())
-    };
-    by_variable.into_iter().map(law).collect()
+    let mut laws = Vec::with_capacity(by_variable.len());
+    for ((variable, run), terms) in by_variable {
+        let sum = VariableTerms { problem: fitted, model, terms, variable, run, middle: middle(&all) };
+        laws.push(sum.law(&seen, diagnosis.spread.as_ref()));
+    }
+    laws
 }
 
-/// The axis on which a dependence is drawn.
+/// The plotted axis of a dependence.
 #[must_use]
 fn axis_of(variable: Variable) -> Variable {
     match variable {
@@ -135,30 +136,28 @@ fn axis_of(variable: Variable) -> Variable {
     }
 }
 
-/// What the effort of an effect depends on; `None` for one that is no effort.
+/// Variable of an effect's effort; `None` for other effects.
 fn variable_of(effect: &dyn Effect, term: &Term, seen: &[&Observed]) -> Option<Variable> {
     match effect.place() {
         Place::Effort if effect.is_of_one_run() => Some(Variable::Time),
         Place::Effort if effect.is_of_velocity() => Some(Variable::Velocity),
         Place::Effort | Place::Contact => Some(Variable::Position),
-        Place::Friction => {
-            let depends = |of: fn(&Response) -> f64| {
-                seen.iter().any(|o| {
-                    let mut r = Response::default();
-                    effect.respond(&o.at(), &term.p, &mut r);
-                    of(&r) != 0.0
-                })
-            };
-            Some(match () {
-                () if depends(|r| r.u) => Variable::Effort,
-                () if depends(|r| r.q) => Variable::Position,
-                () => Variable::Velocity,
-            })
-        }
+        Place::Friction if depends(effect, term, seen, |r| r.u) => Some(Variable::Effort),
+        Place::Friction if depends(effect, term, seen, |r| r.q) => Some(Variable::Position),
+        Place::Friction => Some(Variable::Velocity),
         Place::Inertia => Some(Variable::Acceleration),
         Place::Gain => Some(Variable::Effort),
         Place::Delay | Place::Bias | Place::Scale | Place::Play => None,
     }
+}
+
+/// Whether a derivative of an effect is not zero at any moment.
+fn depends(effect: &dyn Effect, term: &Term, seen: &[&Observed], derivative: fn(&Response) -> f64) -> bool {
+    seen.iter().any(|o| {
+        let mut r = Response::default();
+        effect.respond(&o.at(), &term.p, &mut r);
+        derivative(&r) != 0.0
+    })
 }
 
 fn run_of(push: &Term) -> i64 {
@@ -173,7 +172,7 @@ fn middle(seen: &[&Observed]) -> (f64, [f64; 8]) {
 }
 
 /// The terms of one variable.
-struct Sum<'a> {
+struct VariableTerms<'a> {
     problem: &'a Problem<'a>,
     model: &'a JointModel,
     terms: Vec<(usize, &'a Term)>,
@@ -183,7 +182,7 @@ struct Sum<'a> {
     middle: (f64, [f64; 8]),
 }
 
-impl Sum<'_> {
+impl VariableTerms<'_> {
     fn law(&self, seen: &[Vec<Observed>; 2], spread: Option<&Spread>) -> Law {
         let names = self.terms.iter().map(|(_, t)| self.problem.catalogue[t.effect].name().to_owned());
         let mut law =
@@ -198,7 +197,7 @@ impl Sum<'_> {
         let edges = self.edges(low, high);
         for way in self.ways() {
             for (is_held_out, seen) in [(false, &seen[0]), (true, &seen[1])] {
-                // A push belongs to a run that was fitted.
+                // A push belongs to a fitted run.
                 if !(is_held_out && self.variable == Variable::Time && !self.terms.is_empty()) {
                     law.points.extend(self.points(way, is_held_out, seen, &edges));
                 }
@@ -210,7 +209,7 @@ impl Sum<'_> {
         let low = low.max(ends.0 - bin);
         let high = high.min(ends.1 + bin);
         if !self.terms.is_empty() && high > low {
-            let curves = self.ways().into_iter().flat_map(|way| self.curves(way, (low, high), spread));
+            let curves = self.ways().into_iter().flat_map(|way| self.curves(way, low, high, spread));
             law.curves = curves.collect();
         }
         law
@@ -218,16 +217,17 @@ impl Sum<'_> {
 
     /// Friction changes its sign with the way: over anything but the velocity it has two branches.
     fn ways(&self) -> Vec<Way> {
-        let rubs = |(_, t): &(usize, &Term)| self.problem.catalogue[t.effect].place() == Place::Friction;
+        let mut effects = self.terms.iter().map(|(_, t)| &self.problem.catalogue[t.effect]);
+        let rubs = effects.any(|effect| effect.place() == Place::Friction);
         let bare = self.terms.is_empty() && self.variable == Variable::Position;
-        if self.variable != Variable::Velocity && (bare || self.terms.iter().any(rubs)) {
+        if self.variable != Variable::Velocity && (bare || rubs) {
             vec![Way::Rising, Way::Falling]
         } else {
             vec![Way::Both]
         }
     }
 
-    /// Whether a sample shows what the twin lacks: at rest friction takes up whatever acts.
+    /// Whether a sample shows the twin's missing effort: at rest friction takes up any effort.
     fn shows(&self, o: &Observed) -> bool {
         let slow = STILL * self.problem.coverage.speed.1;
         let rests = o.v.abs() <= slow
@@ -251,7 +251,7 @@ impl Sum<'_> {
         }
     }
 
-    /// What samples are sorted into bins by: an acceleration errs as the effort over it does, and large ones
+    /// Variable for the sorting into bins: an acceleration errs as the effort over it does, and large ones
     /// would be those with large errors.
     fn sorted_by(&self, o: &Observed) -> f64 {
         if self.variable == Variable::Acceleration { o.about } else { self.x(o) }
@@ -259,9 +259,6 @@ impl Sum<'_> {
 
     /// Edges of the bins; none reaches over rest.
     fn edges(&self, low: f64, high: f64) -> Vec<f64> {
-        let even = |from: f64, to: f64, n: usize| -> Vec<f64> {
-            (0..=n).map(|i| from + (to - from) * i as f64 / n as f64).collect()
-        };
         if self.variable == Variable::Velocity && low < 0.0 && high > 0.0 {
             let below = ((BINS as f64 * -low / (high - low)).round() as usize).clamp(2, BINS - 2);
             let mut edges = even(low, 0.0, below);
@@ -271,23 +268,15 @@ impl Sum<'_> {
         even(low, high, BINS)
     }
 
-    fn curves(&self, way: Way, (low, high): (f64, f64), spread: Option<&Spread>) -> Vec<Curve> {
-        let grid = |from: f64, to: f64| -> Vec<f64> {
-            (0..=GRID).map(|i| from + (to - from) * i as f64 / GRID as f64).collect()
-        };
-        let half_of = |from: f64, to: f64| {
-            // Finer where friction falls from rest to speed.
-            let power = |x: f64| x.powi(3);
-            let own = |i: usize| from + (to - from) * power(i as f64 / GRID as f64);
-            (0..=GRID).map(own).collect::<Vec<f64>>()
-        };
+    fn curves(&self, way: Way, low: f64, high: f64, spread: Option<&Spread>) -> Vec<Curve> {
         let pieces = if self.variable != Variable::Velocity {
-            vec![(way, grid(low, high))]
+            vec![(way, even(low, high, GRID))]
         } else {
-            let sides = [(Way::Falling, half_of(0.0, low)), (Way::Rising, half_of(0.0, high))];
+            let sides = [(Way::Falling, finer_near(0.0, low)), (Way::Rising, finer_near(0.0, high))];
             sides.into_iter().filter(|(w, x)| w.sign() * x[GRID] > 0.0).collect()
         };
-        let curve = |(side, x): (Way, Vec<f64>)| {
+        let mut curves = Vec::with_capacity(pieces.len());
+        for (side, x) in pieces {
             let mut effort = Vec::new();
             let mut half = Vec::new();
             for &x in &x {
@@ -295,9 +284,9 @@ impl Sum<'_> {
                 effort.push(value);
                 half.push(spread.map_or(0.0, |s| s.half_width(0, &gradient)));
             }
-            Curve { way, x, effort, half }
-        };
-        pieces.into_iter().map(curve).collect()
+            curves.push(Curve { way, x, effort, half });
+        }
+        curves
     }
 
     /// The law at a value of its variable, with its gradient by all free parameters.
@@ -339,9 +328,7 @@ impl Sum<'_> {
     }
 
     fn points(&self, way: Way, is_held_out: bool, seen: &[Observed], edges: &[f64]) -> Vec<Point> {
-        /// Sums of a bin: by window the count, the variable and the effort.
-        type Bin = BTreeMap<usize, [f64; 3]>;
-        let mut bins: Vec<Bin> = vec![Bin::new(); edges.len() - 1];
+        let mut bins: Vec<BinSums> = vec![BinSums::new(); edges.len() - 1];
         for o in seen.iter().filter(|o| self.shows(o)) {
             let own = if o.v < 0.0 { Way::Falling } else { Way::Rising };
             let x = self.x(o);
@@ -349,26 +336,41 @@ impl Sum<'_> {
             if (way != Way::Both && way != own) || bin == 0 || bin >= edges.len() {
                 continue;
             }
-            // What other effects make comes off; without any this is what the twin lacks.
+            // Efforts of other effects come off; without any this is the twin's missing effort.
             let effort = o.lacking - o.found + self.value(x, own).0;
             let sums = bins[bin - 1].entry(o.window).or_default();
             sums.iter_mut().zip([1.0, x, effort]).for_each(|(s, x)| *s += x);
         }
-        let point = |windows: &Bin| {
-            let total = windows.values().fold([0.0; 3], |t, w| [t[0] + w[0], t[1] + w[1], t[2] + w[2]]);
-            let [count, x, effort] = total;
-            // Beside a push there are few samples, of one window.
-            let is_push = self.variable == Variable::Time;
-            if count < 1.0 || !is_push && (count < LEAST_SAMPLES as f64 || windows.len() < LEAST_WINDOWS) {
-                return None;
-            }
-            let mean = effort / count;
-            // Samples of a window err together, so that windows are what scatters.
-            let n = windows.len() as f64;
-            let squares: f64 = windows.values().map(|w| (w[2] - mean * w[0]).powi(2)).sum();
-            let half = if n > 1.0 { HALF_WIDTH * (squares * n / (n - 1.0)).sqrt() / count } else { 0.0 };
-            Some(Point { way, is_held_out, x: x / count, effort: mean, half })
-        };
-        bins.iter().filter_map(point).collect()
+        bins.iter().filter_map(|windows| self.point(way, is_held_out, windows)).collect()
     }
+
+    /// The mean of a bin; `None` of too few samples or windows.
+    fn point(&self, way: Way, is_held_out: bool, windows: &BinSums) -> Option<Point> {
+        let total = windows.values().fold([0.0; 3], |t, w| [t[0] + w[0], t[1] + w[1], t[2] + w[2]]);
+        let [count, x, effort] = total;
+        // Beside a push there are few samples, of one window.
+        let is_push = self.variable == Variable::Time;
+        if count < 1.0 || !is_push && (count < LEAST_SAMPLES as f64 || windows.len() < LEAST_WINDOWS) {
+            return None;
+        }
+        let mean = effort / count;
+        // Samples of a window err together: the scatter is that of windows.
+        let n = windows.len() as f64;
+        let squares: f64 = windows.values().map(|w| (w[2] - mean * w[0]).powi(2)).sum();
+        let half = if n > 1.0 { HALF_WIDTH * (squares * n / (n - 1.0)).sqrt() / count } else { 0.0 };
+        Some(Point { way, is_held_out, x: x / count, effort: mean, half })
+    }
+}
+
+/// Sums of a bin: by window the count, the variable and the effort.
+type BinSums = BTreeMap<usize, [f64; 3]>;
+
+/// `n + 1` values from one end of a range to the other, evenly.
+fn even(from: f64, to: f64, n: usize) -> Vec<f64> {
+    (0..=n).map(|i| from + (to - from) * i as f64 / n as f64).collect()
+}
+
+/// Values from one end of a range to the other, finer near the first.
+fn finer_near(from: f64, to: f64) -> Vec<f64> {
+    (0..=GRID).map(|i| from + (to - from) * (i as f64 / GRID as f64).powi(3)).collect()
 }

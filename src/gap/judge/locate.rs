@@ -1,5 +1,5 @@
-//! Where a model and the measured motion disagree: which variable the residual effort depends on, and over
-//! which region. See docs/method.md 14.10.
+//! Disagreement of a model and the measured motion: the variable of the residual effort, and its region. See
+//! docs/method.md 14.10.
 
 use rand_core::Rng;
 
@@ -9,7 +9,7 @@ use crate::{fit::problem::Problem, judge::screen::Screen};
 /// chosen: little of a motion is as slow.
 pub(super) const STILL: f64 = 0.01;
 
-/// A variable that the residual may depend on.
+/// A possible variable of the residual.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Variable {
     /// Position, either way.
@@ -58,7 +58,7 @@ impl Variable {
         }
     }
 
-    /// Unit at a joint that turns or slides.
+    /// Unit at a turning or sliding joint.
     #[must_use]
     pub fn unit(self, turns: bool) -> &'static str {
         match (self, turns) {
@@ -101,15 +101,15 @@ pub struct Bin {
 pub struct Dependence {
     /// Variable.
     pub variable: Variable,
-    /// Twice the log likelihood that a table over it would gain.
+    /// Twice the gain of log likelihood by a table over it.
     pub gain: f64,
     /// Number of bins with data.
     pub bins: Vec<Bin>,
-    /// Share of sign-flipped residuals that a table gains as much from.
+    /// Share of sign-flipped residuals with as large a gain by a table.
     pub p: f64,
     /// The same after control of the false discovery rate over all variables.
     pub q: f64,
-    /// Interval about the strongest bin in which the residual keeps its sign and half its strength.
+    /// Interval about the strongest bin with the same sign of the residual and half its strength.
     pub region: (f64, f64),
 }
 
@@ -171,7 +171,7 @@ fn edges(screen: &Screen, problem: &Problem, variable: Variable) -> Vec<f64> {
         }
         _ => (0..=n).map(|i| low + (high - low) * share(i)).collect(),
     };
-    // A variable that rests at one value has equal quantiles there.
+    // A variable at rest has equal quantiles there.
     edges.dedup_by(|a, b| *a - *b <= 1e-12);
     if let Some(last) = edges.last_mut() {
         // The highest value belongs to the last bin.
@@ -203,7 +203,7 @@ fn dependence(
         let first = if runs > 1 { count * span.log } else { 0 };
         for i in 0..span.len - 1 {
             let Some(x) = value(screen, problem, variable, span.log, span.start + i) else { continue };
-            // The bin that begins at or below the value.
+            // The bin with its begin at or below the value.
             let bin = edges.partition_point(|e| *e <= x);
             if bin > 0 && bin < edges.len() && first + bin - 1 < columns {
                 filled.effort[first + bin - 1][i] = 1.0;
@@ -226,13 +226,12 @@ fn dependence(
         })
         .collect();
     let peak = (0..columns).max_by(|&a, &b| bins[a].sigmas.abs().total_cmp(&bins[b].sigmas.abs()))?;
+    let strength = 0.5 * bins[peak].sigmas.abs();
+    let sign = bins[peak].sigmas.signum();
     // A region in time ends with its run.
-    let alike = |c: usize| {
-        bins[c].sigmas * bins[peak].sigmas.signum() >= 0.5 * bins[peak].sigmas.abs()
-            && c / count == peak / count
-    };
-    let low = (0..=peak).rev().take_while(|&c| alike(c)).last().unwrap_or(peak);
-    let high = (peak..columns).take_while(|&c| alike(c)).last().unwrap_or(peak);
+    let is_alike = |c: &usize| bins[*c].sigmas * sign >= strength && c / count == peak / count;
+    let low = (0..=peak).rev().take_while(is_alike).last().unwrap_or(peak);
+    let high = (peak..columns).take_while(is_alike).last().unwrap_or(peak);
     let region = (bins[low].edges.0, bins[high].edges.1);
     Some(Dependence { variable, gain: score.gain, bins, p, q: p, region })
 }

@@ -1,6 +1,7 @@
-//! Which effects are named: screening, search, verdict, proof on held-out runs, report.
+//! Naming of effects: screening, search, verdict, proof on held-out runs, report.
 
 pub mod assess;
+pub mod columns;
 pub mod convention;
 pub mod cross_validation;
 pub mod doubt;

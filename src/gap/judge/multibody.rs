@@ -1,11 +1,11 @@
-//! Joints of a chain that moved together, judged together: what was found at each is fitted again in one
-//! rollout of all, and made no richer than that asks for.
+//! Joints of a chain in common motion, judged together: the findings at each are fitted again in one rollout
+//! of all, and made no richer than it asks for.
 
 use crate::{
     fit::{
         multibody::{
             joints::Joints,
-            shooting::{MultibodyFit, Pace, fit, window_sizes},
+            shooting::{MultibodyFit, MultibodyPace, fit, window_sizes},
         },
         problem::Problem,
         shooting::Free,
@@ -16,14 +16,14 @@ use crate::{
         simplify::{SIMPLER, special_terms},
         spread::{Spread, with_common},
     },
-    model::joint_model::JointModel,
+    model::joint_model::{JointModel, Term},
     twin_tree::TwinTree,
 };
 
-/// A joint of a chain: its index in the tree, its runs, and what was found.
+/// A joint of a chain: its index in the tree, its runs, and its findings.
 type Member<'e, 'c> = (usize, &'e mut Examined<'c>);
 
-/// Fits what was found at the joints of each chain again, together.
+/// Fits the findings at the joints of each chain again, together.
 pub fn fit_chains(tree: &TwinTree, examined: &mut [Member]) {
     let mut done: Vec<usize> = Vec::new();
     for first in 0..examined.len() {
@@ -46,7 +46,7 @@ pub fn fit_chains(tree: &TwinTree, examined: &mut [Member]) {
     }
 }
 
-/// A joint and all that move it or are moved by it, whatever lies between.
+/// A joint and all others to move it or be moved by it, at any distance.
 fn connected(tree: &TwinTree, joint: usize) -> Vec<usize> {
     let mut all = vec![joint];
     let mut next = 0;
@@ -58,23 +58,24 @@ fn connected(tree: &TwinTree, joint: usize) -> Vec<usize> {
     all
 }
 
-/// Models of joints that were fitted together, each with how well it is known; `None` where the joints were
-/// not recorded together, nothing was found at any, or held-out runs are predicted no better.
+/// Models of joints fitted together, each with its uncertainty; `None` where the joints were not recorded
+/// together, nothing was found at any, or held-out runs are predicted no better.
 fn together(tree: &TwinTree, members: &[&mut Member]) -> Option<Vec<(JointModel, Spread)>> {
     let models: Vec<JointModel> = members.iter().map(|m| m.1.diagnosis.effects().clone()).collect();
-    let indices = || members.iter().map(|m| m.0).collect::<Vec<usize>>();
+    let indices: Vec<usize> = members.iter().map(|m| m.0).collect();
     let runs: Vec<&Problem> = members.iter().map(|m| &m.1.problem).collect();
-    let fitted = simpler(&Joints::new(tree, indices(), &runs)?, &models)?;
+    let fitted = simpler(&Joints::new(tree, indices.clone(), &runs)?, &models)?;
     let held_out: Vec<&Problem> = members.iter().map(|m| &m.1.held_out).collect();
-    let held_out = Joints::new(tree, indices(), &held_out).filter(|j| j.windows() > 0)?;
-    // In units of what the fit leaves at each joint.
+    let held_out = Joints::new(tree, indices, &held_out).filter(|j| j.windows() > 0)?;
+    // In units of the fit's residual at each joint.
     let in_units = |w: &Vec<f64>| w.iter().zip(&fitted.size).map(|(x, unit)| (x / unit).powi(2)).sum::<f64>();
     let missed = |models: &[JointModel]| window_sizes(&held_out, models).iter().map(in_units).sum::<f64>();
     if missed(&fitted.models) >= missed(&models) {
         return None;
     }
     let mut first = 0;
-    let own = |(model, member): (&JointModel, &&mut Member)| {
+    let mut own = Vec::with_capacity(members.len());
+    for (model, member) in fitted.models.iter().zip(members) {
         let n = model.free();
         let mut covariance = fitted.covariance.view((first, first), (n, n)).into_owned();
         let witnesses = fitted.witnesses[first..first + n].to_vec();
@@ -82,38 +83,40 @@ fn together(tree: &TwinTree, members: &[&mut Member]) -> Option<Vec<(JointModel,
             covariance = with_common(&covariance, &witnesses);
         }
         first += n;
-        (model.clone(), Spread { covariance, witnesses })
-    };
-    Some(fitted.models.iter().zip(members).map(own).collect())
+        own.push((model.clone(), Spread { covariance, witnesses }));
+    }
+    Some(own)
 }
 
-/// The members' effects fitted together, without those that the chain does not need, and special cases in
-/// place of what contains them.
+/// The members' effects fitted together, without those the chain does not need, and special cases in place of
+/// general ones.
 fn simpler(joints: &Joints, models: &[JointModel]) -> Option<MultibodyFit> {
     if joints.windows() == 0 || models.iter().all(|m| m.terms.is_empty()) {
         return None;
     }
-    let score = |fitted: &MultibodyFit| {
-        let prices = joints.problems.iter().zip(&fitted.models).map(|(p, m)| price(p, m));
-        fitted.twice_likelihood - prices.sum::<f64>()
-    };
-    let mut chosen = fit(joints, models, None, Free::All, Pace::THOROUGH);
+    let mut chosen = fit(joints, models, None, Free::All, MultibodyPace::THOROUGH);
     loop {
-        let own = score(&chosen);
+        let own = score(joints, &chosen);
         let trials = less(joints, &chosen).into_iter().map(|(models, lead)| {
-            let trial = fit(joints, &models, Some(&chosen.starts), Free::All, Pace::TRIAL);
-            (score(&trial) - own + lead, trial)
+            let trial = fit(joints, &models, Some(&chosen.starts), Free::All, MultibodyPace::TRIAL);
+            (score(joints, &trial) - own + lead, trial)
         });
         match trials.max_by(|a, b| a.0.total_cmp(&b.0)) {
             Some((ahead, trial)) if ahead > 0.0 => {
-                chosen = fit(joints, &trial.models, Some(&trial.starts), Free::All, Pace::THOROUGH);
+                chosen = fit(joints, &trial.models, Some(&trial.starts), Free::All, MultibodyPace::THOROUGH);
             }
             _ => return Some(chosen),
         }
     }
 }
 
-/// Deviations from its neutral value at which a strength is so sure that its effect stays.
+/// Twice the log likelihood less the prices of the models.
+fn score(joints: &Joints, fitted: &MultibodyFit) -> f64 {
+    let prices = joints.problems.iter().zip(&fitted.models).map(|(p, m)| price(p, m));
+    fitted.twice_likelihood - prices.sum::<f64>()
+}
+
+/// Deviations of a strength from its neutral value to keep its effect.
 /// chosen: twice the log likelihood falls by their square without it, more than any effect costs.
 const SURE: f64 = 6.0;
 
@@ -122,32 +125,29 @@ fn less(joints: &Joints, fitted: &MultibodyFit) -> Vec<(Vec<JointModel>, f64)> {
     let models = &fitted.models;
     let mut all = Vec::new();
     let mut first = 0;
-    let mut with = |i: usize, model: JointModel, lead: f64| {
-        let mut models = models.clone();
-        models[i] = model;
-        all.push((models, lead));
-    };
     for (i, model) in models.iter().enumerate() {
-        let catalogue = joints.problems[i].catalogue;
         for (t, (at, term)) in model.placed().enumerate() {
-            let is_sure = |k: usize| {
-                let column = first + at + k;
-                let neutral = catalogue[term.effect].parameters()[k].neutral;
-                let deviation = fitted.covariance[(column, column)].sqrt();
-                neutral.is_some_and(|neutral| (term.p[k] - neutral).abs() > SURE * deviation)
-            };
-            if !(0..term.p.len()).any(is_sure) {
-                let mut without = model.clone();
-                without.terms.remove(t);
-                with(i, without, 0.0);
+            if !has_sure_strength(&joints.problems[i], fitted, first + at, term) {
+                let mut without = models.clone();
+                without[i].terms.remove(t);
+                all.push((without, 0.0));
             }
             for special_term in special_terms(&joints.problems[i], term) {
-                let mut special = model.clone();
-                special.terms[t] = special_term;
-                with(i, special, SIMPLER);
+                let mut special = models.clone();
+                special[i].terms[t] = special_term;
+                all.push((special, SIMPLER));
             }
         }
         first += model.free();
     }
     all
+}
+
+/// Whether a strength of a term, with columns from `first` on, is far from its neutral value.
+fn has_sure_strength(problem: &Problem, fitted: &MultibodyFit, first: usize, term: &Term) -> bool {
+    let parameters = problem.catalogue[term.effect].parameters();
+    (0..term.p.len()).any(|k| {
+        let deviation = fitted.covariance[(first + k, first + k)].sqrt();
+        parameters[k].neutral.is_some_and(|neutral| (term.p[k] - neutral).abs() > SURE * deviation)
+    })
 }

@@ -1,19 +1,19 @@
-//! When a name stands alone: its weight among all that could stand in its place.
+//! Condition of a sole name: its weight among all rivals.
 
-/// Weight that a name needs.
+/// Weight of a name.
 /// chosen: one less a level of 5 %, as that of the intervals.
 pub(super) const NAME_WEIGHT: f64 = 0.95;
 
-/// Twice the log likelihood that one of `effects` effects must gain to be there with the weight of a name,
-/// where beforehand each is as likely as any other, and that one of them is there as likely as none.
+/// Twice the gain of log likelihood for one of `effects` effects to be there with the weight of a name.
+/// Beforehand each is as likely as any other, and one of them as likely as none.
 /// See docs/method.md (14.16).
 #[must_use]
 pub fn least_gain(effects: usize) -> f64 {
     2.0 * (effects as f64 * NAME_WEIGHT / (1.0 - NAME_WEIGHT)).ln()
 }
 
-/// How many rivals, of weights sorted from the largest, the fewest hypotheses hold that have the weight of a
-/// name together with the one of weight `own`: none where that has it alone.
+/// Number of rivals, of weights sorted from the largest, in the smallest class with the weight of a name
+/// together with the one of weight `own`: none where it has this weight alone.
 #[must_use]
 pub fn rivals_in_doubt(own: f64, rivals: &[f64]) -> usize {
     let wanted = NAME_WEIGHT * (own + rivals.iter().sum::<f64>());
@@ -25,7 +25,7 @@ pub fn rivals_in_doubt(own: f64, rivals: &[f64]) -> usize {
     held.take_while(|held| *held < wanted).count()
 }
 
-/// The rivals that are in doubt beside a set of weight 1, heaviest first, and the weight of all.
+/// The rivals in doubt beside a set of weight 1, heaviest first, and the weight of all.
 #[must_use]
 pub fn in_doubt(mut rivals: Vec<(Vec<usize>, f64)>) -> (Vec<(Vec<usize>, f64)>, f64) {
     rivals.sort_by(|a, b| b.1.total_cmp(&a.1));

@@ -1,9 +1,9 @@
-//! What each moment of recorded motion says of the efforts at a joint.
+//! Efforts at a joint by each moment of recorded motion.
 
 use crate::{
     fit::problem::Problem,
     model::{
-        effect::{At, Place, Response, run_time_s},
+        effect::{At, Place, run_time_s},
         joint_model::JointModel,
     },
     record::carried::Carried,
@@ -20,8 +20,8 @@ pub struct Observed<'a> {
     pub q: f64,
     /// Velocity.
     pub v: f64,
-    /// Acceleration of the model. That of the recorded motion errs with its positions, and whatever is drawn
-    /// over it would follow its errors.
+    /// Acceleration of the model. The recorded motion's errs with its positions, and a plot over it would
+    /// follow its errors.
     pub a: f64,
     /// The same a few samples before and after: it shares no error of the efforts with `a`.
     pub about: f64,
@@ -32,9 +32,9 @@ pub struct Observed<'a> {
     /// Positions of the other joints.
     pub others: [f64; 8],
     carried: Option<&'a Carried>,
-    /// Effort that the twin lacks: what the motion takes, less what was measured and what the twin makes.
+    /// The twin's missing effort: required by the motion, less the measured effort and the twin's own.
     pub lacking: f64,
-    /// Effort that the model's effects make.
+    /// Effort of the model's effects.
     pub found: f64,
 }
 
@@ -74,7 +74,7 @@ pub fn observed<'a>(problem: &'a Problem, model: &JointModel) -> Vec<Observed<'a
             let q = (0.5 * (trace.position[k] + trace.position[k + 1]) - sensor.bias) / sensor.scale;
             let v = 0.5 * (trace.velocity[k] + trace.velocity[k + 1]) / sensor.scale;
             let recorded = (trace.velocity[k + 1] - trace.velocity[k]) / (dt * sensor.scale).max(1e-12);
-            // Of a delay that was found, the efforts as they act.
+            // Under a found delay, the efforts as they act.
             let u = model.plant.actuator.act(drive.mean(k), q, v, (sensor.scale, sensor.bias)).effort;
             // (14.3), solved for the effort.
             let inertia = plant.inertia_at(carried).0;
@@ -99,7 +99,7 @@ pub fn observed<'a>(problem: &'a Problem, model: &JointModel) -> Vec<Observed<'a
     seen
 }
 
-/// Samples on either side whose accelerations stand for that between them.
+/// Samples on either side; the mean of their accelerations stands for the one between them.
 const BESIDE: [usize; 2] = [2, 3];
 
 /// Accelerations about the moments of a window.
@@ -112,27 +112,22 @@ fn beside(window: &mut [Observed]) {
     }
 }
 
-/// Effort that a model's effects make at a moment, but for an inertia; `smooth` is what acts without them.
+/// Effort of a model's effects at a moment, without an inertia; `smooth` is the effort without them.
 fn found_beside_inertia(problem: &Problem, model: &JointModel, o: &Observed, smooth: f64) -> f64 {
     let gain = model.scalar(problem.catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
     let mut sum = (gain - 1.0) * o.u;
     let mut at = At { u: gain * o.u, ..o.at() };
     let of = |place: Place| model.terms.iter().filter(move |t| problem.catalogue[t.effect].place() == place);
-    let respond = |effect: usize, p: &[f64], at: &At| {
-        let mut r = Response::default();
-        problem.catalogue[effect].respond(at, p, &mut r);
-        r.value
-    };
     for term in of(Place::Effort) {
-        sum += respond(term.effect, &term.p, &at);
+        sum += term.value_at(problem.catalogue, &at);
     }
     // A contact feels the sum of the others.
     at.load = smooth + sum;
     for term in of(Place::Contact) {
-        sum += respond(term.effect, &term.p, &at);
+        sum += term.value_at(problem.catalogue, &at);
     }
     for term in of(Place::Friction) {
-        sum -= respond(term.effect, &term.p, &at).max(0.0) * at.direction;
+        sum -= term.value_at(problem.catalogue, &at).max(0.0) * at.direction;
     }
     sum
 }

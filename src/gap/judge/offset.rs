@@ -1,5 +1,5 @@
-//! A friction that differs a little from one way to the other, or one of the same bound both ways beside an
-//! offset of the effort: the laws are the same, and no motion distinguishes them.
+//! A friction with slightly different bounds either way, or one of the same bound both ways beside an offset
+//! of the effort: the laws are the same, and no motion distinguishes them.
 
 use nalgebra::DMatrix;
 
@@ -9,17 +9,18 @@ use crate::{
     model::joint_model::{JointModel, Term},
 };
 
-/// Deviation of an offset, as a share of the friction that it stands beside.
+/// Deviation of an offset, as a share of the friction beside it.
 /// measured: eval/gap/machines.md; 0.14 to 0.2 of three real machines.
 const OFFSET: f64 = 0.15;
 
 /// The model with a Coulomb friction and a constant bias in place of an asymmetric friction, where its
-/// asymmetry is likelier an offset of such a size than any between none and all of it. What was `given` keeps
+/// asymmetry is likelier an offset of such a size than any between none and all of it. A `given` effect keeps
 /// its name.
 #[must_use]
 pub fn with_offset(
     problem: &Problem,
-    (model, spread): (JointModel, Spread),
+    model: JointModel,
+    spread: Spread,
     given: &[usize],
 ) -> (JointModel, Spread) {
     if !given.is_empty() {
@@ -46,7 +47,7 @@ pub fn with_offset(
     let mut other = model.clone();
     let place = model.terms.iter().position(|t| t.effect == asymmetric).unwrap_or_default();
     other.terms[place] = Term { effect: coulomb, p: vec![mean] };
-    // Next to it, so that both have the columns that the one had.
+    // Next to it: both take its columns.
     other.terms.insert(place + 1, Term { effect: bias, p: vec![half] });
     let mut by = DMatrix::identity(spread.covariance.nrows(), spread.covariance.nrows());
     let columns = [(at, at, 0.5), (at, at + 1, 0.5), (at + 1, at, -0.5), (at + 1, at + 1, 0.5)];
@@ -87,9 +88,9 @@ mod tests {
         let of = |p: [f64; 2]| {
             with(&effects, &plant, &[("asymmetric_friction", &p), ("viscous_friction", &[0.1])])
         };
-        let (same, _) = with_offset(&problem, (of([0.1, 0.3]), spread()), &[]);
+        let (same, _) = with_offset(&problem, of([0.1, 0.3]), spread(), &[]);
         assert_eq!(same, of([0.1, 0.3]));
-        let (other, known) = with_offset(&problem, (of([0.2, 0.24]), spread()), &[]);
+        let (other, known) = with_offset(&problem, of([0.2, 0.24]), spread(), &[]);
         let names: Vec<&str> = other.terms.iter().map(|t| effects[t.effect].name()).collect();
         assert_eq!(names, ["coulomb_friction", "constant_bias", "viscous_friction"]);
         assert!((known.covariance[(1, 1)] - 2.0).abs() < 1e-12 && known.covariance[(3, 3)] == 1.0);

@@ -2,7 +2,7 @@
 
 use crate::model::{
     effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude},
-    format::{Expression, Format, Nearest},
+    format::{Expression, Format, NearestEffect},
     plant::Plant,
 };
 
@@ -39,6 +39,6 @@ impl Effect for OneWayDamping {
 
     fn in_format(&self, _format: Format, p: &[f64], _plant: &Plant) -> Expression {
         // Formats damp both ways alike: half of it errs least over a motion to and fro.
-        Expression::Approximated(vec![Nearest::effect("viscous_friction", vec![0.5 * p[0]])])
+        Expression::Approximated(vec![NearestEffect::effect("viscous_friction", vec![0.5 * p[0]])])
     }
 }

@@ -1,8 +1,8 @@
-//! Columns of a window without what its start state could take up.
+//! Columns of a window, orthogonal to its start state.
 
 use crate::fit::acting::{MAX_COLUMNS, Row};
 
-/// Residual, two orthonormal start columns, and parameter columns without what the start columns span.
+/// Residual, two orthonormal start columns, and parameter columns orthogonal to them.
 #[must_use]
 pub fn orthogonal(rows: &[Row], free: usize) -> Vec<Row> {
     let mut out: Vec<Row> = rows

@@ -1,4 +1,4 @@
-//! Before and after on runs that no fit has seen. See docs/method.md 14.12.
+//! Before and after on runs unseen by any fit. See docs/method.md 14.12.
 
 use crate::{
     fit::{
@@ -50,7 +50,7 @@ pub struct WindowGap {
     pub after: f64,
 }
 
-/// Share of the gap that is left. See docs/method.md (14.19).
+/// Remaining share of the gap. See docs/method.md (14.19).
 #[must_use]
 pub fn left_of(before: f64, after: f64, noise_floor: f64) -> f64 {
     ((after - noise_floor) / (before - noise_floor).max(1e-300)).max(0.0)
@@ -99,7 +99,7 @@ fn series_of(log: &JointLog, index: usize, both: [&[(Span, Vec<f64>)]; 2]) -> Re
 /// A model without the nuisance lag, and its start state of each window by plain least squares.
 #[must_use]
 pub fn started(problem: &Problem, model: &JointModel) -> (JointModel, Vec<Start>) {
-    // The lag belongs to the stamps of the runs that were fitted, that of a servo to the servo.
+    // The lag belongs to the stamps of the fitted runs, the lag of a servo to the servo.
     let lag_s = if model.plant.actuator.is_late { model.lag_s } else { 0.0 };
     let model = JointModel { lag_s, ..model.clone() };
     let least = EffortNoise::white(problem.min_sigma_u);
@@ -132,15 +132,12 @@ pub fn prove(
     let mut runs = Vec::new();
     let mut series = Vec::new();
     for (index, log) in held_out.logs.iter().enumerate() {
-        let of = |all: &[(Span, Vec<f64>)]| -> Vec<f64> {
-            all.iter().filter(|(s, _)| s.log == index).flat_map(|(_, r)| r.clone()).collect()
-        };
         runs.push(RunGap {
             run: log.run.clone(),
-            before: rms(&of(&one)),
-            after: rms(&of(&other)),
-            full_before: rms(&of(&full_one)),
-            full_after: rms(&of(&full_other)),
+            before: rms_of_log(&one, index),
+            after: rms_of_log(&other, index),
+            full_before: rms_of_log(&full_one, index),
+            full_after: rms_of_log(&full_other, index),
         });
         series.push(RunSeries {
             windows: series_of(log, index, [&one, &other]),
@@ -155,6 +152,12 @@ pub fn prove(
         series,
         after_starts,
     )
+}
+
+/// Root mean square of the residuals of one log, rad or m.
+fn rms_of_log(all: &[(Span, Vec<f64>)], index: usize) -> f64 {
+    let own = all.iter().filter(|(s, _)| s.log == index).flat_map(|(_, r)| r.clone());
+    rms(&own.collect::<Vec<f64>>())
 }
 
 /// Residuals of each window from its start state.
@@ -175,7 +178,7 @@ pub fn residuals(problem: &Problem, model: &JointModel, starts: &[Start]) -> Vec
         .collect()
 }
 
-/// Residuals of whole segments; each starts in the state that its first window was given.
+/// Residuals of whole segments; each starts in the state of its first window.
 fn full_residuals(problem: &Problem, model: &JointModel, starts: &[Start]) -> Vec<(Span, Vec<f64>)> {
     let drives = problem.drives(model);
     let mut rollout = Rollout::default();

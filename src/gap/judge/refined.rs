@@ -16,26 +16,22 @@ use crate::{
     },
 };
 
-/// Log likelihood that a step must gain for another one.
-/// chosen: half of that of the search, as this is the last fit.
+/// Least gain of log likelihood by a step before another one.
+/// chosen: half of the search's, as this is the last fit.
 const ENOUGH: f64 = 0.1;
 /// Settle times beside the best one, as shares of it: the grid's ratio of two is too coarse for an average.
 /// chosen: likely times lie close about the best.
 const NEAR: [f64; 4] = [0.7, 0.85, 1.2, 1.45];
 
 /// The model fitted with small steps, averaged over the settle times of friction by their likelihood, and its
-/// covariance with what the parameters moved by the small steps and with the settle time: neither is known
-/// better. A delay is not known better than the stamps. Where something remains that is no noise, with what
-/// of it may be the same everywhere, and with the gain of the effort's sensor.
+/// covariance with the moves of the parameters by the small steps and with the settle time: neither is known
+/// better. A delay is not known better than the stamps. Where something remains beyond noise, with its
+/// perhaps common part, and with the gain of the effort's sensor.
 #[must_use]
 pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     let problem = &problem.refined();
     let pace = Pace { rounds: 1, steps: 6, enough: ENOUGH, settles: false, searches: false, hears: false };
-    let at = |settle_s: f64, from: &Fit, steps: usize| {
-        let model = JointModel { settle_s, ..from.model.clone() };
-        fit(problem, &model, Some(&from.starts), from.noise, Free::All, Pace { steps, ..pace })
-    };
-    let fine = at(coarse.model.settle_s, coarse, pace.steps);
+    let fine = fit_at(problem, coarse.model.settle_s, coarse, pace);
     let mut fits = vec![fine.clone()];
     if fine.model.has_friction(problem.catalogue) {
         let own = fine.model.settle_s;
@@ -45,7 +41,7 @@ pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
             .chain(near)
             .collect::<Vec<_>>()
             .par_iter()
-            .map(|s| at(*s, &fine, pace.steps / 2))
+            .map(|s| fit_at(problem, *s, &fine, Pace { steps: pace.steps / 2, ..pace }))
             .collect();
         fits.extend(more);
     }
@@ -71,7 +67,7 @@ pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     for (i, before) in coarse.model.parameters().into_iter().enumerate() {
         let spread: f64 =
             own.iter().zip(&weights).map(|(p, w)| w * (p[i] - parameters[i]).powi(2)).sum::<f64>() / total;
-        // What small steps leave, a third of the shift that they made, and the spread over settle times.
+        // Left by small steps, a third of their shift, and the spread over settle times.
         covariance[(i, i)] += (own[0][i] - before).powi(2) / STEP_RATIO + spread;
     }
     let model =
@@ -83,7 +79,13 @@ pub fn refined(problem: &Problem, coarse: &Fit) -> (JointModel, Spread) {
     (model, Spread { covariance, witnesses: fine.witnesses })
 }
 
-/// By how much the parameters move where a measured effort is larger by one deviation of its sensor's gain.
+/// A fit from another one, with a given settle time.
+fn fit_at(problem: &Problem, settle_s: f64, from: &Fit, pace: Pace) -> Fit {
+    let model = JointModel { settle_s, ..from.model.clone() };
+    fit(problem, &model, Some(&from.starts), from.noise, Free::All, pace)
+}
+
+/// Change of the parameters with a measured effort larger by one deviation of its sensor's gain.
 fn by_gain(problem: &Problem, fitted: &Fit, pace: Pace) -> Option<DVector<f64>> {
     let mut model = fitted.model.clone();
     if !model.plant.actuator.is_measured() {
@@ -94,8 +96,8 @@ fn by_gain(problem: &Problem, fitted: &Fit, pace: Pace) -> Option<DVector<f64>> 
     Some(DVector::from_vec(other.parameters()) - DVector::from_vec(fitted.model.parameters()))
 }
 
-/// Ratio of the squared shift between steps of the search and of the last fit to the squared error that is
-/// left: the error of a step is of first order at worst, and the last one is a quarter.
+/// Ratio of the squared shift between steps of the search and of the last fit to the remaining squared error:
+/// the error of a step is of first order at worst, and the last one is a quarter.
 /// derived: `((1 - 1/4) / (1/4))^2`.
 const STEP_RATIO: f64 = 9.0;
 

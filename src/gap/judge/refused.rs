@@ -1,4 +1,4 @@
-//! A joint whose input is not what it is taken for: a report without a diagnosis.
+//! A joint with doubtful input: a report without a diagnosis.
 
 use super::{
     assess::{Runs, tracks, unproven},
@@ -14,7 +14,7 @@ use crate::{
     },
 };
 
-/// The report of a joint that is not diagnosed: any effect would be one of the input.
+/// The report of a joint without a diagnosis: any effect would be one of the input.
 #[must_use]
 pub fn refused(effects: &Catalogue, plant: &Plant, doubt: &Doubt, runs: Runs) -> JointReport {
     let turns = runs.turns;

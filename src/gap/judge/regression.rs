@@ -1,21 +1,24 @@
-//! Efforts of several effects regressed together on what a fitted model misses, along the measured motion:
-//! fits that start there begin in the right basin where effects found one by one take each other's place.
+//! Efforts of several effects regressed together on the misses of a fitted model, along the measured motion:
+//! fits from there begin in the right basin where effects found one by one take each other's place.
 
 use crate::{
     fit::problem::Problem,
-    judge::screen::{Columns, Hit, Screen, amplitudes},
+    judge::{
+        columns::Columns,
+        screen::{Hit, Screen, amplitudes},
+    },
     model::{
         effect::{At, Place},
         joint_model::{JointModel, Term},
     },
 };
 
-/// Shapes of an effect that are tried beside others.
+/// Tried shapes of an effect beside others.
 /// derived: the best alone, and the next one, should another effect take the place of the first.
 const SHAPES: usize = 2;
 
-/// Amplitudes of effects at given shapes, all together, and twice the log likelihood that they gain to first
-/// order. `None` where the columns do not tell them apart.
+/// Amplitudes of effects at given shapes, all together, and their gain of twice the log likelihood to first
+/// order. `None` where the columns do not separate them.
 #[must_use]
 pub fn regressed(
     problem: &Problem,
@@ -44,18 +47,16 @@ pub fn regressed(
         }
     })?;
     let mut at = 0;
-    let with = |(t, count): (&Term, &usize)| {
-        let effect = &problem.catalogue[t.effect];
-        let mut p = t.p.clone();
+    let mut found = terms.to_vec();
+    for (term, count) in found.iter_mut().zip(&counts) {
+        let effect = &problem.catalogue[term.effect];
         for i in 0..*count {
             let neutral = effect.parameters()[i].neutral.unwrap_or(0.0);
             let (low, high) = effect.bounds(i, &problem.coverage);
-            p[i] = (neutral + score.amplitude[at + i]).clamp(low, high);
+            term.p[i] = (neutral + score.amplitude[at + i]).clamp(low, high);
         }
         at += count;
-        Term { effect: t.effect, p }
-    };
-    let found = terms.iter().zip(&counts).map(with).collect();
+    }
     Some((score.gain, found))
 }
 
@@ -77,8 +78,8 @@ pub fn regressed_model(problem: &Problem, screen: &Screen, model: &JointModel) -
     Some(JointModel { terms, ..model.clone() })
 }
 
-/// Models of one effect, two, and so on, each with the effect more that a regression of all of them gains
-/// most by beside what each parameter costs; while it gains.
+/// Models of one effect, two, and so on, each with the further effect of most gain in a regression of all of
+/// them less the price of the parameters; while it gains.
 #[must_use]
 pub fn regressed_sets(
     problem: &Problem,
@@ -94,17 +95,19 @@ pub fn regressed_sets(
     let mut terms = Vec::<Term>::new();
     let mut reached = 0.0;
     while terms.len() < largest {
-        let with = |hit: &Hit| {
+        let mut trials = Vec::new();
+        for hit in &hits {
+            let spec = problem.catalogue[hit.effect].spec();
+            if terms.iter().any(|t| problem.catalogue[t.effect].spec().overlaps(spec)) {
+                continue;
+            }
             let mut more = terms.clone();
             more.push(Term { effect: hit.effect, p: hit.p.clone() });
-            let (gain, found) = regressed(problem, screen, &states, &more)?;
+            let Some((gain, found)) = regressed(problem, screen, &states, &more) else { continue };
             let parameters: usize = found.iter().map(|t| t.p.len()).sum();
-            Some((gain - price * parameters as f64, found))
-        };
-        let spec = |effect: usize| problem.catalogue[effect].spec();
-        let is_free = |h: &&Hit| !terms.iter().any(|t| spec(t.effect).overlaps(spec(h.effect)));
-        let free = hits.iter().filter(is_free);
-        let best = free.filter_map(with).max_by(|a, b| a.0.total_cmp(&b.0));
+            trials.push((gain - price * parameters as f64, found));
+        }
+        let best = trials.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
         let Some((gain, found)) = best.filter(|(gain, _)| *gain > reached) else { break };
         (reached, terms) = (gain, found);
         sets.push(JointModel { terms: terms.clone(), ..JointModel::of(&problem.plant) });

@@ -27,21 +27,21 @@ pub struct JointReport {
     pub diagnosis: Diagnosis,
     /// Before and after on held-out runs, where there are any.
     pub gap: Option<Gap>,
-    /// Residuals of the held-out runs, under what comes nearest where nothing is named; for plots.
+    /// Residuals of the held-out runs, under the nearest effects where nothing is named; for plots.
     pub series: Vec<RunSeries>,
-    /// What was found as laws; for plots.
+    /// The findings as laws; for plots.
     pub laws: Vec<Law>,
     /// Positions of all runs; for plots.
     pub tracks: Vec<Track>,
-    /// What the fitted motion covers.
+    /// Range of the fitted motion.
     pub coverage: Coverage,
     /// The joint in the file of each format, where effects were named.
     pub in_format: Vec<FormatModel>,
-    /// Windows of the held-out runs and the states that the updated twin starts them in.
+    /// Windows of the held-out runs with their start states of the updated twin.
     pub replay: Vec<ReplayWindow>,
-    /// Before and after on held-out runs with the effects that come nearest, where none is named.
+    /// Before and after on held-out runs with the nearest effects, where none is named.
     pub nearest: Option<Gap>,
-    /// What poses of the part show that the joint cannot make, where poses were read.
+    /// Poses of the part out of the joint's reach, where poses were read.
     pub off_axis: Option<OffAxis>,
     /// Why it is not diagnosed, where twin and recording do not mean the same by their numbers.
     pub doubt: Option<Doubt>,
@@ -78,7 +78,7 @@ pub struct ReplayWindow {
     pub velocity: f64,
 }
 
-/// What became of an effect in a format.
+/// Fate of an effect in a format.
 #[derive(Clone, Debug, Serialize, PartialEq)]
 pub struct ExportNote {
     /// `urdf`, `mjcf`, `sdf` or `usd`.
@@ -92,11 +92,11 @@ pub struct ExportNote {
     /// `native`, `approximated`, `fitted again`, `replaced`, `left out`, `kept` (the twin's values),
     /// `not expressible`, or `not written` with the reason.
     pub status: String,
-    /// What the file has in its place, or of it with other parameters.
+    /// The effects in its place, or the effect with other parameters.
     pub by: Vec<Held>,
-    /// Root mean square residual of the held-out runs with all that the file holds of the joint, rad or m.
+    /// Root mean square residual of the held-out runs with all of the joint's effects in the file, rad or m.
     pub rmse: Option<f64>,
-    /// That of the twin.
+    /// The twin's.
     pub before: Option<f64>,
 }
 
@@ -125,19 +125,19 @@ pub struct HeldParameter {
 pub struct Report {
     verdict: String,
     findings: Vec<FindingJson>,
-    /// What the files hold beside it, since unseen runs are better with it, and what may as well be absent.
+    /// Further effects in the files, since unseen runs are better with them; they may as well be absent.
     unsure: Vec<FindingJson>,
-    /// Under `unknown`: what comes nearest, and explains too little to be a finding.
+    /// Under `unknown`: the nearest effects, with too little explanation for a finding.
     nearest: Vec<NearestJson>,
     r#where: Vec<WhereJson>,
     gap: GapJson,
-    /// What is left beside named effects and is no noise.
+    /// Remainder beside named effects, beyond noise.
     remainder: Vec<RemainderJson>,
-    /// What poses of the parts show that the joints cannot make.
+    /// Poses of the parts out of the joints' reach.
     off_axis: Vec<OffAxisJson>,
-    /// What was found of servos and of efforts without a known unit.
+    /// Findings of servos and of efforts without a known unit.
     actuators: Vec<ActuatorJson>,
-    /// Joints that are not diagnosed, since twin and recording do not mean the same by their numbers.
+    /// Joints without a diagnosis, since twin and recording do not mean the same by their numbers.
     doubts: Vec<DoubtJson>,
     exports: Vec<ExportNote>,
 }
@@ -235,23 +235,24 @@ struct RunJson {
     full_length_after: Option<f64>,
 }
 
-/// The verdict over all joints: what was found anywhere counts before what was not.
+/// The verdict over all joints: findings at any joint count before their absence.
 #[must_use]
 pub fn overall(joints: &[JointReport]) -> Verdict {
     let order = [Verdict::Unknown, Verdict::Ambiguous, Verdict::Named, Verdict::Insufficient];
     order.into_iter().find(|v| joints.iter().any(|j| j.diagnosis.verdict == *v)).unwrap_or(Verdict::None)
 }
 
-/// The joint that the headline gap is about: the one with the largest gap relative to its noise, findings
-/// first.
+/// The joint of the headline gap: the one with the largest gap relative to its noise, findings first.
 #[must_use]
 pub fn main_joint(joints: &[JointReport]) -> Option<&JointReport> {
-    let size = |j: &&JointReport| {
-        // Added as a number larger than any gap over its noise.
-        let found = f64::from(u8::from(!j.diagnosis.findings.is_empty()));
-        j.gap.as_ref().map_or(-1.0, |g| found * 1e12 + g.before / g.noise_floor.max(1e-12))
-    };
+    let size = |j: &JointReport| j.gap.as_ref().map_or(-1.0, |g| headline_size(j, g));
     joints.iter().filter(|j| j.gap.is_some()).max_by(|a, b| size(a).total_cmp(&size(b)))
+}
+
+/// The gap over its noise, larger than any other where effects were found.
+fn headline_size(joint: &JointReport, gap: &Gap) -> f64 {
+    let found = f64::from(u8::from(!joint.diagnosis.findings.is_empty()));
+    found * 1e12 + gap.before / gap.noise_floor.max(1e-12)
 }
 
 /// The report.
@@ -299,19 +300,22 @@ fn actuator(joint: &JointReport) -> Option<ActuatorJson> {
 fn runs_of(joint: &JointReport, gap: &Gap) -> Vec<RunJson> {
     // Over a whole run an unstable twin may leave all bounds, and JSON has no infinity.
     let finite = |x: f64| x.is_finite().then_some(x);
-    let one = |r: &crate::judge::proof::RunGap| RunJson {
-        run: r.run.clone(),
-        joint: joint.joint.clone(),
-        unit: if joint.turns { "rad" } else { "m" }.to_owned(),
-        before: r.before,
-        after: r.after,
-        full_length_before: finite(r.full_before),
-        full_length_after: finite(r.full_after),
-    };
-    gap.runs.iter().map(one).collect()
+    let mut runs = Vec::with_capacity(gap.runs.len());
+    for r in &gap.runs {
+        runs.push(RunJson {
+            run: r.run.clone(),
+            joint: joint.joint.clone(),
+            unit: if joint.turns { "rad" } else { "m" }.to_owned(),
+            before: r.before,
+            after: r.after,
+            full_length_before: finite(r.full_before),
+            full_length_after: finite(r.full_after),
+        });
+    }
+    runs
 }
 
-/// Share of the gap from which what names leave is reported.
+/// Least reported share of the gap left by names.
 /// chosen: the level of the intervals.
 const REPORTED_SHARE: f64 = 0.05;
 /// The same as a multiple of the noise.
@@ -319,7 +323,7 @@ const REPORTED_SHARE: f64 = 0.05;
 pub const REPORTED_NOISES: f64 = 3.0;
 
 impl JointReport {
-    /// What names leave and is no noise: its share of the gap, and how many times the noise it is.
+    /// Remainder beside names, beyond noise: its share of the gap, and its multiple of the noise.
     #[must_use]
     pub fn remainder(&self) -> Option<(f64, f64)> {
         let gap = self.gap.as_ref().filter(|_| !self.diagnosis.findings.is_empty())?;
@@ -336,8 +340,8 @@ fn remainder(joint: &JointReport) -> Option<RemainderJson> {
 
 fn off_axis(joint: &JointReport) -> Option<OffAxisJson> {
     let e = joint.off_axis?;
-    let json = |a: &Across| AcrossJson { mm: 1e3 * a.shift_m, deg: a.turn_rad.to_degrees() };
-    let [measured, noise, left, axis] = [&e.measured, &e.noise, &e.left, &e.axis].map(json);
+    let [measured, noise, left, axis] = [&e.measured, &e.noise, &e.left, &e.axis]
+        .map(|a: &Across| AcrossJson { mm: 1e3 * a.shift_m, deg: a.turn_rad.to_degrees() });
     Some(OffAxisJson {
         joint: joint.joint.clone(),
         suspect: e.suspect.name().to_owned(),
@@ -363,31 +367,32 @@ fn nearest(joint: &JointReport) -> Option<NearestJson> {
 }
 
 fn findings<'f>(joint: &JointReport, found: impl Iterator<Item = &'f Finding>) -> Vec<FindingJson> {
-    let one = |f: &Finding| FindingJson {
+    found.map(|f| finding(joint, f)).collect()
+}
+
+fn finding(joint: &JointReport, f: &Finding) -> FindingJson {
+    let experiment = &f.experiment;
+    let alternatives = f.alternatives.iter().map(|(effect, weight)| AlternativeJson {
+        effect: effect.clone(),
+        weight: *weight,
+        experiment: experiment.clone(),
+    });
+    FindingJson {
         joint: joint.joint.clone(),
         effect: f.effect.clone(),
         parameters: f.parameters.iter().map(parameter).collect(),
         weight: f.weight,
-        alternatives: f
-            .alternatives
-            .iter()
-            .map(|(effect, weight)| AlternativeJson {
-                effect: effect.clone(),
-                weight: *weight,
-                experiment: f.experiment.clone(),
-            })
-            .collect(),
-    };
-    found.map(one).collect()
+        alternatives: alternatives.collect(),
+    }
 }
 
-/// Level at which a dependence is reported.
-/// chosen: the share of false alarms that is accepted.
+/// Level of a reported dependence.
+/// chosen: the accepted share of false alarms.
 const LEVEL: f64 = 0.05;
 
 fn places(joint: &JointReport) -> Vec<WhereJson> {
     let d = &joint.diagnosis;
-    // What nothing explains is where the updated model fails; what was named is where the twin did.
+    // Without an explanation the updated model fails there; with one the twin did.
     d.before
         .iter()
         .filter(|w| w.q <= LEVEL && w.gain > 2.0 * w.bins.len() as f64 + 10.0)
@@ -483,7 +488,7 @@ fn words(p: &ParameterEstimate) -> String {
     format!("{} {:.4} [{:.4}, {:.4}] {}", p.name, p.value, p.interval.0, p.interval.1, p.unit)
 }
 
-/// The gap as a bar of 30 characters: noise, what is left, what went away; logarithmic.
+/// The gap as a bar of 30 characters: noise, remainder, closed part; logarithmic.
 fn bar(gap: &Gap) -> String {
     let top = (gap.before / gap.noise_floor.max(1e-12)).max(1.0).ln().max(1e-9);
     // derived: 30 characters.

@@ -1,4 +1,4 @@
-//! Score test: how much every candidate would explain of what a fitted model leaves, to first order, at every
+//! Score test: the explanation by every candidate of a fitted model's residuals, to first order, at every
 //! shape. See docs/method.md (14.14).
 
 use nalgebra::{DMatrix, DVector};
@@ -12,7 +12,7 @@ use crate::{
         whiten::{respond, whiten},
         whitening::{Whitening, predict},
     },
-    judge::{locate::STILL, orthogonal::orthogonal},
+    judge::{columns::Columns, locate::STILL, orthogonal::orthogonal},
     model::{
         effect::{At, Effect, Extent, Place, Response, run_time_s},
         joint_model::{Catalogue, JointModel},
@@ -20,14 +20,14 @@ use crate::{
     record::log::Span,
 };
 
-/// Share of a column's information from which the model's own parameters do not span it, and what is added to
-/// what they leave so that an inverse is finite.
-/// chosen: above rounding, below what is seen.
+/// Least share of a column's information outside the span of the model's own parameters, and the addition to
+/// it for a finite inverse.
+/// chosen: above rounding, below any visible effect.
 const SPANNED: [f64; 2] = [1e-6, 1e-7];
-/// Most columns that one score tests together.
+/// Most columns of one score.
 const MAX_TESTED: usize = 32;
 
-/// A fitted model's whitened residuals with what its own unknowns could still take up.
+/// A fitted model's whitened residuals and the columns of its own unknowns.
 pub struct Screen<'p, 'c> {
     problem: &'p Problem<'c>,
     /// Of the fitted model.
@@ -64,44 +64,13 @@ pub struct Middle {
     pub acceleration: Vec<f64>,
     /// Acceleration of the smoothed motion.
     pub measured: Vec<f64>,
-    /// Share of a friction's bound that acts against the motion, with its sign: 1 on the way up, about 0 at
-    /// rest.
+    /// Share of a friction's bound against the motion, with its sign: 1 on the way up, about 0 at rest.
     pub grip: Vec<f64>,
     /// Positions of the other joints.
     pub others: Vec<[f64; 8]>,
 }
 
-/// Columns over one window that are scored together.
-pub struct Columns {
-    /// Efforts by column and sample.
-    pub effort: Vec<Vec<f64>>,
-    /// Changes of the measurement by column and sample; empty where there are none.
-    pub direct: Vec<Vec<f64>>,
-    /// Columns that are not zero.
-    pub active: Vec<bool>,
-}
-
-impl Columns {
-    /// So many columns.
-    #[must_use]
-    pub fn new(count: usize) -> Self {
-        Self { effort: vec![Vec::new(); count], direct: Vec::new(), active: vec![false; count] }
-    }
-
-    /// Zero over a window of so many samples.
-    pub fn clear(&mut self, len: usize) {
-        for (effort, active) in self.effort.iter_mut().zip(&mut self.active) {
-            // Only what was written is cleared: most local shapes reach few windows.
-            if *active || effort.len() != len {
-                effort.clear();
-                effort.resize(len, 0.0);
-            }
-            *active = false;
-        }
-    }
-}
-
-/// What a set of columns would explain.
+/// Explanation by a set of columns.
 #[derive(Clone, Debug)]
 pub struct Score {
     /// Twice the gain of log likelihood.
@@ -160,7 +129,7 @@ impl<'p, 'c> Screen<'p, 'c> {
         }
         normal[(0, 0)] += 1.0 / (problem.lag_sigma_s * problem.lag_sigma_s);
         for i in 0..free {
-            // A parameter that no window shows must not stop the inversion.
+            // An undetermined parameter must not stop the inversion.
             normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-9) + 1e-12;
         }
         let inverse = normal.try_inverse().unwrap_or_else(|| DMatrix::zeros(free, free));
@@ -175,8 +144,8 @@ impl<'p, 'c> Screen<'p, 'c> {
         &self.middle
     }
 
-    /// Scores `count` columns. `fill(window, span, columns)` writes what columns of amplitude one put on each
-    /// sample of a window, and marks those that are not zero there.
+    /// Scores `count` columns. `fill(window, span, columns)` writes the efforts of columns of amplitude one
+    /// at each sample of a window, and marks the columns with others than zero.
     pub fn score(&self, count: usize, fill: impl FnMut(usize, Span, &mut Columns)) -> Option<Score> {
         match (3 + self.parameters).next_multiple_of(4) {
             4 => self.score_width::<4>(count, fill),
@@ -224,8 +193,7 @@ impl<'p, 'c> Screen<'p, 'c> {
             for i in (0..count).filter(|&i| columns.active[i]) {
                 for j in (0..=i).filter(|&j| columns.active[j]) {
                     let dot: f64 = seen[i].iter().zip(&seen[j]).map(|(a, b)| a * b).sum();
-                    // The start columns are orthonormal: what they span of two columns comes off by two
-                    // products.
+                    // The start columns are orthonormal: their part of two columns comes off by two products.
                     let dot = dot - starts[i][0] * starts[j][0] - starts[i][1] * starts[j][1];
                     normal[(i, j)] += dot;
                     if i != j {
@@ -246,7 +214,7 @@ impl<'p, 'c> Screen<'p, 'c> {
     ) -> Option<Score> {
         let count = normal.nrows();
         let raw: Vec<f64> = (0..count).map(|i| normal[(i, i)]).collect();
-        // (14.14): what the model's own parameters could explain comes off.
+        // (14.14): the part within the model's own parameters comes off.
         normal -= with_parameters * &self.inverse * with_parameters.transpose();
         let taken = with_parameters * &self.inverse * &self.gradient;
         let gradient = DVector::from_fn(count, |i, _| products.iter().map(|w| w[i]).sum::<f64>() - taken[i]);
@@ -302,24 +270,27 @@ impl<'p, 'c> Screen<'p, 'c> {
     fn states(&self, index: usize) -> Vec<At<'_>> {
         let log = &self.problem.logs[index];
         let m = &self.middle[index];
-        let at = |k: usize| At {
-            q: m.position[k],
-            v: m.velocity[k],
-            u: m.effort[k],
-            feedback: [0.0; 2],
-            t: run_time_s(index, log, k),
-            direction: if m.velocity[k] < 0.0 { -1.0 } else { 1.0 },
-            others: &m.others[k],
-            load: 0.0,
-            carried: log.carried.get(k),
-        };
-        (0..m.position.len()).map(at).collect()
+        let mut states = Vec::with_capacity(m.position.len());
+        for k in 0..m.position.len() {
+            states.push(At {
+                q: m.position[k],
+                v: m.velocity[k],
+                u: m.effort[k],
+                feedback: [0.0; 2],
+                t: run_time_s(index, log, k),
+                direction: if m.velocity[k] < 0.0 { -1.0 } else { 1.0 },
+                others: &m.others[k],
+                load: 0.0,
+                carried: log.carried.get(k),
+            });
+        }
+        states
     }
 
     fn hit(&self, index: usize, effect: &dyn Effect, shape: &[f64], states: &[Vec<At>]) -> Option<Hit> {
         let score = self.score(amplitudes(effect), self.filler(effect, shape, states))?;
         let mut p = shape.to_vec();
-        // Delay and play are tested at their full size, which is the start already.
+        // Delay and play are tested at their full size: it is the start already.
         if !matches!(effect.place(), Place::Delay | Place::Play) {
             for (i, a) in score.amplitude.iter().enumerate() {
                 let (low, high) = effect.bounds(i, &self.problem.coverage);
@@ -329,7 +300,7 @@ impl<'p, 'c> Screen<'p, 'c> {
         Some(Hit { effect: index, p, gain: score.gain })
     }
 
-    /// What fills the columns of the amplitudes of an effect; `states` are those of every log.
+    /// A function to fill the columns of the amplitudes of an effect; `states` are those of every log.
     pub fn filler<'s>(
         &'s self,
         effect: &'s dyn Effect,
@@ -358,17 +329,19 @@ impl<'p, 'c> Screen<'p, 'c> {
                     }
                 })
             }
-            // The predicted motion, not the measured one: what is measured has gone through the play already.
+            // The predicted motion, not the measured one: a measured position has gone through the play
+            // already.
             Place::Play => Box::new(move |window, span, columns| {
                 let half_gap = shape[0];
                 let predicted = &self.predicted[window];
                 let mut gauge = predicted[0] - problem.traces[span.log].direction[span.start] * half_gap;
-                let follow = |q: &f64| {
+                let mut play = Vec::with_capacity(predicted.len());
+                for q in predicted {
                     gauge = gauge.clamp(q - half_gap, q + half_gap);
-                    gauge - q
-                };
+                    play.push(gauge - q);
+                }
                 columns.active[0] = true;
-                columns.direct = vec![predicted.iter().map(follow).collect()];
+                columns.direct = vec![play];
             }),
             Place::Inertia | Place::Gain | Place::Bias | Place::Scale => Box::new(move |_, span, columns| {
                 columns.active[0] = true;
@@ -393,8 +366,7 @@ impl<'p, 'c> Screen<'p, 'c> {
         for (i, at) in states.iter().enumerate() {
             let mut r = Response::default();
             effect.respond(at, shape, &mut r);
-            // Near rest friction takes up what acts, not its bound, so that a larger bound changes
-            // little.
+            // Near rest friction takes up the acting effort, not its bound: a larger bound changes little.
             let factor = if is_friction { -grip[i] } else { 1.0 };
             for ((effort, active), by) in columns.effort.iter_mut().zip(&mut columns.active).zip(&r.p) {
                 effort[i] = factor * by;
@@ -403,13 +375,13 @@ impl<'p, 'c> Screen<'p, 'c> {
         }
     }
 
-    /// The effort of amplitude one of an effect that is no effort of its own, at a sample.
+    /// The effort at a sample by amplitude one of an effect without an effort of its own.
     fn scalar_effort(&self, place: Place, log: usize, k: usize) -> f64 {
         let m = &self.middle[log];
         let load = || self.problem.plant.load_at(self.problem.logs[log].carried.get(k), m.position[k]);
         // First-order changes of (14.3), a recorded position y being s q + o.
         match place {
-            // What a machine does, where the model is far from it.
+            // The machine's acceleration, where the model is far from it.
             Place::Inertia if self.problem.weighing != Weighing::Innovations => -m.measured[k],
             Place::Inertia => -m.acceleration[k],
             Place::Gain => m.effort[k],
@@ -423,23 +395,25 @@ impl<'p, 'c> Screen<'p, 'c> {
     }
 }
 
-/// Number of parameters of an effect that are amplitudes; they come first.
+/// Number of an effect's amplitudes among its parameters; they come first.
 #[must_use]
 pub fn amplitudes(effect: &dyn Effect) -> usize {
     effect.parameters().iter().filter(|p| p.neutral.is_some()).count()
 }
 
-/// Positions and times that a window runs through.
+/// Positions and times of a window.
 fn extents(problem: &Problem, middle: &[Middle]) -> Vec<Extent> {
-    let one = |span: &Span| {
+    let mut extents = Vec::with_capacity(problem.windows.len());
+    for span in &problem.windows {
         let log = &problem.logs[span.log];
         let position = &middle[span.log].position[span.start..span.start + span.len];
         let low = position.iter().copied().fold(f64::INFINITY, f64::min);
         let high = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let time = |k: usize| run_time_s(span.log, log, k);
-        Extent { position: (low, high), time_s: (time(span.start), time(span.start + span.len - 1)) }
-    };
-    problem.windows.iter().map(one).collect()
+        let first_s = run_time_s(span.log, log, span.start);
+        let last_s = run_time_s(span.log, log, span.start + span.len - 1);
+        extents.push(Extent { position: (low, high), time_s: (first_s, last_s) });
+    }
+    extents
 }
 
 /// States between samples and the model's acceleration there.
@@ -448,7 +422,8 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
     let added = model.scalar(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x);
     let gain = model.scalar(catalogue, Place::Gain).map_or(1.0, |(x, _)| x);
     let acting = Acting::of(model, catalogue);
-    let one = |(index, trace): (usize, &crate::fit::smooth::Trace)| {
+    let mut middles = Vec::with_capacity(problem.traces.len());
+    for (index, trace) in problem.traces.iter().enumerate() {
         let log = &problem.logs[index];
         let n = trace.position.len();
         let mut now = [0.0; 8];
@@ -460,7 +435,7 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
             }
             let q = 0.5 * (trace.position[k] + trace.position[next]);
             let v = 0.5 * (trace.velocity[k] + trace.velocity[next]);
-            // A servo reads the position that was recorded.
+            // A servo reads the recorded position.
             let acted = model.plant.actuator.act(trace.signal[k], q, v, (1.0, 0.0));
             let u = gain * acted.effort;
             let at = At {
@@ -477,7 +452,7 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
             let sum = acting.at(&at);
             let free = u + sum.effort;
             let slow = STILL * problem.coverage.speed.1;
-            // At rest friction takes up what acts, as far as its bound reaches.
+            // At rest friction takes up the acting effort, as far as its bound reaches.
             let friction = if v.abs() > slow {
                 sum.friction * v.signum()
             } else {
@@ -494,7 +469,7 @@ fn middles(problem: &Problem, model: &JointModel) -> Vec<Middle> {
                 (trace.velocity[next] - trace.velocity[k]) / (log.time_s[next] - log.time_s[k]).max(1e-12),
             );
         }
-        m
-    };
-    problem.traces.iter().enumerate().map(one).collect()
+        middles.push(m);
+    }
+    middles
 }

@@ -1,5 +1,5 @@
-//! A found set of effects made no richer than the recording asks for: special cases in place of what contains
-//! them, and nothing whose strength may as well be zero.
+//! A found set of effects made no richer than the recording asks for: special cases in place of general
+//! effects, and no strength with zero in its interval.
 
 use crate::{
     fit::{
@@ -11,12 +11,12 @@ use crate::{
 };
 use numeric::statistics::HALF_WIDTH_95;
 
-/// Score by which a simpler set may fall behind: a special case behind the effect that contains it, a set
-/// without an effect behind the set with it.
+/// Allowed loss of score of a simpler set: a special case against its general effect, a set without an effect
+/// against the set with it.
 /// chosen: very strong evidence in twice the log of a Bayes factor (Kass and Raftery 1995).
 pub const SIMPLER: f64 = 10.0;
 
-/// The set with special cases where they do about as well, without effects that are not sure to be there.
+/// The set with special cases where they do about as well, without unsure effects.
 #[must_use]
 pub fn simplified(problem: &Problem, found: &Candidate) -> Candidate {
     let mut chosen = found.clone();
@@ -49,44 +49,48 @@ pub fn refitted(problem: &Problem, from: &Candidate, model: &JointModel) -> Cand
     )
 }
 
-/// The special cases of an effect, with the parameters that they share with it.
+/// The special cases of an effect, with their shared parameters.
 #[must_use]
 pub fn special_terms(problem: &Problem, term: &Term) -> Vec<Term> {
     let general = &problem.catalogue[term.effect];
-    let one = |name: &&str| {
-        let effect = problem.catalogue.iter().position(|e| e.name() == *name)?;
-        let mut p = problem.catalogue[effect].shapes(&problem.coverage).into_iter().next()?;
-        let own = problem.catalogue[effect].parameters();
-        for (k, (own, other)) in own.iter().zip(general.parameters()).enumerate() {
-            // Shared parameters come first in both, so the same place and unit mean the same number.
-            if own.dimension == other.dimension {
-                p[k] = term.p[k];
-            }
+    general.spec().contains.iter().filter_map(|name| special_term(problem, term, name)).collect()
+}
+
+/// The special case of a name; `None` where the catalogue or the motion has none.
+fn special_term(problem: &Problem, term: &Term, name: &str) -> Option<Term> {
+    let effect = problem.catalogue.iter().position(|e| e.name() == name)?;
+    let mut p = problem.catalogue[effect].shapes(&problem.coverage).into_iter().next()?;
+    let own = problem.catalogue[effect].parameters();
+    for (k, (own, other)) in own.iter().zip(problem.catalogue[term.effect].parameters()).enumerate() {
+        // Shared parameters come first in both, so the same place and unit mean the same number.
+        if own.dimension == other.dimension {
+            p[k] = term.p[k];
         }
-        Some(Term { effect, p })
-    };
-    general.spec().contains.iter().filter_map(one).collect()
+    }
+    Some(Term { effect, p })
 }
 
 /// A model with another effect in the place of its term `i`, fitted a little from the start states of a fit.
 #[must_use]
-pub fn replaced(problem: &Problem, model: &JointModel, (i, other): (usize, Term), from: &Fit) -> Fit {
+pub fn replaced(problem: &Problem, model: &JointModel, i: usize, other: Term, from: &Fit) -> Fit {
     let mut model = model.clone();
     model.terms[i] = other;
     fit(problem, &model, Some(&from.starts), from.noise, Free::All, Pace::NEXT)
 }
 
-/// The best set with one effect replaced by a special case of it that does about as well, or that lacks only
-/// strengths which may as well be zero. Shared parameters come first in both.
+/// The best set with one effect replaced by a special case about as good, or one without only perhaps zero
+/// strengths. Shared parameters come first in both.
 fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
     let mut simpler = Vec::new();
     for (i, (at, term)) in chosen.fit.model.placed().enumerate() {
         let general = &problem.catalogue[term.effect];
         for special in special_terms(problem, term) {
             let own = problem.catalogue[special.effect].parameters();
-            let is_shared = |k: usize| own.get(k).is_some_and(|o| o.name == general.parameters()[k].name);
-            let lost_is_sure = (0..term.p.len()).any(|k| !is_shared(k) && is_sure(problem, chosen, i, at, k));
-            let begun = candidate(problem, replaced(problem, &chosen.fit.model, (i, special), &chosen.fit));
+            let lost_is_sure = (0..term.p.len()).any(|k| {
+                let is_shared = own.get(k).is_some_and(|o| o.name == general.parameters()[k].name);
+                !is_shared && is_sure(problem, chosen, i, at, k)
+            });
+            let begun = candidate(problem, replaced(problem, &chosen.fit.model, i, special, &chosen.fit));
             let fitted = refitted(problem, &begun, &begun.fit.model);
             if fitted.score > chosen.score - SIMPLER || (!lost_is_sure && fitted.score.is_finite()) {
                 simpler.push(fitted);
@@ -96,8 +100,7 @@ fn special_cases(problem: &Problem, chosen: &Candidate) -> Option<Candidate> {
     simpler.into_iter().max_by(|a, b| a.score.total_cmp(&b.score))
 }
 
-/// Whether parameter `k` of term `i`, whose columns start at `at`, is a strength that surely differs from its
-/// neutral value.
+/// Whether parameter `k` of term `i`, with columns from `at` on, is a strength surely off its neutral value.
 fn is_sure(problem: &Problem, chosen: &Candidate, i: usize, at: usize, k: usize) -> bool {
     let term = &chosen.fit.model.terms[i];
     let deviation = chosen.fit.deviation(at + k);
@@ -105,10 +108,13 @@ fn is_sure(problem: &Problem, chosen: &Candidate, i: usize, at: usize, k: usize)
     neutral.is_some_and(|neutral| (term.p[k] - neutral).abs() > HALF_WIDTH_95 * deviation)
 }
 
-/// The first effect from the `first` on of which no strength is sure to differ from its neutral value.
+/// The first effect from `first` on without a strength surely off its neutral value.
 fn doubtful_term(problem: &Problem, chosen: &Candidate, first: usize) -> Option<usize> {
-    let is_doubtful = |(i, (at, term)): &(usize, (usize, &Term))| {
-        *i >= first && !(0..term.p.len()).any(|k| is_sure(problem, chosen, *i, *at, k))
-    };
-    chosen.fit.model.placed().enumerate().find(is_doubtful).map(|(i, _)| i)
+    let terms = chosen.fit.model.placed().enumerate().skip(first);
+    for (i, (at, term)) in terms {
+        if !(0..term.p.len()).any(|k| is_sure(problem, chosen, i, at, k)) {
+            return Some(i);
+        }
+    }
+    None
 }

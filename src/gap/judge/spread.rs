@@ -1,4 +1,4 @@
-//! How well fitted parameters are known, and the intervals that follow.
+//! Uncertainty of fitted parameters, and their intervals.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -9,7 +9,7 @@ use numeric::statistics::{HALF_WIDTH_95, chi_square_95};
 pub struct Spread {
     /// Covariance of all free parameters.
     pub covariance: DMatrix<f64>,
-    /// Number of windows that each rests on.
+    /// Number of windows behind each.
     pub witnesses: Vec<f64>,
 }
 
@@ -27,14 +27,14 @@ impl Spread {
         half_width(self.fewest(shown.map(|i| first + i)) - 1.0) * variance.max(0.0).sqrt()
     }
 
-    /// How far out the parameters from `first` on lie that are `off` by so much, all together, where 1 is the
-    /// border of their 95 % region; of one parameter, in half widths of its interval.
+    /// Distance of the parameters from `first` on, `off` by so much, all together; 1 is the border of their
+    /// 95 % region; of one parameter, in half widths of its interval.
     #[must_use]
     pub fn away(&self, first: usize, off: &[f64]) -> f64 {
         let n = off.len();
         let off = DVector::from_column_slice(off);
         let covariance = self.covariance.view((first, first), (n, n)).into_owned();
-        // What is not free has no deviation; what nothing shows has an infinite one.
+        // A frozen parameter has no deviation; an undetermined one has an infinite one.
         let is_fixed = covariance[(0, 0)] <= 0.0 && off.norm() > 0.0;
         let Some(known) = covariance.cholesky() else { return if is_fixed { f64::INFINITY } else { 0.0 } };
         let region = chi_square_95(n as f64) / chi_square_95(1.0);
@@ -42,19 +42,18 @@ impl Spread {
         (away / half_width(self.fewest(first..first + n) - 1.0)).max(0.0)
     }
 
-    /// An interval is as good as the parameter that the fewest windows show.
+    /// An interval is as good as the parameter of the fewest windows.
     fn fewest(&self, of: impl Iterator<Item = usize>) -> f64 {
         of.map(|i| self.witnesses[i]).fold(f64::INFINITY, f64::min)
     }
 }
 
-/// A covariance with what all witnesses have in common. Each is off by an error of its own, of variance n C
-/// where C is that of their mean; what is off in all of them alike shows in no difference between them, and
-/// is taken to be as large: C + n C. See docs/method.md 14.11.
+/// A covariance with the common error of all witnesses. Each is off by an error of its own, of variance n C
+/// with C the variance of their mean; a common error shows in no difference between them, and is taken to be
+/// as large: C + n C. See docs/method.md 14.11.
 #[must_use]
 pub fn with_common(covariance: &DMatrix<f64>, witnesses: &[f64]) -> DMatrix<f64> {
-    let wider = |i: usize, j: usize| ((1.0 + witnesses[i]) * (1.0 + witnesses[j])).sqrt();
-    covariance.map_with_location(|i, j, c| c * wider(i, j))
+    covariance.map_with_location(|i, j, c| c * ((1.0 + witnesses[i]) * (1.0 + witnesses[j])).sqrt())
 }
 
 /// Terms of the series of [`half_width`] in 1 / n: coefficients of odd powers of z, and a divisor.
@@ -62,8 +61,8 @@ pub fn with_common(covariance: &DMatrix<f64>, witnesses: &[f64]) -> DMatrix<f64>
 const TERMS: [([f64; 4], f64); 3] =
     [([1.0, 1.0, 0.0, 0.0], 4.0), ([3.0, 16.0, 5.0, 0.0], 96.0), ([-15.0, 17.0, 19.0, 3.0], 384.0)];
 
-/// Half width of a 95 % interval in standard deviations that are estimated with so many degrees of freedom,
-/// three at least: Student's quantile (Abramowitz and Stegun 26.7.5). See docs/method.md (14.18).
+/// Half width of a 95 % interval in standard deviations estimated with so many degrees of freedom, three at
+/// least: Student's quantile (Abramowitz and Stegun 26.7.5). See docs/method.md (14.18).
 fn half_width(freedom: f64) -> f64 {
     let z = HALF_WIDTH_95;
     let n = freedom.max(3.0);

@@ -1,14 +1,14 @@
-//! Whether a recording in which something else remains leaves open that an effect is there at all.
+//! Whether an effect is surely there in a recording with a remainder.
 
 use crate::{
     judge::spread::Spread,
     model::joint_model::{Catalogue, Term},
 };
 
-/// Whether the strengths of a term, whose columns start at `at`, are surely not all neutral. The search asks
-/// what an effect adds to the samples, and what remains adds to them too: the region of the strengths has
-/// the last word. A shape stands for a strength as well (a narrower one is stronger), so that an effect that
-/// has one is not asked. See docs/method.md 14.11.
+/// Whether the strengths of a term, with columns from `at` on, are surely not all neutral. The search asks
+/// for the addition of an effect to the samples, and the remainder adds to them too: the region of the
+/// strengths has the last word. A shape stands for a strength as well (a narrower one is stronger): an effect
+/// with a shape is not asked. See docs/method.md 14.11.
 #[must_use]
 pub fn is_surely_there(catalogue: &Catalogue, spread: &Spread, at: usize, term: &Term) -> bool {
     let parameters = catalogue[term.effect].parameters();

@@ -1,14 +1,18 @@
-//! Efforts of which only the magnitude was recorded, though the joint was driven both ways.
+//! Efforts recorded by magnitude only, though the joint was driven both ways.
 
 use std::f64::consts::LN_2;
 
 use super::doubt::{JointScene, LOG_ODDS, all_gains, gains_up_to};
-use crate::{fit::stretch::Stretch, judge::convention::AS_GIVEN, record::recording::Recording};
+use crate::{
+    fit::stretch::Stretch,
+    judge::convention::AS_GIVEN,
+    record::{log::rms, recording::Recording},
+};
 
-/// Friction that is tried beside what the twin needs for a motion, as shares of that.
-/// chosen: none, and a half to twice of it: what a sign follows of the two.
+/// Tried frictions beside the twin's effort for a motion, as shares of it.
+/// chosen: none, and a half to twice of it: a sign follows either of the two.
 const FRICTIONS: [f64; 4] = [0.0, 0.5, 1.0, 2.0];
-/// Inertias that are tried, as multiples of the twin's.
+/// Tried inertias, as multiples of the twin's.
 /// chosen: its own, and those of a small and a large gear.
 const INERTIAS: [f64; 3] = [1.0, 4.0, 16.0];
 /// Largest factor of an effort without a sign, as a power of two: such efforts often are counts.
@@ -23,38 +27,46 @@ pub fn is_never_negative<'r>(runs: impl Iterator<Item = &'r Recording>, joint: &
     known.iter().all(|u| *u >= 0.0) && known.iter().any(|u| *u > 0.0)
 }
 
-/// Log odds that efforts which are never negative are magnitudes, against efforts of one sense: with the sign
-/// of what the motion needs they are explained by it, and it by them. `None` where that says too little.
+/// Log odds for never negative efforts as magnitudes, against efforts of one sense: with the sign of the
+/// required effort they are explained by the motion, and the motion by them. `None` where there is too little
+/// motion.
 #[must_use]
 pub fn magnitude_odds(joint: &JointScene) -> Option<f64> {
     let stretches: Vec<&Stretch> = joint.stretches.iter().collect();
     let seen = joint.seen(&stretches, &AS_GIVEN);
-    let rms = |of: &dyn Fn(usize) -> f64| {
-        ((0..seen.len()).map(|i| of(i).powi(2)).sum::<f64>() / seen.len().max(1) as f64).sqrt()
-    };
     let gains = gains_up_to(LARGEST_POWER);
     let mut best: Option<f64> = None;
     for inertia in INERTIAS {
-        let need = |i: usize| inertia * seen[i].inertial + seen[i].rest;
-        let size = rms(&need);
+        let needs: Vec<f64> = seen.iter().map(|s| inertia * s.inertial + s.rest).collect();
+        let size = rms(&needs);
         for friction in FRICTIONS {
-            let sign: Vec<f64> = (0..seen.len())
-                .map(|i| (need(i) + friction * size * seen[i].velocity.signum()).signum())
+            let sign: Vec<f64> = needs
+                .iter()
+                .zip(&seen)
+                .map(|(need, s)| (need + friction * size * s.velocity.signum()).signum())
                 .collect();
-            let efforts = |delay_s: f64| -> Vec<Option<f64>> {
-                let own = joint.efforts(joint.joint, &stretches, delay_s);
-                own.into_iter().zip(&sign).map(|(u, sign)| u.map(|u| u * sign)).collect()
-            };
-            // How much each stretch says depends on what is left, which the sign decides.
-            let with = joint.with_share((&stretches, &seen), &efforts(0.0));
+            let efforts = |delay_s: f64| signed_efforts(joint, &stretches, &sign, delay_s);
+            // The weight of each stretch depends on the remainder, and this on the sign.
+            let with = joint.with_share(&stretches, &seen, &efforts(0.0));
             let Some(given) = with.baseline(&stretches, &all_gains()) else { continue };
-            // The sign of a motion that is to be explained comes from it: a bit of each of its numbers.
+            // The sign comes from the motion it is to explain: a bit of each of its numbers.
             let odds = with.odds(&seen, &efforts, &given, &gains, (LN_2, 0.0));
             let tried = ((INERTIAS.len() * FRICTIONS.len()) as f64).ln();
             best = odds.map(|o| o.log - tried).into_iter().chain(best).reduce(f64::max);
         }
     }
     best
+}
+
+/// Recorded efforts of a joint over stretches, late by a delay, times a sign each.
+fn signed_efforts(
+    joint: &JointScene,
+    stretches: &[&Stretch],
+    sign: &[f64],
+    delay_s: f64,
+) -> Vec<Option<f64>> {
+    let own = joint.efforts(joint.joint, stretches, delay_s);
+    own.into_iter().zip(sign).map(|(u, sign)| u.map(|u| u * sign)).collect()
 }
 
 /// Whether it is likelier than a name must be.

@@ -1,4 +1,4 @@
-//! What the evidence carries: nothing, a name, a class of names, something unknown, or too little motion
+//! Conclusion from the evidence: nothing, a name, a class of names, something unknown, or too little motion
 //! for any of these.
 
 use rand_core::Rng;
@@ -31,18 +31,18 @@ use crate::{
 };
 use numeric::statistics::HALF_WIDTH_95;
 
-/// What a diagnosis ends in.
+/// Conclusion of a diagnosis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// The twin agrees with the recording.
     None,
     /// Effects with their names.
     Named,
-    /// A class of effects that this recording does not distinguish.
+    /// A class of effects without distinction by this recording.
     Ambiguous,
-    /// Something that no effect of the catalogue explains.
+    /// Something beyond the effects of the catalogue.
     Unknown,
-    /// The recording lacks what a diagnosis needs.
+    /// The recording is insufficient for a diagnosis.
     Insufficient,
 }
 
@@ -71,24 +71,23 @@ pub struct Diagnosis {
     pub before: Vec<Dependence>,
     /// The updated model; the twin itself where nothing is named.
     pub model: JointModel,
-    /// Share of what was to be explained that is left.
+    /// Remaining share of the part to explain.
     pub left: f64,
-    /// What the recording lacks.
+    /// Shortcomings of the recording.
     pub lacks: Vec<String>,
     /// Effort beyond the model.
     pub noise: EffortNoise,
-    /// What was found of the actuator: gain or stiffness, damping, delay.
+    /// Findings of the actuator: gain or stiffness, damping, delay.
     pub actuator: Vec<ParameterEstimate>,
-    /// Under [`Verdict::Unknown`]: the effects that come nearest, which do not explain enough to be named.
+    /// Under [`Verdict::Unknown`]: the nearest effects, with too little explanation for a name.
     pub nearest: Option<Nearest>,
-    /// How well the parameters of the model, or of what comes nearest, are known; `None` where there are
-    /// none.
+    /// Uncertainty of the parameters of the model, or of the nearest effects; `None` where there are none.
     pub spread: Option<Spread>,
     /// Sets of as many effects with their weights, its own among them.
     pub weighed: Vec<(Vec<usize>, f64)>,
 }
 
-/// Effects that come nearest to an explanation.
+/// Effects nearest to an explanation.
 #[derive(Clone, Debug)]
 pub struct Nearest {
     /// The effects.
@@ -98,7 +97,7 @@ pub struct Nearest {
 }
 
 impl Diagnosis {
-    /// A verdict about a model in which nothing was found.
+    /// A verdict about a model without findings.
     #[must_use]
     pub fn without_findings(verdict: Verdict, model: JointModel) -> Self {
         Self {
@@ -116,7 +115,7 @@ impl Diagnosis {
         }
     }
 
-    /// Takes the weights that another search gave to sets of as many effects, where its own is among them. It
+    /// Takes the weights of sets of as many effects from another search, where its own is among them. It
     /// stays the first name: none of the others counts more.
     pub fn weigh_as(&mut self, catalogue: &Catalogue, weighed: &[(Vec<usize>, f64)]) {
         let mut own: Vec<usize> = self.findings.iter().map(|f| f.index).collect();
@@ -142,8 +141,7 @@ impl Diagnosis {
         self.verdict = Verdict::Unknown;
     }
 
-    /// Asks of each effect that was found whether it is surely there, where something remains that is no
-    /// noise.
+    /// Marks each found effect as surely there or not, where something remains beyond noise.
     pub fn ask(&mut self, catalogue: &Catalogue) {
         if let Some(spread) = self.spread.as_ref().filter(|_| self.noise.remains()) {
             for (finding, (at, term)) in self.findings.iter_mut().zip(self.model.placed()) {
@@ -157,7 +155,7 @@ impl Diagnosis {
         self.findings.iter().filter(|f| f.is_sure)
     }
 
-    /// Effects that may as well be absent.
+    /// Perhaps absent effects.
     pub fn unsure(&self) -> impl Iterator<Item = &Finding> {
         self.findings.iter().filter(|f| !f.is_sure)
     }
@@ -168,16 +166,16 @@ impl Diagnosis {
         self.verdict != Verdict::Insufficient
     }
 
-    /// The effects of what was found, or of what comes nearest.
+    /// The effects of the findings, or the nearest ones.
     #[must_use]
     pub fn effects(&self) -> &JointModel {
         self.nearest.as_ref().map_or(&self.model, |n| &n.model)
     }
 
-    /// Takes effects that were fitted again, of which some may be gone, in place of its own.
+    /// Takes newly fitted effects, perhaps without some of the old ones, in place of its own.
     pub fn fit_again(&mut self, problem: &Problem, model: JointModel, spread: Spread, is_given: bool) {
         let own = self.nearest.as_mut().map_or(&mut self.findings, |n| &mut n.findings);
-        let mut again = findings(problem, &model, &spread, (&[], 1.0));
+        let mut again = findings(problem, &model, &spread, &[], 1.0);
         for finding in &mut again {
             if let Some(known) = own.iter().find(|f| f.index == finding.index) {
                 (finding.weight, finding.alternatives) = (known.weight, known.alternatives.clone());
@@ -203,19 +201,19 @@ impl Diagnosis {
 }
 
 /// Level of the test of a table.
-/// chosen: the share of false alarms that is accepted.
+/// chosen: the accepted share of false alarms.
 const LEVEL: f64 = 0.01;
-/// Least range of a position that says anything, in deviations of its noise.
+/// Least range of a position for a diagnosis, in deviations of its noise.
 /// chosen: a motion is drawn by some tens of steps.
 const LEAST_RANGE: f64 = 30.0;
-/// Least delay that is credible, in sample intervals.
+/// Least credible delay, in sample intervals.
 /// chosen: less may be the discretization's.
 const LEAST_DELAY: f64 = 0.25;
-/// Least change of a gain, a scale or an inertia that is credible, as a share.
+/// Least credible change of a gain, a scale or an inertia, as a share.
 /// chosen: less may be the discretization's.
 const LEAST_CHANGE: f64 = 0.004;
 
-/// What the motion lacks for any diagnosis, as sentences that name what to record.
+/// Shortcomings of the motion for any diagnosis, as sentences with a remedy.
 #[must_use]
 pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
     let mut lacks = Vec::new();
@@ -226,7 +224,7 @@ pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
         ));
     }
     let range = coverage.travel;
-    // Negated, so that a range that is not a number is too small as well.
+    // Negated: a range of NaN is too small as well.
     if !(range > LEAST_RANGE * coverage.position_noise) || range < 1e-9 {
         lacks.push(format!(
             "the position moves {range:.2e}, hardly more than its noise of {:.1e}; move the joint through \
@@ -237,8 +235,8 @@ pub fn lacks(coverage: &Coverage, windows: usize) -> Vec<String> {
     lacks
 }
 
-/// Diagnoses a joint from its fitting runs. Where `effects`, indices in the catalogue, are given, they are
-/// fitted and no others are looked for; a search tries the sets of `seeds` beside those that it grows.
+/// Diagnoses a joint from its fitting runs. Given `effects`, indices in the catalogue, are fitted and no
+/// others are looked for; a search tries the sets of `seeds` beside its own.
 #[must_use]
 pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng: &mut impl Rng) -> Diagnosis {
     let lacks = lacks(&problem.coverage, problem.windows.len());
@@ -250,7 +248,7 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     let chosen = &chosen;
     let base = &found.by_size[0][0];
     let twin = base.fit.model.without_effects();
-    // The twin under the noise of the chosen model: what there is to explain.
+    // The twin under the noise of the chosen model: the part to explain.
     let at_noise =
         fit(problem, &twin, Some(&base.fit.starts), chosen.fit.noise, Free::Starts, Pace::thorough(1));
     let to_explain = gain_to_explain(&at_noise, &base.fit, &chosen.fit);
@@ -278,11 +276,12 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     let (rivals, total) = in_doubt(diagnosis.weighed.clone());
     diagnosis.weighed.push((chosen.effects(), 1.0));
     diagnosis.verdict = if rivals.is_empty() { Verdict::Named } else { Verdict::Ambiguous };
-    let (model, spread) = with_offset(problem, refined(problem, &chosen.fit), effects);
-    diagnosis.findings = findings(problem, &model, &spread, (&rivals, total));
+    let (model, spread) = refined(problem, &chosen.fit);
+    let (model, spread) = with_offset(problem, model, spread, effects);
+    diagnosis.findings = findings(problem, &model, &spread, &rivals, total);
     diagnosis.actuator = actuator_estimates(&model, &spread, problem.turns);
     (diagnosis.model, diagnosis.spread) = (model, Some(spread));
-    // What was given stands or falls with the held-out runs alone.
+    // Given effects stand or fall with the held-out runs alone.
     if effects.is_empty() {
         diagnosis.ask(problem.catalogue);
         if explains_too_little(problem, &diagnosis, base, chosen) {
@@ -292,28 +291,29 @@ pub fn diagnose(problem: &Problem, effects: &[usize], seeds: &[JointModel], rng:
     diagnosis
 }
 
-/// Twice the log likelihood that a model gains over the twin: by smaller residuals under the model's noise,
+/// Twice the gain of log likelihood of a model over the twin: by smaller residuals under the model's noise,
 /// or, where a joint sticks and its residuals stay, each under its own noise.
 fn gain_to_explain(twin_at_noise: &Fit, twin: &Fit, chosen: &Fit) -> f64 {
     let saved = twin_at_noise.costs.iter().sum::<f64>() - chosen.costs.iter().sum::<f64>();
     saved.max(2.0 * (chosen.log_likelihood - twin.log_likelihood))
 }
 
-/// The largest gain that a table of the residual over a variable promises, 0 where none stands. A table
-/// stands by the rule for effects: its bins are priced as parameters are, docs/method.md (14.15), and it must
-/// gain what one more of so many tables must.
+/// The largest promised gain of a table of the residual over a variable, 0 where none stands. A table stands
+/// by the rule for effects: its bins are priced as parameters are, docs/method.md (14.15), and it must gain
+/// as much as one more of so many tables.
 fn unexplained_gain(tables: &[Dependence], independent: f64) -> f64 {
     let least = least_gain(Variable::ALL.len());
-    let priced = |table: &Dependence| table.gain - independent.ln() * table.bins.len() as f64;
-    tables.iter().filter(|t| t.q <= LEVEL).map(priced).filter(|gain| *gain > least).fold(0.0, f64::max)
+    let standing = tables.iter().filter(|t| t.q <= LEVEL);
+    let gains = standing.map(|t| t.gain - independent.ln() * t.bins.len() as f64);
+    gains.filter(|gain| *gain > least).fold(0.0, f64::max)
 }
 
-/// Share of what was to be explained that is left, at most 1.
+/// Remaining share of the part to explain, at most 1.
 fn share_left(unexplained: f64, to_explain: f64) -> f64 {
     (unexplained / to_explain.max(1e-9)).min(1.0)
 }
 
-/// Whether effects that a search found leave too much for their names to stand.
+/// Whether found effects leave too much for their names to stand.
 fn explains_too_little(
     problem: &Problem,
     diagnosis: &Diagnosis,
@@ -327,33 +327,36 @@ fn explains_too_little(
         || !chosen.fit.model.terms.iter().all(|t| is_credible(problem, t))
 }
 
-/// What was found of a model's actuator, with intervals.
+/// Findings of a model's actuator, with intervals.
 fn actuator_estimates(model: &JointModel, spread: &Spread, turns: bool) -> Vec<ParameterEstimate> {
     let actuator = &model.plant.actuator;
     let [gain, damping] = model.actuator_columns();
-    let estimate = |name: &str, unit: &str, value: f64, scale: f64, at: usize| {
-        let half = spread.half_width(at, &[scale]);
-        let interval = (value - half, value + half);
-        ParameterEstimate { name: name.to_owned(), value, unit: unit.to_owned(), interval }
-    };
-    let gain = gain.map(|at| match actuator.servo {
-        Some(servo) => {
-            let unit = Dimension::Stiffness.unit(turns);
-            estimate("stiffness", unit, servo.stiffness * actuator.gain, servo.stiffness, at)
-        }
-        None => {
-            let unit = if turns { "N m per unit" } else { "N per unit" };
-            estimate("gain", unit, actuator.unit * actuator.gain, actuator.unit, at)
-        }
-    });
-    let damping =
-        damping.map(|at| estimate("damping", Dimension::Damping.unit(turns), actuator.damping, 1.0, at));
-    // The lag is the first of the free parameters.
-    let delay = actuator.is_late.then(|| estimate("delay", "s", actuator.delay_s + model.lag_s, 1.0, 0));
-    [gain, damping, delay].into_iter().flatten().collect()
+    let mut all = Vec::new();
+    if let Some(at) = gain {
+        let (name, unit, scale) = match actuator.servo {
+            Some(servo) => ("stiffness", Dimension::Stiffness.unit(turns), servo.stiffness),
+            None => ("gain", if turns { "N m per unit" } else { "N per unit" }, actuator.unit),
+        };
+        all.push(estimate(name, scale * actuator.gain, unit, spread.half_width(at, &[scale])));
+    }
+    if let Some(at) = damping {
+        let unit = Dimension::Damping.unit(turns);
+        all.push(estimate("damping", actuator.damping, unit, spread.half_width(at, &[1.0])));
+    }
+    if actuator.is_late {
+        // The lag is the first of the free parameters.
+        let half = spread.half_width(0, &[1.0]);
+        all.push(estimate("delay", actuator.delay_s + model.lag_s, "s", half));
+    }
+    all
 }
 
-/// The set of effects that a search ends in, or that is given.
+fn estimate(name: &str, value: f64, unit: &str, half: f64) -> ParameterEstimate {
+    let interval = (value - half, value + half);
+    ParameterEstimate { name: name.to_owned(), value, unit: unit.to_owned(), interval }
+}
+
+/// The final set of effects of a search, or the given one.
 fn chosen(problem: &Problem, effects: &[usize], seeds: &[JointModel]) -> (Search, Candidate) {
     if effects.is_empty() {
         let all = problem.sought();
@@ -373,8 +376,7 @@ fn chosen(problem: &Problem, effects: &[usize], seeds: &[JointModel]) -> (Search
     }
 }
 
-/// Whether the effects leave so much of the twin's effort noise, or of the effort itself, that it is no
-/// noise.
+/// Whether the effects leave more of the twin's effort noise, or of the effort itself, than noise.
 fn is_noisy(problem: &Problem, base: &Candidate, chosen: &Candidate) -> bool {
     let left = chosen.fit.noise.share_of(&base.fit.noise);
     let loud = chosen.fit.noise.size() > MAX_LEFT * problem.coverage.effort_rms;
@@ -383,8 +385,8 @@ fn is_noisy(problem: &Problem, base: &Candidate, chosen: &Candidate) -> bool {
 }
 
 /// Whether the effects have shapes of their own where something remains beside them: several shapes over the
-/// position mend one that none of them has, one that may as well lie at the end of its range is another one,
-/// and a push in one run is what remains.
+/// position mend another one, a shape perhaps at the end of its range is another one, and a push in one run
+/// is itself a remainder.
 fn is_shaped(problem: &Problem, chosen: &Candidate) -> bool {
     let terms = &chosen.fit.model.terms;
     let of = |t: &Term| &problem.catalogue[t.effect];
@@ -393,50 +395,39 @@ fn is_shaped(problem: &Problem, chosen: &Candidate) -> bool {
     {
         return false;
     }
-    let is_at_end = |(at, term): (usize, &Term), i: usize| {
-        let (low, high) = of(term).bounds(i, &problem.coverage);
-        let half = HALF_WIDTH_95 * chosen.fit.deviation(at + i);
-        of(term).parameters()[i].neutral.is_none() && (term.p[i] - half <= low || term.p[i] + half >= high)
-    };
-    let mut positions = chosen.fit.model.placed().filter(|(_, t)| of(t).is_of_position());
-    !positions.any(|(at, t)| (0..t.p.len()).any(|i| is_at_end((at, t), i)))
+    for (at, term) in chosen.fit.model.placed().filter(|(_, t)| of(t).is_of_position()) {
+        for (i, parameter) in of(term).parameters().iter().enumerate().take(term.p.len()) {
+            let (low, high) = of(term).bounds(i, &problem.coverage);
+            let half = HALF_WIDTH_95 * chosen.fit.deviation(at + i);
+            let is_at_end = term.p[i] - half <= low || term.p[i] + half >= high;
+            if parameter.neutral.is_none() && is_at_end {
+                return false;
+            }
+        }
+    }
+    true
 }
 
-/// Candidates of the same size with their weights relative to the chosen one. Effects that contain a chosen
-/// one do not count, nor do other shapes of the same effect.
+/// Candidates of the same size with their weights relative to the chosen one. Generalizations of a chosen
+/// effect do not count, nor do other shapes of the same effect.
 fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usize>, f64)> {
     let own = chosen.effects();
-    let names = |effects: &[usize]| effects.iter().map(|e| problem.catalogue[*e].name()).collect::<Vec<_>>();
-    let own_names = names(&own);
-    let generalizes = |effects: &[usize]| {
-        effects.iter().any(|e| {
-            !own.contains(e) && problem.catalogue[*e].spec().contains.iter().any(|n| own_names.contains(n))
-        })
-    };
-    let mut same = own.iter().filter_map(|e| {
-        let effect = &problem.catalogue[*e];
-        Some((effect.name(), effect.indistinguishable(&problem.coverage)?))
-    });
-    // A partner that no recording separates from an effect is a rival of the same weight.
-    let twin = same.next().map(|(a, b)| {
-        let of = |name: &str| problem.catalogue.iter().position(|e| e.name() == name);
-        let mut effects: Vec<usize> =
-            own.iter().copied().filter(|e| Some(*e) != of(a)).chain(of(b)).collect();
-        effects.sort_unstable();
-        effects
-    });
-    let is_twin = |effects: &[usize]| twin.as_deref() == Some(effects);
+    let own_names = names_of(problem.catalogue, &own);
+    let twin = indistinguishable_set(problem, &own);
     let predicts = problem.weighing != Weighing::Innovations;
-    let is_rival = |c: &&Candidate| {
-        let effects = c.effects();
-        // Scores price parameters; predictions do not, and what assumes more is no rival there.
-        (!predicts || assumes(&c.fit.model) <= assumes(&chosen.fit.model))
+    let mut others: Vec<&Candidate> = Vec::new();
+    for candidate in &found.by_size[own.len()] {
+        let effects = candidate.effects();
+        // Scores price parameters; predictions do not, and a richer set is no rival there.
+        let is_rival = (!predicts || assumes(&candidate.fit.model) <= assumes(&chosen.fit.model))
             && effects != own
-            && !generalizes(&effects)
-            && names(&effects) != own_names
-            && !is_twin(&effects)
-    };
-    let others: Vec<&Candidate> = found.by_size[own.len()].iter().filter(is_rival).collect();
+            && !generalizes(problem.catalogue, &effects, &own)
+            && names_of(problem.catalogue, &effects) != own_names
+            && twin.as_ref() != Some(&effects);
+        if is_rival {
+            others.push(candidate);
+        }
+    }
     let weights = if predicts {
         predicted_weights(problem, chosen, &others)
     } else {
@@ -446,7 +437,32 @@ fn rivals(problem: &Problem, found: &Search, chosen: &Candidate) -> Vec<(Vec<usi
     weighed.chain(twin.clone().map(|effects| (effects, 1.0))).collect()
 }
 
-/// Whether an effect is of a size that a model of the joint, not its discretization, would show.
+fn names_of(catalogue: &Catalogue, effects: &[usize]) -> Vec<&'static str> {
+    effects.iter().map(|e| catalogue[*e].name()).collect()
+}
+
+/// Whether an effect of a set contains one of another set, `own`, as a special case.
+fn generalizes(catalogue: &Catalogue, effects: &[usize], own: &[usize]) -> bool {
+    let own_names = names_of(catalogue, own);
+    let mut others = effects.iter().filter(|e| !own.contains(e));
+    others.any(|e| catalogue[*e].spec().contains.iter().any(|n| own_names.contains(n)))
+}
+
+/// A set with a partner in place of its first effect with an indistinguishable one: a rival of the same
+/// weight.
+fn indistinguishable_set(problem: &Problem, own: &[usize]) -> Option<Vec<usize>> {
+    let (name, partner) = own.iter().find_map(|e| {
+        let effect = &problem.catalogue[*e];
+        Some((effect.name(), effect.indistinguishable(&problem.coverage)?))
+    })?;
+    let index = |name: &str| problem.catalogue.iter().position(|e| e.name() == name);
+    let kept = own.iter().copied().filter(|e| Some(*e) != index(name));
+    let mut effects: Vec<usize> = kept.chain(index(partner)).collect();
+    effects.sort_unstable();
+    Some(effects)
+}
+
+/// Whether an effect is above the errors of the discretization.
 fn is_credible(problem: &Problem, term: &Term) -> bool {
     match problem.catalogue[term.effect].place() {
         Place::Delay => term.p[0].abs() > LEAST_DELAY * problem.coverage.interval_s,
@@ -456,7 +472,7 @@ fn is_credible(problem: &Problem, term: &Term) -> bool {
     }
 }
 
-/// A set without what mends the discretization, if anything else is in it.
+/// A set without effects within the errors of the discretization, if anything else is in it.
 fn credible(problem: &Problem, chosen: Candidate) -> Candidate {
     let mut model = chosen.fit.model.clone();
     model.terms.retain(|t| is_credible(problem, t));

@@ -1,21 +1,21 @@
-//! What stands between what was recorded and the effort at the joint: the unit of an effort, or a servo that
-//! follows a commanded position.
+//! The path from the recorded signal to the effort at the joint: the unit of an effort, or a servo behind a
+//! commanded position.
 
 /// `effort = gain * e - damping * velocity`, where `e` is the recorded effort, or under a servo `stiffness *
 /// (commanded - measured position)`; a servo gives `limit` at most.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Actuator {
-    /// Factor of what was recorded, or of the stiffness.
+    /// Factor of the recorded effort, or of the stiffness.
     pub gain: f64,
     /// Damping of the servo, N m s/rad or N s/m.
     pub damping: f64,
     /// The servo, where commanded positions were recorded in place of efforts.
     pub servo: Option<Servo>,
-    /// Time from a command to its effect beyond what the stamps leave open, seconds.
+    /// Time from a command to its effect beyond the open part of the stamps, seconds.
     pub delay_s: f64,
-    /// What recorded efforts of no known unit were multiplied by before the gain.
+    /// Factor of recorded efforts of unknown unit before the gain.
     pub unit: f64,
-    /// Whether gain and damping are found with the effects: nuisances that no finding names.
+    /// Whether gain and damping are found with the effects: nuisances without findings.
     pub is_found: [bool; 2],
     /// Whether the delay is.
     pub is_late: bool,
@@ -46,7 +46,7 @@ pub struct Acted {
     pub v: f64,
     /// By the signal: the recorded effort, or the commanded position.
     pub signal: f64,
-    /// By the position that a servo reads.
+    /// By the position read by a servo.
     pub read: f64,
     /// By gain and damping.
     pub p: [f64; 2],
@@ -69,7 +69,7 @@ impl Default for Actuator {
 
 impl Actuator {
     /// The effort under a signal, at a position and a velocity; `measure` is (scale, offset) of the position
-    /// that a servo reads.
+    /// read by a servo.
     #[must_use]
     #[inline]
     pub fn act(&self, signal: f64, q: f64, v: f64, measure: (f64, f64)) -> Acted {
@@ -100,7 +100,7 @@ impl Actuator {
         }
     }
 
-    /// Whether it is a recorded effort of a known unit, which is as good as its sensor.
+    /// Whether it is a recorded effort of a known unit, as good as its sensor.
     #[must_use]
     pub fn is_measured(&self) -> bool {
         self.servo.is_none() && !self.is_found[0]
@@ -112,18 +112,18 @@ impl Actuator {
         if self.servo.is_some() { "servo" } else { "effort" }
     }
 
-    /// Number of what is found.
+    /// Number of found parameters.
     #[must_use]
     pub fn free(&self) -> usize {
         self.is_found.iter().filter(|f| **f).count()
     }
 
-    /// Gain and damping that are found.
+    /// Found ones of gain and damping.
     pub fn found(&self) -> impl Iterator<Item = f64> {
         [self.gain, self.damping].into_iter().zip(self.is_found).filter(|(_, found)| *found).map(|(x, _)| x)
     }
 
-    /// With other values of what is found.
+    /// With other values of the found parameters.
     #[must_use]
     pub fn with_found(&self, values: &[f64]) -> Self {
         let mut values = values.iter();

@@ -2,15 +2,15 @@
 
 use super::effect::{Coverage, Dimension, Extent, Parameter, amplitude, shape};
 
-/// Widths of local effects that are looked for, as shares of the range, each with its number of centers.
-/// chosen: from a hundredth to an eighth of the range; centers lie less than a width apart, so that no place
-/// falls between two bumps.
+/// Searched widths of local effects, as shares of the range, each with its number of centers.
+/// chosen: from a hundredth to an eighth of the range; centers lie less than a width apart: no place falls
+/// between two bumps.
 const BUMPS: [(f64, i32); 3] = [(0.012, 90), (0.03, 45), (0.075, 20)];
 /// Largest strength, in efforts (root mean square).
-/// chosen: far beyond what the drive could pass.
+/// chosen: far beyond the drive's effort.
 const LARGEST: f64 = 20.0;
 /// Least and largest width, as shares of the range.
-/// chosen: a few samples, and what is no longer local.
+/// chosen: a few samples, and a width beyond local.
 const WIDTHS: [f64; 2] = [0.003, 0.25];
 /// Parameters of a local effect of a strength.
 #[must_use]
@@ -22,7 +22,7 @@ pub const fn bump(strength: &'static str) -> [Parameter; 3] {
     ]
 }
 
-/// Whether a local effect that reaches so many widths acts on a stretch of motion.
+/// Whether a local effect with a reach of so many widths acts on a stretch of motion.
 #[must_use]
 pub fn bump_meets(extent: &Extent, shape: &[f64], reach: f64) -> bool {
     Extent::meets(extent.position, shape[1], reach * shape[2])

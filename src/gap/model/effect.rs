@@ -1,5 +1,4 @@
-//! What an effect is: its equation, the derivatives of it, the shapes it is looked for with, and its place in
-//! the formats.
+//! Effects: their equation, its derivatives, the searched shapes, and their place in the formats.
 
 use super::{
     format::{Expression, Format, JointNumbers},
@@ -10,7 +9,7 @@ use crate::record::{carried::Carried, log::JointLog};
 /// Most parameters of one effect.
 pub const MAX_PARAMETERS: usize = 5;
 
-/// What a parameter is measured in; the text depends on the kind of joint.
+/// Dimension of a parameter; the text depends on the kind of joint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dimension {
     /// rad, m.
@@ -38,7 +37,7 @@ pub enum Dimension {
 }
 
 impl Dimension {
-    /// Unit of the dimension at a joint that turns or slides.
+    /// Unit of the dimension at a turning or sliding joint.
     #[must_use]
     pub fn unit(self, turns: bool) -> &'static str {
         let (turning, sliding) = match self {
@@ -63,9 +62,9 @@ impl Dimension {
 pub struct Parameter {
     /// Name in reports.
     pub name: &'static str,
-    /// What it is measured in.
+    /// Its dimension.
     pub dimension: Dimension,
-    /// Value at which the effect is not there; `None` for a shape parameter.
+    /// Value of an absent effect; `None` for a shape parameter.
     pub neutral: Option<f64>,
     /// Whether it may be below zero.
     pub signed: bool,
@@ -76,7 +75,7 @@ pub struct Parameter {
 pub enum Place {
     /// A smooth effort.
     Effort,
-    /// The push of a contact, which may take a share of the other efforts off.
+    /// The push of a contact; it may take a share of the other efforts off.
     Contact,
     /// A bound on the set-valued friction.
     Friction,
@@ -90,30 +89,30 @@ pub enum Place {
     Bias,
     /// Factor of the measured position.
     Scale,
-    /// Half of the gap between the joint and what measures it.
+    /// Half of the gap between the joint and its sensor.
     Play,
 }
 
-/// State of a joint at which an effect is evaluated.
+/// State of a joint, for the evaluation of an effect.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct At<'a> {
     /// rad or m.
     pub q: f64,
     /// rad/s or m/s.
     pub v: f64,
-    /// Effort that acts, N m or N.
+    /// Acting effort, N m or N.
     pub u: f64,
-    /// Its derivatives by position and velocity, which a servo feeds back.
+    /// Its derivatives by position and velocity, by a servo's feedback.
     pub feedback: [f64; 2],
     /// Seconds; runs lie apart, see [`run_time_s`].
     pub t: f64,
-    /// Way the friction acts against: the sign of the velocity that it would stop.
+    /// Direction of motion against the friction: the sign of the velocity to stop.
     pub direction: f64,
     /// Positions of the other moving joints.
     pub others: &'a [f64],
-    /// Sum of the smooth efforts, what acts included; only for [`Place::Contact`].
+    /// Sum of the smooth efforts with the acting one; only for [`Place::Contact`].
     pub load: f64,
-    /// What the other joints of a chain make of this one.
+    /// Effects of a chain's other joints on this one.
     pub carried: Option<&'a Carried>,
 }
 
@@ -134,7 +133,7 @@ pub struct Response {
     pub p: [f64; MAX_PARAMETERS],
 }
 
-/// What the recorded motion covers; shapes are laid over it.
+/// Range of the recorded motion; shapes are laid over it.
 #[derive(Clone, Debug, Default)]
 pub struct Coverage {
     /// Lowest and highest position.
@@ -169,24 +168,24 @@ pub struct Coverage {
 /// chosen: longer than any run, and times keep nanoseconds.
 pub const RUN_SPACING_S: f64 = 1e5;
 
-/// Time of a sample on an axis on which the runs do not overlap.
+/// Time of a sample on an axis without overlap of the runs.
 #[must_use]
 pub fn run_time_s(log_index: usize, log: &JointLog, sample: usize) -> f64 {
     RUN_SPACING_S * log_index as f64 + log.time_s[sample]
 }
 
-/// What is fixed about an effect.
+/// Fixed facts of an effect.
 #[derive(Clone, Copy, Debug)]
 pub struct Spec {
     /// Name in reports.
     pub name: &'static str,
     /// Where it enters.
     pub place: Place,
-    /// Its parameters, those that have a neutral value first.
+    /// Its parameters, those with a neutral value first.
     pub parameters: &'static [Parameter],
-    /// Effects that it contains as special cases; they are preferred where they do as well.
+    /// Its special cases; they are preferred where they do as well.
     pub contains: &'static [&'static str],
-    /// The recording that would distinguish it from what resembles it.
+    /// The recording to distinguish it from similar effects.
     pub experiment: &'static str,
 }
 
@@ -199,7 +198,7 @@ impl Spec {
     }
 }
 
-/// Positions and times that a stretch of motion runs through; bounds are those of [`At::q`] and [`At::t`].
+/// Positions and times of a stretch of motion; bounds are those of [`At::q`] and [`At::t`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent {
     /// Lowest and highest position.
@@ -218,7 +217,7 @@ impl Extent {
 
 /// A candidate. One file in `effects/` each.
 pub trait Effect: Sync + Send + std::fmt::Debug {
-    /// What is fixed about it.
+    /// Its fixed facts.
     fn spec(&self) -> &'static Spec;
     /// Name in reports.
     fn name(&self) -> &'static str {
@@ -235,7 +234,7 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     /// Value and derivatives; only for [`Place::Effort`], [`Place::Contact`] and [`Place::Friction`].
     fn respond(&self, _at: &At, _p: &[f64], _out: &mut Response) {}
     /// Starting points: full parameter vectors with the neutral ones at their neutral value. Empty where the
-    /// motion cannot show the effect. One that is all neutral, unless there are parameters of a shape.
+    /// motion cannot show the effect. A single neutral one, unless there are parameters of a shape.
     fn shapes(&self, _coverage: &Coverage) -> Vec<Vec<f64>> {
         // One parameter without a neutral value empties the list: such an effect must bring its own grid.
         self.parameters().iter().map(|p| p.neutral).collect::<Option<_>>().into_iter().collect()
@@ -249,19 +248,19 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
         let p = &self.parameters()[index];
         if p.signed { (-1e9, 1e9) } else { (0.0, 1e9) }
     }
-    /// Further starting points of a fit that begins at `p`.
+    /// Further starting points of a fit beginning at `p`.
     fn restarts(&self, p: &[f64], _coverage: &Coverage) -> Vec<Vec<f64>> {
         vec![p.to_vec()]
     }
-    /// Whether it stands at the high end of the range, for an effect that has two ends.
+    /// Whether it stands at the high end of the range, for an effect with two ends.
     fn is_upper(&self) -> bool {
         false
     }
-    /// Index of the parameter that is the position at which a contact begins.
+    /// Index of the parameter with the position of a contact's begin.
     fn begins(&self) -> Option<usize> {
         None
     }
-    /// The effect that no recording of such a joint distinguishes from this one.
+    /// The partner without distinction from this one by any recording of such a joint.
     fn indistinguishable(&self, _coverage: &Coverage) -> Option<&'static str> {
         None
     }
@@ -281,37 +280,29 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
     fn is_of_position(&self) -> bool {
         false
     }
-    /// Friction that it loses from rest to speed, for one that falls with speed.
+    /// Friction lost from rest to speed, for one falling with speed.
     fn fall(&self, _p: &[f64]) -> f64 {
         0.0
     }
-    /// What the twin has of an amplitude already; the updated twin has both, their product of a factor.
+    /// The twin's own amount of an amplitude; the updated twin has both, their product of a factor.
     fn in_twin(&self, index: usize, _plant: &Plant) -> f64 {
         self.parameters()[index].neutral.unwrap_or_default()
     }
-    /// What a format holds of it at a joint of the twin.
+    /// Its expression in a format at a joint of the twin.
     fn in_format(&self, _format: Format, _p: &[f64], _plant: &Plant) -> Expression {
         Expression::NotExpressible
     }
-    /// Adds it to the numbers of the joint that files hold.
+    /// Adds it to the numbers of the joint for files.
     fn write(&self, _p: &[f64], _joint: &mut JointNumbers) {}
     /// Parameters as a report names them, each with its gradient by the internal parameters.
     fn reported(&self, p: &[f64]) -> Vec<Reported> {
-        let unit = |i: usize| {
-            let mut g = [0.0; MAX_PARAMETERS];
-            g[i] = 1.0;
-            g
-        };
-        self.parameters()
-            .iter()
-            .enumerate()
-            .map(|(i, spec)| Reported {
-                name: spec.name,
-                dimension: spec.dimension,
-                value: p[i],
-                gradient: unit(i),
-            })
-            .collect()
+        let mut all = Vec::new();
+        for (i, spec) in self.parameters().iter().enumerate() {
+            let mut gradient = [0.0; MAX_PARAMETERS];
+            gradient[i] = 1.0;
+            all.push(Reported { name: spec.name, dimension: spec.dimension, value: p[i], gradient });
+        }
+        all
     }
 }
 
@@ -320,7 +311,7 @@ pub trait Effect: Sync + Send + std::fmt::Debug {
 pub struct Reported {
     /// Name.
     pub name: &'static str,
-    /// What it is measured in.
+    /// Its dimension.
     pub dimension: Dimension,
     /// Value.
     pub value: f64,
@@ -328,17 +319,17 @@ pub struct Reported {
     pub gradient: [f64; MAX_PARAMETERS],
 }
 
-/// Shorthand for a parameter that has a neutral value of zero.
+/// Shorthand for a parameter with a neutral value of zero.
 #[must_use]
 pub const fn amplitude(name: &'static str, dimension: Dimension, signed: bool) -> Parameter {
     Parameter { name, dimension, neutral: Some(0.0), signed }
 }
 
-/// Largest factor by which one number may be off another of the same unit.
-/// derived: degrees for radians; what is off by more is in another unit.
+/// Largest ratio of two numbers of the same unit.
+/// derived: degrees for radians; a larger ratio is one of units.
 pub const LARGEST_RATIO: f64 = 180.0 / std::f64::consts::PI;
 
-/// Shorthand for a factor, which has a neutral value of one.
+/// Shorthand for a factor, with a neutral value of one.
 #[must_use]
 pub const fn ratio(name: &'static str) -> Parameter {
     Parameter { name, dimension: Dimension::Ratio, neutral: Some(1.0), signed: false }

@@ -1,6 +1,6 @@
-//! File formats, and what they can hold of a joint: the numbers that effects are written into.
+//! File formats, and their numbers of a joint: effects are written into them.
 
-/// A file format that effects are written to.
+/// A file format for effects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// URDF.
@@ -29,13 +29,13 @@ impl Format {
     }
 }
 
-/// What a format holds of an effect.
+/// Expression of an effect in a format.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Expression {
     /// The effect.
     Native,
-    /// What comes nearest, in effects of the catalogue.
-    Approximated(Vec<Nearest>),
+    /// The nearest effects of the catalogue.
+    Approximated(Vec<NearestEffect>),
     /// Nothing like it.
     NotExpressible,
 }
@@ -50,14 +50,14 @@ impl Expression {
 
 /// An effect in place of another.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Nearest {
+pub struct NearestEffect {
     /// Its name; `None` for the same effect with other parameters.
     pub effect: Option<&'static str>,
     /// Its parameters.
     pub p: Vec<f64>,
 }
 
-impl Nearest {
+impl NearestEffect {
     /// Another effect.
     #[must_use]
     pub fn effect(name: &'static str, p: Vec<f64>) -> Self {
@@ -76,7 +76,7 @@ impl Nearest {
 pub struct Spring {
     /// N m/rad or N/m.
     pub stiffness: f64,
-    /// Stiffness that grows with the square of the way, N m/rad^3 or N/m^3.
+    /// Stiffness growing with the square of the way, N m/rad^3 or N/m^3.
     pub cubic: f64,
     /// Position at rest, rad or m.
     pub rest: f64,
@@ -93,12 +93,12 @@ pub struct Stop {
     pub stiffness: f64,
     /// N m s/rad or N s/m.
     pub damping: f64,
-    /// Share of the other efforts that it takes off.
+    /// Share of the other efforts taken off.
     pub impedance: f64,
 }
 
-/// Numbers of one joint with its effects; efforts in N m or N, angles in radians. A format writes those that
-/// it has a place for.
+/// Numbers of one joint with its effects; efforts in N m or N, angles in radians. A format writes those with
+/// a place in it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointNumbers {
     /// Viscous damping.
@@ -107,13 +107,13 @@ pub struct JointNumbers {
     pub drag: f64,
     /// Friction while it slides.
     pub friction: f64,
-    /// Friction beyond that, from which it breaks loose.
+    /// Further friction of a joint at rest, until it breaks loose.
     pub breakaway_excess: f64,
     /// A spring, where there is one.
     pub spring: Option<Spring>,
-    /// Inertia beside that of the links.
+    /// Inertia beside the links'.
     pub armature: f64,
-    /// Position that the sensor shows where the joint is at 0.
+    /// Position of the sensor where the joint is at 0.
     pub position_offset: f64,
     /// Constant effort.
     pub bias: f64,
@@ -123,7 +123,7 @@ pub struct JointNumbers {
     pub delay_s: f64,
     /// Stops.
     pub stops: Vec<Stop>,
-    /// Load that a tilt of the joint takes off: factors of sin q and cos q.
+    /// Load taken off by a tilt of the joint: factors of sin q and cos q.
     pub tilt: Option<[f64; 2]>,
 }
 

@@ -1,7 +1,7 @@
 //! A joint with effects: the twin's plant and the terms added to it.
 
 use crate::model::{
-    effect::{Effect, Place},
+    effect::{At, Effect, Place, Response},
     plant::Plant,
 };
 
@@ -17,7 +17,17 @@ pub struct Term {
     pub p: Vec<f64>,
 }
 
-/// A plant and what was added to it.
+impl Term {
+    /// Effort of the effect at a state, or bound of its friction, N m or N.
+    #[must_use]
+    pub fn value_at(&self, catalogue: &Catalogue, at: &At) -> f64 {
+        let mut response = Response::default();
+        catalogue[self.effect].respond(at, &self.p, &mut response);
+        response.value
+    }
+}
+
+/// A plant with added effects.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointModel {
     /// The twin's joint.
@@ -32,23 +42,23 @@ pub struct JointModel {
     pub settle_s: f64,
 }
 
-/// Settle times of friction that are tried. Exact stick is the ideal; friction of compliant contacts and of
-/// simulators that soften it acts against the velocity that the joint will have a few milliseconds later.
+/// Tried settle times of friction. Exact stick is the ideal; friction of compliant contacts and of simulators
+/// with soft friction acts against the velocity of the joint a few milliseconds later.
 /// derived: none; the time constant of a soft constraint, MuJoCo's default of 20 ms; and its halves down to a
-/// step of a rollout, below which settling is sticking.
+/// step of a rollout: less settling is sticking.
 pub const SETTLE_S: [f64; 4] = [0.0, 0.005, 0.01, 0.02];
 
-/// Share of the load under which friction that settles creeps on, as of a soft constraint of impedance 0.9.
+/// Share of the load under which settling friction creeps on, as of a soft constraint of impedance 0.9.
 /// derived: one less the impedance, MuJoCo's default.
 pub const CREEP: f64 = 0.1;
 
-/// Friction that has the strength to hold a joint takes it over a step to `keep * v + creep * kick`, where
-/// `kick` is what the other efforts would add to the velocity.
+/// Friction of enough strength to hold a joint takes it over a step to `keep * v + creep * kick`, with `kick`
+/// the change of the velocity by the other efforts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Settling {
-    /// Share of the velocity that is left.
+    /// Share of the velocity left.
     pub keep: f64,
-    /// Share of the other efforts that still acts.
+    /// Share of the other efforts still acting.
     pub creep: f64,
 }
 
@@ -100,7 +110,7 @@ impl JointModel {
         1 + self.terms.iter().map(|t| t.p.len()).sum::<usize>() + self.plant.actuator.free()
     }
 
-    /// All free parameters: the lag, the terms', and what is found of the actuator.
+    /// All free parameters: the lag, the terms', and those found of the actuator.
     #[must_use]
     pub fn parameters(&self) -> Vec<f64> {
         let terms = self.terms.iter().flat_map(|t| t.p.iter().copied());

@@ -1,4 +1,4 @@
-//! What a joint is taken to be: the twin's joint, effects beside it, and what file formats hold of them.
+//! Model of a joint: the twin's joint, effects beside it, and their expression in file formats.
 
 pub mod actuator;
 pub mod bump;

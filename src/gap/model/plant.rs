@@ -1,5 +1,4 @@
-//! One joint of the twin as a single degree of freedom: what stands in front of its acceleration, and what
-//! resists it.
+//! One joint of the twin as a single degree of freedom: its inertia, and the efforts against its motion.
 
 use super::actuator::Actuator;
 use crate::{
@@ -20,13 +19,13 @@ pub struct Plant {
     pub friction: f64,
     /// Gravity load `constant + sine * sin(q) + cosine * cos(q)`, N m or N.
     pub load: Load,
-    /// Amplitude of the load where the axis lies flat: the most that gravity makes at any tilt.
+    /// Amplitude of the load where the axis lies flat: the largest load by gravity at any tilt.
     pub most_load: f64,
-    /// What makes the effort of what was recorded.
+    /// The path from the recorded signal to the effort.
     pub actuator: Actuator,
 }
 
-/// A load that a position puts on a joint.
+/// A load by position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Load {
     /// Same everywhere.
@@ -62,7 +61,7 @@ pub enum PlantError {
     /// No mass moves with the joint.
     #[error("joint '{0}' moves no mass: give the links below it an <inertial> with mass and inertia")]
     NoMass(String),
-    /// Its inertia or load depends on a joint of which nothing is recorded.
+    /// Its inertia or load depends on an unrecorded joint.
     #[error(
         "joint '{0}' shares a chain with a joint that follows another one (<mimic>); such chains are not \
          diagnosed: hold the others still and give a twin in which they are fixed"
@@ -86,10 +85,10 @@ impl Plant {
         carried.map_or((self.inertia, 0.0), |c| (c.inertia, c.inertia_rate))
     }
 
-    /// An effort less what damping and load take of it at a state, N m or N; friction is not in it.
+    /// An effort less damping and load at a state, N m or N; friction is not in it.
     #[must_use]
     pub fn net_effort(&self, carried: Option<&Carried>, position: f64, velocity: f64, effort: f64) -> f64 {
-        // An inertia that changes as a chain moves acts as damping.
+        // An inertia changing with the motion of a chain acts as damping.
         let rate = self.inertia_at(carried).1;
         effort - (self.damping + rate) * velocity - self.load_at(carried, position).0
     }
@@ -101,22 +100,20 @@ impl Plant {
     /// its dynamics are no numbers.
     pub fn of(tree: &TwinTree, joint: usize) -> Result<Self, PlantError> {
         let spec = &tree.joints[joint];
-        let name = || spec.name.clone();
         if tree.chain(joint).iter().any(|&j| tree.joints[j].is_mimic) {
-            return Err(PlantError::Coupled(name()));
+            return Err(PlantError::Coupled(spec.name.clone()));
         }
-        let sane = |x: f64| x.is_finite() && x >= 0.0;
-        if !sane(spec.damping) || !sane(spec.friction) {
-            return Err(PlantError::BadDynamics(name()));
+        if ![spec.damping, spec.friction].iter().all(|x| x.is_finite() && *x >= 0.0) {
+            return Err(PlantError::BadDynamics(spec.name.clone()));
         }
         let position = vec![0.0; tree.joints.len()];
         let inertia = tree.mass_matrix(&position)[(joint, joint)];
-        // Negated, so that an inertia that is not a number is refused as well.
+        // Negated: an inertia of NaN is refused as well.
         if !(inertia > 1e-12) {
-            return Err(PlantError::NoMass(name()));
+            return Err(PlantError::NoMass(spec.name.clone()));
         }
         let load = load(tree, joint);
-        // Along three axes the squares of a turning load add up to twice that of a flat axis.
+        // Along three axes the squares of a turning load add up to twice a flat axis'.
         let mut along = tree.clone();
         let squares = (0..3).map(|axis| {
             along.gravity = nalgebra::Vector3::zeros();
@@ -138,24 +135,28 @@ impl Plant {
 
 /// Gravity load of a joint, the others at 0.
 fn load(tree: &TwinTree, joint: usize) -> Load {
-    let mut position = vec![0.0; tree.joints.len()];
-    let mut load_at = |q: f64| {
-        position[joint] = q;
-        tree.gravity_effort(&position)[joint]
-    };
     match tree.joints[joint].motion {
         Motion::Turn => {
             let quarter = std::f64::consts::FRAC_PI_2;
             // Three positions fix a constant, a sine and a cosine (14.3).
-            let a = load_at(0.0);
-            let b = load_at(quarter);
-            let c = load_at(2.0 * quarter);
+            let a = gravity_effort_at(tree, joint, 0.0);
+            let b = gravity_effort_at(tree, joint, quarter);
+            let c = gravity_effort_at(tree, joint, 2.0 * quarter);
             let constant = 0.5 * (a + c);
             Load { constant: clean(constant), sine: clean(b - constant), cosine: clean(a - constant) }
         }
         // Gravity along a straight axis is the same everywhere.
-        Motion::Slide | Motion::Fixed => Load { constant: clean(load_at(0.0)), sine: 0.0, cosine: 0.0 },
+        Motion::Slide | Motion::Fixed => {
+            Load { constant: clean(gravity_effort_at(tree, joint, 0.0)), sine: 0.0, cosine: 0.0 }
+        }
     }
+}
+
+/// Effort of gravity on a joint at a position, the others at 0, N m or N.
+fn gravity_effort_at(tree: &TwinTree, joint: usize, q: f64) -> f64 {
+    let mut position = vec![0.0; tree.joints.len()];
+    position[joint] = q;
+    tree.gravity_effort(&position)[joint]
 }
 
 /// Rounding of a rotation is no load.

@@ -1,4 +1,4 @@
-//! What the motion of the other joints of a chain makes of one joint.
+//! Effects of the motion of a chain's other joints on one joint.
 
 use crate::trig::sin_cos;
 

@@ -1,10 +1,9 @@
-//! One joint of a chain, the others moving as they were recorded: what their motion makes of its inertia and
-//! its load.
+//! One joint of a chain, the others moving as recorded: their effect on its inertia and its load.
 //!
 //! From `M(q) a + h(q, v) = u`, the row of joint `j` reads `I a_j + dI/dt v_j + load(q_j) = u_j - friction`,
 //! where `I` is the diagonal of the mass matrix and does not depend on `q_j`; the load holds gravity and the
 //! other joints' accelerations, Coriolis and centrifugal efforts, and is a trigonometric polynomial of second
-//! order in the angle of a joint that turns, linear in the position of one that slides.
+//! order in the angle of a turning joint, linear in the position of a sliding one.
 
 use nalgebra::DVector;
 
@@ -21,11 +20,11 @@ use crate::{
     twin_tree::{Motion, TwinTree},
 };
 
-/// Time over which the rate of an inertia is taken, seconds.
+/// Time step of the rate of an inertia, seconds.
 /// chosen: a central difference over it errs by its square, and by rounding over it: both below 1e-8.
 const RATE_STEP_S: f64 = 1e-4;
 
-/// What the joints in `others` make of a joint from each stamp to the next.
+/// Effects of the joints in `others` on a joint from each stamp to the next.
 #[must_use]
 pub fn carried(
     tree: &TwinTree,
@@ -39,39 +38,45 @@ pub fn carried(
     unit[joint] = 1.0;
     // A unit acceleration of this joint alone: the diagonal of the mass matrix.
     let inertia = |position: &[f64]| tree.inverse_dynamics(position, &zero, &unit, false)[joint];
-    let one = |t: &f64| {
+    let mut all = Vec::with_capacity(stamps.len());
+    // Values count from stamp to stamp, so they are taken in the middle.
+    for (from, to) in stamps.iter().zip(stamps.iter().skip(1).chain(stamps.last())) {
         let mut q = zero.clone();
         let mut v = zero.clone();
         let mut a = zero.clone();
         for (o, motion) in others {
-            let state = motion.at(*t);
+            let state = motion.at(0.5 * (from + to));
             (q[*o], v[*o], a[*o]) = (state[0], state[1], state[2]);
         }
         let moved = |by: f64| -> Vec<f64> { q.iter().zip(&v).map(|(q, v)| q + by * v).collect() };
         let inertia_rate =
             (inertia(&moved(RATE_STEP_S)) - inertia(&moved(-RATE_STEP_S))) / (2.0 * RATE_STEP_S);
-        let now = inertia(&q);
-        let mut load_at = |own: f64| {
-            q[joint] = own;
-            tree.inverse_dynamics(&q, &v, &a, true)[joint]
-        };
-        let load = match tree.joints[joint].motion {
-            Motion::Turn => harmonics(&mut load_at),
-            Motion::Slide | Motion::Fixed => {
-                let a = load_at(0.0);
-                let b = load_at(1.0);
-                [a, b - a, 0.0, 0.0, 0.0, 0.0]
-            }
-        };
-        Carried { inertia: now, inertia_rate, load }
-    };
-    // Values count from stamp to stamp, so they are taken in the middle.
-    let next = stamps.iter().skip(1).chain(stamps.last());
-    stamps.iter().zip(next).map(|(a, b)| one(&(0.5 * (a + b)))).collect()
+        all.push(Carried { inertia: inertia(&q), inertia_rate, load: load(tree, joint, q, &v, &a) });
+    }
+    all
+}
+
+/// Factors of the load of a joint ([`Carried::load`]) under the motion of all others, `q` to `a` by joint.
+fn load(tree: &TwinTree, joint: usize, mut q: Vec<f64>, v: &[f64], a: &[f64]) -> [f64; 6] {
+    let mut load_at = |own: f64| load_at_position(tree, joint, own, &mut q, v, a);
+    match tree.joints[joint].motion {
+        Motion::Turn => harmonics(load_at),
+        Motion::Slide | Motion::Fixed => {
+            let at_zero = load_at(0.0);
+            let at_one = load_at(1.0);
+            [at_zero, at_one - at_zero, 0.0, 0.0, 0.0, 0.0]
+        }
+    }
+}
+
+/// Load of a joint with its own position set to `own`, N m or N.
+fn load_at_position(tree: &TwinTree, joint: usize, own: f64, q: &mut [f64], v: &[f64], a: &[f64]) -> f64 {
+    q[joint] = own;
+    tree.inverse_dynamics(q, v, a, true)[joint]
 }
 
 /// The trigonometric polynomial of second order through five angles.
-fn harmonics(load_at: &mut impl FnMut(f64) -> f64) -> [f64; 6] {
+fn harmonics(mut load_at: impl FnMut(f64) -> f64) -> [f64; 6] {
     let mut load = [0.0; 6];
     for i in 0..5 {
         // derived: five angles.
@@ -90,7 +95,7 @@ fn harmonics(load_at: &mut impl FnMut(f64) -> f64) -> [f64; 6] {
 }
 
 /// Motion of every joint in `joints` over a run. Where all of them have efforts at the same stamps, the
-/// accelerations are those of the twin under these efforts, which change with them at once, and a smooth
+/// accelerations are those of the twin under these efforts, changing with them at once, and a smooth
 /// remainder.
 ///
 /// # Errors
@@ -106,17 +111,20 @@ pub fn motions(
     let free = joints.iter().map(|j| run.motion(name(j)).map(|m| (*j, m))).collect::<Result<Vec<_>, _>>()?;
     let logs: Option<Vec<JointLog>> =
         joints.iter().map(|j| run.joint(name(j), &[], told, &mut Vec::new()).ok()).collect();
-    // Efforts that are none yet, or at different stamps, give no common acceleration; then the positions
-    // alone must do.
-    let is_usable = |l: &JointLog, first: &JointLog| l.time_s == first.time_s && l.commanded.is_empty();
-    let logs = logs.filter(|l| told.unit != EffortUnit::Unknown && l.iter().all(|x| is_usable(x, &l[0])));
+    // Missing efforts, or some at different stamps, give no common acceleration; then the positions alone
+    // must do.
+    let logs = logs.filter(|logs| {
+        let is_usable = |l: &JointLog| l.time_s == logs[0].time_s && l.commanded.is_empty();
+        told.unit != EffortUnit::Unknown && logs.iter().all(is_usable)
+    });
     let Some(logs) = logs else { return Ok(free) };
     let expected = expected(tree, &free, &logs, hold);
-    let smoothed = |((j, log), expected): ((&usize, &JointLog), &Vec<f64>)| {
+    let mut motions = Vec::with_capacity(joints.len());
+    for ((j, log), expected) in joints.iter().zip(&logs).zip(&expected) {
         let noise = reading_noise(std::slice::from_ref(log));
-        (*j, SmoothMotion::of(&log.time_s, &log.position, &noise, expected))
-    };
-    Ok(joints.iter().zip(&logs).zip(&expected).map(smoothed).collect())
+        motions.push((*j, SmoothMotion::of(&log.time_s, &log.position, &noise, expected)));
+    }
+    Ok(motions)
 }
 
 /// Accelerations of the twin from each stamp to the next, by joint.
@@ -138,7 +146,7 @@ fn expected(
             let state = motion.at(0.5 * (time_s[k] + time_s[next]));
             (q[*j], v[*j]) = (state[0], state[1]);
         }
-        // M a = u - h - damping - friction, at the motion that the positions show.
+        // M a = u - h - damping - friction, at the motion of the positions.
         let bias = tree.inverse_dynamics(&q, &v, &zero, true);
         let whole = tree.mass_matrix(&q);
         // Rows of fixed joints are zero, and the whole matrix has no inverse.

@@ -3,15 +3,15 @@
 use crate::record::{carried::Carried, drive::Hold, log::JointLog};
 
 impl JointLog {
-    /// Samples that come in an interval, where those recorded lie closer; 1 elsewhere.
+    /// Samples in an interval, where those recorded lie closer; 1 elsewhere.
     #[must_use]
     pub fn samples_in(&self, interval_s: f64) -> usize {
         self.interval_s().map_or(1, |own| ((interval_s / own) as usize).max(1))
     }
 
     /// The same with samples of about `interval_s`, where those recorded lie closer: positions as they were
-    /// read, efforts and what others make of the joint in the mean over each interval, so that the efforts
-    /// hold from each sample to the next.
+    /// read, efforts and the other joints' effects in the mean over each interval: the efforts hold from each
+    /// sample to the next.
     #[must_use]
     pub fn coarser(&self, interval_s: f64, hold: Hold) -> Self {
         let every = self.samples_in(interval_s);
@@ -45,11 +45,17 @@ impl JointLog {
 
 /// Mean over time of values from sample `from` to sample `to`.
 fn mean_over(time_s: &[f64], values: &[f64], hold: Hold, from: usize, to: usize) -> f64 {
-    let width = |k: usize| time_s.get(k + 1).map_or(0.0, |next| next - time_s[k]);
-    let value = |k: usize| match hold {
-        Hold::Zero => values[k],
-        Hold::Linear => 0.5 * (values[k] + values.get(k + 1).unwrap_or(&values[k])),
-    };
-    let total: f64 = (from..to).map(width).sum();
-    if total > 0.0 { (from..to).map(|k| width(k) * value(k)).sum::<f64>() / total } else { values[from] }
+    let mut widths = Vec::with_capacity(to - from);
+    let mut areas = Vec::with_capacity(to - from);
+    for k in from..to {
+        let width = time_s.get(k + 1).map_or(0.0, |next| next - time_s[k]);
+        let value = match hold {
+            Hold::Zero => values[k],
+            Hold::Linear => 0.5 * (values[k] + values.get(k + 1).unwrap_or(&values[k])),
+        };
+        widths.push(width);
+        areas.push(width * value);
+    }
+    let total: f64 = widths.iter().sum();
+    if total > 0.0 { areas.iter().sum::<f64>() / total } else { values[from] }
 }

@@ -1,4 +1,4 @@
-//! What joints were commanded to, and what is known of the actuators that followed.
+//! Commands of joints, and the known facts of their actuators.
 
 use crate::record::drive::{Hold, Signal};
 
@@ -23,7 +23,7 @@ impl Command {
     #[must_use]
     pub fn at_samples(&self, time_s: &[f64], position: &[f64]) -> Vec<f64> {
         let mut latest = f64::NEG_INFINITY;
-        // Stamps that run backward are left out of the log; here they repeat.
+        // Backward stamps are left out of the log; here they repeat.
         let rising = time_s.iter().map(|t| {
             latest = latest.max(*t);
             latest
@@ -36,51 +36,53 @@ impl Command {
 
     /// The same by stamps. Velocities alone add up from `start`, where the joint was at the first of them.
     fn at_stamps(&self, stamps: &[f64], start: f64) -> Vec<f64> {
-        let positions = if self.position.iter().any(|q| q.is_finite()) {
-            let known: Vec<usize> =
-                (0..self.time_s.len()).filter(|k| self.position[*k].is_finite()).collect();
-            let of = |values: &[f64]| known.iter().map(|k| values[*k]).collect::<Vec<f64>>();
-            (of(&self.time_s), of(&self.position), self.is_straight)
-        } else {
-            (self.time_s.clone(), self.integrated(start), true)
-        };
-        let (time_s, position, is_straight) = positions;
-        held(&time_s, &position, is_straight, stamps)
+        if !self.position.iter().any(|q| q.is_finite()) {
+            return held(&self.time_s, &self.integrated(start), true, stamps);
+        }
+        let mut time_s = Vec::new();
+        let mut position = Vec::new();
+        for (t, q) in self.time_s.iter().zip(&self.position).filter(|(_, q)| q.is_finite()) {
+            time_s.push(*t);
+            position.push(*q);
+        }
+        held(&time_s, &position, self.is_straight, stamps)
     }
 
-    /// Positions that held velocities add up to.
+    /// Integrals of held velocities.
     fn integrated(&self, start: f64) -> Vec<f64> {
         let mut at = start;
         let mut last = (self.time_s.first().copied().unwrap_or(0.0), 0.0);
-        let add = |(t, v): (&f64, &f64)| {
+        let mut positions = Vec::with_capacity(self.time_s.len());
+        for (t, v) in self.time_s.iter().zip(&self.velocity) {
             at += last.1 * (t - last.0);
             last = (*t, if v.is_finite() { *v } else { 0.0 });
-            at
-        };
-        self.time_s.iter().zip(&self.velocity).map(add).collect()
+            positions.push(at);
+        }
+        positions
     }
 }
 
-/// A command in the mean from each stamp to the next; it stands until the next one comes, however long that
-/// takes. Stamps do not fall.
+/// A command in the mean from each stamp to the next; it stands until the next one comes, at any time. Stamps
+/// do not fall.
 fn held(time_s: &[f64], position: &[f64], is_straight: bool, stamps: &[f64]) -> Vec<f64> {
     let Some(first) = time_s.first() else { return vec![f64::NAN; stamps.len()] };
     let mut signal = Signal::new(time_s, position, if is_straight { Hold::Linear } else { Hold::Zero });
     let mut here = signal.at(stamps.first().copied().unwrap_or(*first));
-    let mut mean = |(k, t): (usize, &f64)| {
+    let mut means = Vec::with_capacity(stamps.len());
+    for (k, t) in stamps.iter().enumerate() {
         let width = stamps.get(k + 1).map_or(0.0, |next| next - t);
         let next = signal.at(t + width);
         let mean = if width > 0.0 { (next.1 - here.1) / width } else { here.0 };
         here = next;
-        if t + 1e-9 < *first { f64::NAN } else { mean }
-    };
-    stamps.iter().enumerate().map(&mut mean).collect()
+        means.push(if t + 1e-9 < *first { f64::NAN } else { mean });
+    }
+    means
 }
 
-/// What is known of actuators; what is not is found.
+/// Known facts of actuators; the others are found.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Told {
-    /// Of what recorded efforts are.
+    /// Unit of recorded efforts.
     pub unit: EffortUnit,
     /// Of servos: those of single joints, and those of all others.
     pub servos: Vec<ToldServo>,
@@ -93,7 +95,7 @@ impl Told {
         if let EffortUnit::Factor(factor) = self.unit { factor } else { 1.0 }
     }
 
-    /// What is known of the servo of a joint.
+    /// Known facts of the servo of a joint.
     #[must_use]
     pub fn servo(&self, joint: &str) -> Option<&ToldServo> {
         let own = self.servos.iter().find(|s| s.joint.as_deref() == Some(joint));
@@ -101,7 +103,7 @@ impl Told {
     }
 }
 
-/// What recorded efforts are.
+/// Unit of recorded efforts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum EffortUnit {
     /// N m or N.
@@ -116,7 +118,7 @@ pub enum EffortUnit {
 /// A position controller between commands and joint, as far as it is known.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ToldServo {
-    /// Joint; `None` for all that have no own.
+    /// Joint; `None` for all without an entry.
     pub joint: Option<String>,
     /// N m/rad or N/m.
     pub stiffness: Option<f64>,

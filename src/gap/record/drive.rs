@@ -41,7 +41,7 @@ pub struct Signal<'a> {
 }
 
 impl<'a> Signal<'a> {
-    /// Of values by their stamps, which rise; one at least.
+    /// Of values by their rising stamps; one at least.
     #[must_use]
     pub fn new(time_s: &'a [f64], values: &'a [f64], hold: Hold) -> Self {
         Self { time_s, values, hold, at: 0, sum: 0.0 }
@@ -119,7 +119,7 @@ impl Drive {
         self.signal[steps].iter().sum::<f64>() / self.steps as f64
     }
 
-    /// Mean from each sample to the next; `last` for the last one, which no interval follows.
+    /// Mean from each sample to the next; `last` for the last one, without an interval.
     #[must_use]
     pub fn means(&self, last: Option<f64>) -> Vec<f64> {
         (0..self.signal.len() / self.steps.max(1)).map(|k| self.mean(k)).chain(last).collect()

@@ -13,8 +13,8 @@ use crate::{
 };
 
 /// Gives the joints of a run their positions from poses, where these were asked for or nothing else reports
-/// them, and adds the efforts of wrenches to those of the joint states. Gives back what the poses show beside
-/// the positions, by joint.
+/// them, and adds the efforts of wrenches to those of the joint states. Returns the further evidence of the
+/// poses, by joint.
 ///
 /// # Errors
 /// [`TrackError`] for links and frames that the twin does not have.
@@ -55,10 +55,10 @@ pub fn complete(
         run.joints.retain(|s| s.name != samples.name);
         run.joints.push(samples);
     }
-    // Replaced joints stand at the end; what follows must not depend on which these were.
+    // Replaced joints stand at the end; the result must not depend on their choice.
     run.joints.sort_by(|a, b| a.name.cmp(&b.name));
     let mut added: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
-    // A joint of which nothing is recorded counts as standing at 0.
+    // An unrecorded joint counts as standing at 0.
     let position = |j: usize, t: f64| run.samples(&tree.joints[j].name).map_or(0.0, |s| position_at(s, t));
     for track in &run.wrenches {
         for (j, efforts) in joint_efforts(tree, track, &position)?.into_iter().enumerate() {
@@ -73,7 +73,7 @@ pub fn complete(
     for (j, added) in added {
         let name = &tree.joints[j].name;
         let Some(samples) = run.joints.iter_mut().find(|s| s.name == *name) else { continue };
-        // An effort that is recorded as well acts beside the wrench.
+        // An effort recorded as well acts beside the wrench.
         let drives = samples.effort.iter().any(|u| u.is_finite());
         for (effort, added) in samples.effort.iter_mut().zip(&added) {
             *effort = if drives { *effort + added } else { *added };

@@ -7,7 +7,7 @@ use crate::record::{
 };
 use numeric::statistics::CHI_SQUARE_999;
 
-/// Noise of logs of one joint: (14.1), and the jitter under which a smooth motion is likeliest, (14.5).
+/// Noise of logs of one joint: (14.1), and the jitter of the likeliest smooth motion, (14.5).
 #[must_use]
 pub fn reading_noise(logs: &[JointLog]) -> ReadingNoise {
     let noise = ReadingNoise::at_rest(position_noise(logs));
@@ -18,22 +18,25 @@ pub fn reading_noise(logs: &[JointLog]) -> ReadingNoise {
     if !(top > 0.0) {
         return noise;
     }
-    let likelihood = |jitter_s: f64| -> f64 {
-        let with = ReadingNoise { jitter_s, ..noise };
-        motions.iter().zip(logs).map(|(m, l)| m.likelihood(&l.position, &with)).sum()
-    };
-    // From where it adds little at the top speed to far beyond the noise at rest.
+    // From a jitter of little effect at the top speed to far beyond the noise at rest.
     let grid = (0..JITTERS).map(|i| noise.at_rest / top * f64::from(i).exp2());
-    let best = grid.map(|j| (likelihood(j), j)).max_by(|a, b| a.0.total_cmp(&b.0));
+    let trials = grid.map(|jitter_s| ReadingNoise { jitter_s, ..noise });
+    let best = trials.map(|t| (likelihood(&motions, logs, &t), t)).max_by(|a, b| a.0.total_cmp(&b.0));
+    let without = ReadingNoise { jitter_s: 0.0, ..noise };
     match best {
-        Some((reached, jitter_s)) if reached > likelihood(0.0) + ENOUGH => ReadingNoise { jitter_s, ..noise },
+        Some((reached, with)) if reached > likelihood(&motions, logs, &without) + ENOUGH => with,
         _ => noise,
     }
 }
 
-/// Jitters that are tried, each twice the one before.
+/// Log likelihood of the positions of logs under a noise.
+fn likelihood(motions: &[SmoothMotion], logs: &[JointLog], noise: &ReadingNoise) -> f64 {
+    motions.iter().zip(logs).map(|(m, l)| m.likelihood(&l.position, noise)).sum()
+}
+
+/// Tried jitters, each twice the one before.
 const JITTERS: i32 = 8;
-/// Log likelihood that a jitter must gain.
+/// Least gain of log likelihood by a jitter.
 /// derived: half the quantile of chi-square with one degree of freedom.
 const ENOUGH: f64 = 0.5 * CHI_SQUARE_999[0];
 

@@ -1,4 +1,4 @@
-//! Measured motion of one joint: samples, runs, and the windows that shooting starts in.
+//! Measured motion of one joint: samples, runs, and the windows of the shooting.
 
 use crate::record::carried::Carried;
 use numeric::statistics::{MAD_IN_SIGMAS, median};
@@ -12,13 +12,13 @@ pub struct JointLog {
     pub time_s: Vec<f64>,
     /// Measured position, rad or m.
     pub position: Vec<f64>,
-    /// Effort at the joint from this sample on, N m or N; of a servo, what it makes of the reading.
+    /// Effort at the joint from this sample on, N m or N; of a servo, its effort by the reading.
     pub effort: Vec<f64>,
-    /// Position that a servo was given from this sample on, rad or m; empty where efforts were recorded.
+    /// Commanded position of a servo from this sample on, rad or m; empty where efforts were recorded.
     pub commanded: Vec<f64>,
     /// Measured positions of the twin's other moving joints, by joint, at the same stamps.
     pub others: Vec<Vec<f64>>,
-    /// What the other joints of its chain make of the joint, from each sample to the next; empty where it has
+    /// Effects of its chain's other joints on the joint, from each sample to the next; empty where it has
     /// none.
     pub carried: Vec<Carried>,
 }
@@ -39,7 +39,7 @@ pub struct Span {
 pub const GAP_INTERVALS: f64 = 3.5;
 
 impl JointLog {
-    /// What drives the joint: the commanded position of a servo, or the effort.
+    /// Drive of the joint: the commanded position of a servo, or the effort.
     #[must_use]
     pub fn signal(&self) -> &[f64] {
         if self.commanded.is_empty() { &self.effort } else { &self.commanded }
@@ -103,14 +103,13 @@ impl JointLog {
 /// Fewest samples of a window.
 /// chosen: fewer say little beyond their start state.
 const LEAST_SAMPLES: usize = 8;
-/// Distance of a fraction from a half from which it is near 0 or near 1.
+/// Distance from a half of a fraction near 0 or near 1.
 /// chosen: a hundredth of a step is rounding.
 const NEAR_WHOLE: f64 = 0.49;
-/// Gap between held positions, as a share of the mean one, from which rounding in the recording did not split
-/// it.
+/// Least gap between held positions without a split by rounding in the recording, as a share of the mean one.
 /// chosen: recordings have digits for a thousandth of a step.
 const SPLIT: f64 = 1e-3;
-/// Distance of a gap from a whole number of steps up to which it is one, steps.
+/// Largest distance of a gap from a whole number of steps, steps.
 /// chosen: a tenth of a step.
 const OFF_STEP: f64 = 0.1;
 
@@ -144,8 +143,8 @@ pub fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|r| r * r).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
 
-/// White noise of the positions, rad or m: the median absolute fourth difference, which motion of a mass
-/// hardly enters. See docs/method.md (14.1).
+/// White noise of the positions, rad or m: the median absolute fourth difference, hardly affected by motion
+/// of a mass. See docs/method.md (14.1).
 #[must_use]
 pub fn position_noise(logs: &[JointLog]) -> f64 {
     let mut differences = Vec::new();
@@ -154,15 +153,15 @@ pub fn position_noise(logs: &[JointLog]) -> f64 {
         for s in log.segments(index) {
             let q = &log.position[s.start..s.start + s.len];
             // derived: binomial coefficients.
-            let fourth = |w: &[f64]| (w[0] - 4.0 * w[1] + 6.0 * w[2] - 4.0 * w[3] + w[4]).abs();
-            differences.extend(q.windows(5).map(fourth));
+            let fourth = q.windows(5).map(|w| w[0] - 4.0 * w[1] + 6.0 * w[2] - 4.0 * w[3] + w[4]);
+            differences.extend(fourth.map(f64::abs));
             steps.extend(q.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > 0.0));
         }
     }
     let Some(difference) = median(differences) else { return 0.0 };
     // derived: the standard deviation of the fourth difference of unit white noise is sqrt(70).
     let sigma = difference / MAD_IN_SIGMAS / 70f64.sqrt();
-    // A quantized encoder that stands still still has its rounding noise.
+    // A quantized encoder at rest still has its rounding noise.
     steps.sort_by(f64::total_cmp);
     // A quantile, since rounding in the record may split single steps.
     let smallest = steps.get(steps.len() / 50).copied().unwrap_or(0.0);
@@ -174,17 +173,16 @@ pub fn position_noise(logs: &[JointLog]) -> f64 {
     step.map_or(sigma, |step| sigma.max(step / 12f64.sqrt()))
 }
 
-/// Samples over which a position must not change at all to count as held.
+/// Samples without any change of a held position.
 const HELD_SAMPLES: usize = 4;
-/// Fewest different held positions that show a lattice.
+/// Fewest different held positions of a lattice.
 const MIN_HELD: usize = 8;
 
-/// Step of the encoder, rad or m, where the positions that the joint holds are multiples of one: also
-/// positions that were interpolated between readings of the encoder show it at rest.
+/// Step of the encoder, rad or m, where the held positions of the joint are multiples of one: also positions
+/// interpolated between readings of the encoder show it at rest.
 fn lattice(logs: &[JointLog]) -> Option<f64> {
-    let still = |w: &[f64]| w.iter().all(|q| *q == w[0]).then_some(w[0]);
-    let mut held: Vec<f64> =
-        logs.iter().flat_map(|l| l.position.windows(HELD_SAMPLES).filter_map(still)).collect();
+    let stretches = logs.iter().flat_map(|l| l.position.windows(HELD_SAMPLES));
+    let mut held: Vec<f64> = stretches.filter(|w| w.iter().all(|q| *q == w[0])).map(|w| w[0]).collect();
     held.sort_by(f64::total_cmp);
     held.dedup();
     if held.len() < MIN_HELD {

@@ -1,4 +1,4 @@
-//! What was recorded: runs turned into positions and efforts of one joint.
+//! Recorded runs turned into positions and efforts of one joint.
 
 pub mod carried;
 pub mod chain;

@@ -1,5 +1,5 @@
-//! Motion of a joint from its positions: a Kalman smoother in which the acceleration is an expected one and a
-//! remainder that white jerk drives, whose level the positions choose. See docs/method.md (14.5).
+//! Motion of a joint from its positions: a Kalman smoother with an expected acceleration and a remainder
+//! driven by white jerk; the positions choose its level. See docs/method.md (14.5).
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -14,19 +14,19 @@ pub struct SmoothMotion {
     pub state: Vec<Vector3<f64>>,
     /// Expected acceleration from each stamp to the next; empty for none.
     pub expected: Vec<f64>,
-    /// Level of the jerk, of those that are tried.
+    /// Level of the jerk, of the tried ones.
     pub level: i32,
 }
 
-/// Lowest jerk that is tried, in ranges of the position per s^2 and root second.
-/// chosen: far below that of any motion that is recorded.
+/// Lowest tried jerk, in ranges of the position per s^2 and root second.
+/// chosen: far below the jerk of any recorded motion.
 const LEAST_JERK: f64 = 1e-4;
-/// Levels of the jerk that are tried, each times the next lower one.
+/// Tried levels of the jerk, each times the next lower one.
 const LEVELS: i32 = 18;
 /// chosen: half a decade; the likelihood is flat about its top.
 const RATIO: f64 = 3.0;
-/// Levels below that of a motion at which another noise is tried.
-/// derived: noise that was taken for motion raises the level by its ratio to the true one, three decades.
+/// Levels below a motion's for another noise.
+/// derived: noise taken for motion raises the level by its ratio to the true one, three decades.
 const LOWER: i32 = 6;
 
 /// Jerk of a level, rad/s^2 or m/s^2 per root second.
@@ -34,7 +34,7 @@ fn jerk(position: &[f64], variances: &[f64], level: i32) -> f64 {
     let low = position.iter().copied().fold(f64::INFINITY, f64::min);
     let high = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let least = variances.iter().copied().fold(f64::INFINITY, f64::min).sqrt();
-    // A joint that stood still has a scale of its own noise.
+    // A joint at rest has a scale of its own noise.
     LEAST_JERK * (high - low).max(10.0 * least).max(1e-12) * RATIO.powi(level)
 }
 
@@ -44,7 +44,7 @@ impl SmoothMotion {
     pub fn of(time_s: &[f64], position: &[f64], noise: &ReadingNoise, expected: &[f64]) -> Self {
         let at_rest = vec![noise.variance(0.0); position.len()];
         let motion = Self::smoothed(time_s, position, &at_rest, expected);
-        // The speeds that stamps err by are those of the motion that is looked for: once is enough.
+        // The speeds behind the errors of stamps are those of the sought motion: once is enough.
         if noise.jitter_s > 0.0 {
             return Self::smoothed(time_s, position, &motion.variances(noise), expected);
         }
@@ -75,21 +75,22 @@ impl SmoothMotion {
         self.state.iter().map(|s| noise.variance(s[1])).collect()
     }
 
-    /// Log likelihood of the positions that the motion was smoothed from, under another noise; of the levels
-    /// from well below that of the motion.
+    /// Log likelihood of the positions of the motion, under another noise; of the levels from well below the
+    /// motion's.
     #[must_use]
     pub fn likelihood(&self, position: &[f64], noise: &ReadingNoise) -> f64 {
         let variances = self.variances(noise);
-        let of = |level| {
+        let mut best = f64::NEG_INFINITY;
+        // Noise taken for motion asked for more jerk.
+        for level in self.level - LOWER..=self.level + 1 {
             let jerk = jerk(position, &variances, level);
-            filter(&self.time_s, position, &variances, jerk, &self.expected).1
-        };
-        // Noise that was taken for motion asked for more jerk.
-        (self.level - LOWER..=self.level + 1).map(of).fold(f64::NEG_INFINITY, f64::max)
+            best = best.max(filter(&self.time_s, position, &variances, jerk, &self.expected).1);
+        }
+        best
     }
 
-    /// Position, velocity and acceleration at a time; before and after the recording it stands where that
-    /// began or ended.
+    /// Position, velocity and acceleration at a time; before and after the recording those at its ends, at
+    /// rest.
     #[must_use]
     pub fn at(&self, t: f64) -> Vector3<f64> {
         let Some(last) = self.state.len().checked_sub(1) else { return Vector3::zeros() };
@@ -133,8 +134,9 @@ fn filter(
             let h = time_s[k] - time_s[k - 1];
             transition = Matrix3::new(1.0, h, 0.5 * h * h, 0.0, 1.0, h, 0.0, 0.0, 1.0);
             // derived: integrals of white jerk.
-            let [a, b, c, d, e] =
-                [h.powi(5) / 20.0, h.powi(4) / 8.0, h.powi(3) / 6.0, h.powi(3) / 3.0, h.powi(2) / 2.0];
+            let [a, b] = [h.powi(5) / 20.0, h.powi(4) / 8.0];
+            // derived: likewise.
+            let [c, d, e] = [h.powi(3) / 6.0, h.powi(3) / 3.0, h.powi(2) / 2.0];
             // (14.5)
             let noise = Matrix3::new(a, b, c, b, d, e, c, e, h) * (jerk * jerk);
             let push = expected.get(k - 1).copied().unwrap_or(0.0);

@@ -1,10 +1,11 @@
-//! The position of a joint from measured poses of its part, and what of these poses the joint cannot make.
+//! The position of a joint from measured poses of its part, and the part of these poses out of the joint's
+//! reach.
 //! See docs/method.md (14.2).
 //!
-//! With the joint at `q` the twin holds that `joint_from_part = motion(q)`. What is left beside it, `E =
-//! joint_from_part * motion(q)^-1`, has a turn and a shift that stand still where the twin's axis is off, and
-//! that go round with the part where the tracked frame is not the link's. Across the axis both are complex
-//! numbers: `a + b exp(i q)` at a joint that turns, `a + b q` at one that slides.
+//! The twin with its joint at `q` has `joint_from_part = motion(q)`. The rest, `E = joint_from_part *
+//! motion(q)^-1`, has a turn and a shift: at rest with an error of the twin's axis, going round with the part
+//! with an error of the tracked frame. Across the axis both are complex numbers: `a + b exp(i q)` at a
+//! turning joint, `a + b q` at a sliding one.
 
 use nalgebra::{Complex, Matrix2, Matrix3, Matrix3x6, Matrix6, Vector2, Vector3, Vector6};
 
@@ -33,7 +34,7 @@ impl Across {
     }
 }
 
-/// What the off-axis part of poses looks like.
+/// Suspected cause of the off-axis part of poses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Suspect {
     /// The joint makes the poses.
@@ -65,29 +66,29 @@ impl Suspect {
 /// Evidence about a joint from poses of its part.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OffAxis {
-    /// What the joint cannot make.
+    /// Out of the joint's reach.
     pub measured: Across,
-    /// Noise of that.
+    /// Its noise.
     pub noise: Across,
-    /// What is left of it with another axis and another tracked frame.
+    /// Its remainder with another axis and another tracked frame.
     pub left: Across,
     /// By how much the axis stands off the twin's; across it, and its tilt.
     pub axis: Across,
     /// By how much the tracked frame stands off the link's.
     pub mount: Across,
-    /// What it looks like.
+    /// Suspected cause.
     pub suspect: Suspect,
 }
 
-/// Multiple of the noise that means nothing.
+/// Multiple of the noise without a meaning.
 /// chosen: three standard deviations.
 const NOISES: f64 = 3.0;
-/// Least noise: that of the numbers.
-/// derived: six decimals, which messages of poses hold at least.
+/// Least noise: the rounding of the numbers.
+/// derived: six decimals, at least held by messages of poses.
 const LEAST: Across = Across { shift_m: 1e-6, turn_rad: 1e-6 };
-/// Share of what there is to explain that an explanation may leave: of poses off a joint, of what a table
-/// over one variable finds, of noise, of the gap and the windows of held-out runs. What brings less beside
-/// others need not be there.
+/// Remaining share of an accepted explanation: of poses off a joint, of the finding of a table over one
+/// variable, of noise, of the gap and the windows of held-out runs. An effect of less beside others need not
+/// be there.
 /// tuned: tests/python/gap/generate.py.
 pub const MAX_LEFT: f64 = 0.12;
 
@@ -98,12 +99,12 @@ pub struct PosedJoint {
     pub time_s: Vec<f64>,
     /// Positions, rad or m.
     pub position: Vec<f64>,
-    /// What the joint cannot make of the poses.
+    /// Part of the poses out of the joint's reach.
     pub evidence: OffAxis,
 }
 
-/// A joint's positions from tracks of its part: in a frame of the part that it hangs on, or together with a
-/// track of that part in the same frame. `None` where no track shows it.
+/// A joint's positions from tracks of its part: in a frame of its parent part, or together with a track of
+/// the parent in the same frame. `None` without such a track.
 ///
 /// # Errors
 /// [`TrackError`] for links and frames that the twin does not have.
@@ -112,7 +113,7 @@ pub fn posed(tree: &TwinTree, joint: usize, tracks: &[&PoseTrack]) -> Result<Opt
     let own = tree.carrier(spec.child);
     let base = tree.carrier(spec.parent);
     let rest = tree.link_poses(&vec![0.0; tree.joints.len()]);
-    // Links that are fixed to each other move as one: any of their tracks serves, brought to the carrier.
+    // Links fixed to each other move as one: any of their tracks serves, brought to the carrier.
     let on_carrier = |link: usize| rest[tree.carrier(link)].inverse() * rest[link];
     let mut found: Vec<(usize, usize, &PoseTrack, Pose, Pose)> = Vec::new();
     for track in tracks {
@@ -130,12 +131,12 @@ pub fn posed(tree: &TwinTree, joint: usize, tracks: &[&PoseTrack]) -> Result<Opt
     let of_part = found.iter().filter(|f| f.1 == own);
     for (frame, _, track, carrier_from_frame, link_from_carrier) in of_part {
         let whole = |pose: &Pose| carrier_from_frame * pose * link_from_carrier;
-        // Given in the frame of the part that the joint hangs on: only the joint lies between.
+        // Given in the frame of the parent part: only the joint lies between.
         if *frame == base {
             let poses: Vec<Pose> = track.pose.iter().map(|p| base_from_joint.inverse() * whole(p)).collect();
             return Ok(read(spec, &track.time_s, &poses));
         }
-        // Else both parts must be tracked in one frame, and the joint is what differs.
+        // Else both parts must be tracked in one frame, and the joint is the difference.
         let Some(other) = found.iter().find(|o| o.1 == base && o.0 == *frame) else { continue };
         let mut time_s = Vec::new();
         let mut poses = Vec::new();
@@ -170,7 +171,7 @@ fn read(joint: &TwinJoint, time_s: &[f64], poses: &[Pose]) -> Option<PosedJoint>
     for p in poses {
         let q = match joint.motion {
             Motion::Fixed => 0.0,
-            // The turn about the axis that comes nearest to the pose's rotation.
+            // The turn about the axis nearest to the pose's rotation.
             Motion::Turn => 2.0 * axis.dot(&p.rotation.imag()).atan2(p.rotation.w),
             Motion::Slide => axis.dot(&p.translation.vector),
         };
@@ -197,13 +198,13 @@ fn evidence(
         return None;
     }
     let axis = joint.axis.into_inner();
-    // The unit vector least along the axis, so that the product is far from zero.
+    // The unit vector least along the axis: the product is far from zero.
     let first = axis.cross(&Vector3::ith(axis.iamin(), 1.0)).normalize();
     let second = axis.cross(&first);
     let flat = |v: &Vector3<f64>| Complex::new(first.dot(v), second.dot(v));
     let shifts: Vec<Vector3<f64>> = left.iter().map(|e| e.translation.vector).collect();
     let turns: Vec<Vector3<f64>> = left.iter().map(|e| log_so3(&e.rotation)).collect();
-    // What goes round or along with the part (14.2).
+    // The basis going round or along with the part (14.2).
     let basis: Vec<Complex<f64>> =
         position
             .iter()
@@ -238,8 +239,8 @@ fn evidence(
             Across { shift_m: shift_still.norm(), turn_rad: turn_still.norm() },
             Across { shift_m: shift_moving.norm().hypot(mean_along), turn_rad: turn_moving.norm() },
         ),
-        // A shift that grows with the position is a tilt of the axis; what stands still may as well be the
-        // tracked frame's.
+        // A shift growing with the position is a tilt of the axis; a constant one may as well be the tracked
+        // frame's.
         _ => (
             Across { shift_m: 0.0, turn_rad: shift_moving.norm() },
             Across { shift_m: shift_still.norm(), turn_rad: turn_still.norm() },
@@ -254,11 +255,9 @@ fn suspect(joint: &TwinJoint, position: &[f64], poses: &[Pose], e: &OffAxis) -> 
     if e.measured.is_within(NOISES, &e.noise) {
         return Suspect::None;
     }
-    let range = |values: &mut dyn Iterator<Item = f64>| {
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-        high - low
-    };
-    let travel = range(&mut position.iter().copied());
+    let ends = (f64::INFINITY, f64::NEG_INFINITY);
+    let (low, high) = position.iter().fold(ends, |(l, h), q| (l.min(*q), h.max(*q)));
+    let travel = high - low;
     // Neither another axis nor another tracked frame explains these poses.
     if !e.left.is_within(NOISES, &e.noise) && !e.left.is_within(MAX_LEFT, &e.measured) {
         // The type is called wrong only where the other type makes the poses; else there is a second
@@ -269,7 +268,7 @@ fn suspect(joint: &TwinJoint, position: &[f64], poses: &[Pose], e: &OffAxis) -> 
         };
         return if is_other { Suspect::WrongJointType } else { Suspect::SecondDof };
     }
-    // Sizes that mean something: the axis must move the part by more than the noise over the travel.
+    // Sizes with a meaning: the axis must move the part by more than the noise over the travel.
     let moved = if joint.motion == Motion::Turn {
         Across { shift_m: e.axis.shift_m * travel.min(1.0), turn_rad: e.axis.turn_rad * travel.min(1.0) }
     } else {
@@ -292,21 +291,15 @@ fn spread(values: &[Vector3<f64>]) -> f64 {
 }
 
 /// Whether a turn about one axis makes all poses: their turns have one direction, and one point `c` stands
-/// still, so that the shifts are `a + (1 - turn) c`, as closely as the noise lets one see.
+/// still, so the shifts are `a + (1 - turn) c`, within the noise.
 fn is_one_turn(poses: &[Pose], noise: &Across) -> bool {
     let first = poses[0].rotation.inverse();
     let turns: Vec<Matrix3<f64>> =
         poses.iter().map(|p| (p.rotation * first).to_rotation_matrix().into_inner()).collect();
     let mut normal = Matrix6::zeros();
     let mut right = Vector6::zeros();
-    let design = |turn: &Matrix3<f64>| {
-        let mut rows = Matrix3x6::zeros();
-        rows.fixed_columns_mut::<3>(0).copy_from(&Matrix3::identity());
-        rows.fixed_columns_mut::<3>(3).copy_from(&(Matrix3::identity() - turn));
-        rows
-    };
     for (turn, pose) in turns.iter().zip(poses) {
-        let rows = design(turn);
+        let rows = design_rows(turn);
         normal += rows.transpose() * rows;
         right += rows.transpose() * pose.translation.vector;
     }
@@ -316,11 +309,11 @@ fn is_one_turn(poses: &[Pose], noise: &Across) -> bool {
     let left: Vec<f64> = turns
         .iter()
         .zip(poses)
-        .map(|(turn, pose)| (pose.translation.vector - design(turn) * found).norm())
+        .map(|(turn, pose)| (pose.translation.vector - design_rows(turn) * found).norm())
         .collect();
     let logs: Vec<Vector3<f64>> = poses.iter().map(|p| log_so3(&(p.rotation * first))).collect();
     let scatter: Matrix3<f64> = logs.iter().map(|w| w * w.transpose()).sum();
-    // Turns about one axis scatter along one line; the two smaller eigenvalues are what leaves it.
+    // Turns about one axis scatter along one line; the two smaller eigenvalues measure the rest.
     let across = {
         let mut spreads: Vec<f64> = scatter.symmetric_eigenvalues().iter().copied().collect();
         spreads.sort_unstable_by(f64::total_cmp);
@@ -330,12 +323,19 @@ fn is_one_turn(poses: &[Pose], noise: &Across) -> bool {
     rms(&left) <= NOISES * noise.shift_m.hypot(lever_m * noise.turn_rad) && across <= NOISES * noise.turn_rad
 }
 
-/// Least variance of a basis that changes, as a share of its mean square.
+/// Derivative of the shift of a turned pose by (a, c), see [`is_one_turn`].
+fn design_rows(turn: &Matrix3<f64>) -> Matrix3x6<f64> {
+    let mut rows = Matrix3x6::zeros();
+    rows.fixed_columns_mut::<3>(0).copy_from(&Matrix3::identity());
+    rows.fixed_columns_mut::<3>(3).copy_from(&(Matrix3::identity() - turn));
+    rows
+}
+
+/// Least variance of a changing basis, as a share of its mean square.
 /// chosen: above rounding, below any motion.
 const SPREAD: f64 = 1e-6;
 
-/// Least squares of `a + b basis`: a, b and the absolute values of what is left. `b` is 0 where the basis
-/// hardly changes.
+/// Least squares of `a + b basis`: a, b and the absolute residuals. `b` is 0 where the basis hardly changes.
 fn split(values: &[Complex<f64>], basis: &[Complex<f64>]) -> (Complex<f64>, Complex<f64>, Vec<f64>) {
     let n = values.len() as f64;
     let (sum_z, sum_b): (Complex<f64>, Complex<f64>) = (values.iter().sum(), basis.iter().sum());
@@ -352,15 +352,17 @@ fn split(values: &[Complex<f64>], basis: &[Complex<f64>]) -> (Complex<f64>, Comp
 
 /// White noise of vectors, root of the summed variances.
 fn noise(time_s: &[f64], values: &[Vector3<f64>]) -> f64 {
-    let one = |i: usize| {
+    let mut variance = 0.0;
+    for i in 0..3 {
         let position = values.iter().map(|v| v[i]).collect();
-        position_noise(&[JointLog { time_s: time_s.to_vec(), position, ..JointLog::default() }])
-    };
-    (0..3).map(|i| one(i).powi(2)).sum::<f64>().sqrt()
+        let log = JointLog { time_s: time_s.to_vec(), position, ..JointLog::default() };
+        variance += position_noise(&[log]).powi(2);
+    }
+    f64::sqrt(variance)
 }
 
 impl OffAxis {
-    /// Largest multiple of the noise that the poses leave the joint by.
+    /// Distance of the poses from the joint as the largest multiple of the noise.
     #[must_use]
     pub fn excess(&self) -> f64 {
         (self.measured.shift_m / self.noise.shift_m).max(self.measured.turn_rad / self.noise.turn_rad)

@@ -1,11 +1,11 @@
-//! Noise of recorded positions: that of a joint at rest, and that of stamps that jitter.
+//! Noise of recorded positions: of a joint at rest, and of jittering stamps.
 
 /// Standard deviations of a reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReadingNoise {
     /// Of a position at rest, rad or m.
     pub at_rest: f64,
-    /// Of a stamp against the time of its reading, seconds: an error of the position that grows with speed.
+    /// Of a stamp against the time of its reading, seconds: an error of the position growing with speed.
     pub jitter_s: f64,
 }
 

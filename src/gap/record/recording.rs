@@ -1,4 +1,4 @@
-//! What a bag holds of joints, before it is cut down to one joint: checks that name what is missing.
+//! Joints of a bag, before the cut to one joint: checks with the name of any missing part.
 
 use crate::record::{
     command::{Command, Told},
@@ -10,7 +10,7 @@ use crate::record::{
 
 use common::note::{Note, NoteCode};
 
-/// Stamps that differ by no more are one, seconds.
+/// Largest difference of equal stamps, seconds.
 /// chosen: above the rounding of seconds since the epoch, below any sample interval.
 const SAME_TIME_S: f64 = 1e-7;
 
@@ -40,9 +40,9 @@ pub struct Recording {
     pub poses: Vec<PoseTrack>,
     /// Wrenches on links.
     pub wrenches: Vec<WrenchTrack>,
-    /// What joints were commanded to.
+    /// Commands of joints.
     pub commands: Vec<Command>,
-    /// What was odd.
+    /// Oddities.
     pub warnings: Vec<Note>,
 }
 
@@ -59,7 +59,7 @@ pub enum RecordingError {
         run: String,
         /// Joint.
         joint: String,
-        /// What there is.
+        /// Available joints.
         has: String,
     },
     /// No efforts.
@@ -99,13 +99,13 @@ pub enum RecordingError {
     },
 }
 
-/// Fewest samples that a run must have.
+/// Fewest samples of a run.
 const MIN_SAMPLES: usize = 100;
-/// Half width of the mean that other joints' positions are taken through, samples.
+/// Half width of the mean for other joints' positions, samples.
 const OTHERS_HALF_WIDTH: usize = 4;
 
 impl JointSamples {
-    /// Gives a joint that has velocities and no positions those that the velocities add up to, from 0;
+    /// Gives a joint with velocities and no positions the integrals of the velocities, from 0; returns
     /// whether it did.
     pub fn integrate(&mut self) -> bool {
         let has = |values: &[f64]| values.iter().any(|x| x.is_finite());
@@ -128,8 +128,7 @@ impl JointSamples {
 }
 
 impl Recording {
-    /// Motion of a joint from its positions; repeated and backward stamps and positions that are not numbers
-    /// are left out.
+    /// Motion of a joint from its positions; repeated and backward stamps and positions of NaN are left out.
     ///
     /// # Errors
     /// [`RecordingError`] where the run has no position of the joint.
@@ -154,7 +153,7 @@ impl Recording {
         Ok(SmoothMotion::of(&logs[0].time_s, &logs[0].position, &noise, &[]))
     }
 
-    /// What was recorded of a joint.
+    /// Samples of a joint.
     #[must_use]
     pub fn samples(&self, joint: &str) -> Option<&JointSamples> {
         self.joints.iter().find(|j| j.name == joint)
@@ -177,11 +176,10 @@ impl Recording {
         warnings: &mut Vec<Note>,
     ) -> Result<JointLog, RecordingError> {
         let (run, joint) = (|| self.name.clone(), || name.to_owned());
-        let has = || self.names();
         let samples = self.joints.iter().find(|j| j.name == name).ok_or_else(|| RecordingError::NoJoint {
             run: run(),
             joint: joint(),
-            has: has(),
+            has: self.names(),
         })?;
         if !samples.position.iter().any(|q| q.is_finite()) {
             return Err(RecordingError::NoPosition { run: run(), joint: joint() });
@@ -235,7 +233,7 @@ impl Recording {
             });
         }
         if command.is_some() {
-            // What the servo makes of it is known once its stiffness is.
+            // The servo's effort is known once its stiffness is.
             log.commanded = std::mem::replace(&mut log.effort, vec![0.0; log.time_s.len()]);
         }
         let beside = others.iter().filter(|o| o.as_str() != name);
@@ -264,11 +262,6 @@ fn at_stamps(joint: &JointSamples, stamps: &[f64]) -> Vec<f64> {
     if usable.is_empty() {
         return vec![0.0; stamps.len()];
     }
-    let mean = |k: usize| {
-        // As wide on both sides, also at the ends: a lopsided mean would lag.
-        let half = OTHERS_HALF_WIDTH.min(k).min(usable.len() - 1 - k);
-        usable[k - half..=k + half].iter().map(|(_, q)| q).sum::<f64>() / (2 * half + 1) as f64
-    };
     let mut k = 0;
     stamps
         .iter()
@@ -279,7 +272,14 @@ fn at_stamps(joint: &JointSamples, stamps: &[f64]) -> Vec<f64> {
             let next = (k + 1).min(usable.len() - 1);
             let width = usable[next].0 - usable[k].0;
             let share = if width > 0.0 { ((t - usable[k].0) / width).clamp(0.0, 1.0) } else { 0.0 };
-            mean(k) * (1.0 - share) + mean(next) * share
+            mean_about(&usable, k) * (1.0 - share) + mean_about(&usable, next) * share
         })
         .collect()
+}
+
+/// Mean position over the neighbors of a sample (time, position).
+fn mean_about(samples: &[(f64, f64)], k: usize) -> f64 {
+    // As wide on both sides, also at the ends: a lopsided mean would lag.
+    let half = OTHERS_HALF_WIDTH.min(k).min(samples.len() - 1 - k);
+    samples[k - half..=k + half].iter().map(|(_, q)| q).sum::<f64>() / (2 * half + 1) as f64
 }

@@ -1,4 +1,4 @@
-//! Poses and wrenches of links as they were recorded, and what of them a joint of the twin sees.
+//! Recorded poses and wrenches of links, and their effect on a joint of the twin.
 
 use nalgebra::Vector3;
 
@@ -14,7 +14,7 @@ use numeric::statistics::median;
 pub struct PoseTrack {
     /// Topic.
     pub topic: String,
-    /// Frame that the poses are given in.
+    /// Frame of the poses.
     pub frame: String,
     /// Link.
     pub link: String,
@@ -26,14 +26,14 @@ pub struct PoseTrack {
     pub pose: Vec<Pose>,
 }
 
-/// Wrenches that act on a link.
+/// Wrenches on a link.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct WrenchTrack {
     /// Topic.
     pub topic: String,
-    /// Frame that the wrenches are given in.
+    /// Frame of the wrenches.
     pub frame: String,
-    /// Link that they act on.
+    /// Link under them.
     pub link: String,
     /// Stamps, seconds from the first of the recording.
     pub time_s: Vec<f64>,
@@ -43,7 +43,7 @@ pub struct WrenchTrack {
     pub moment: Vec<Vector3<f64>>,
 }
 
-/// Topics that are read beside the joint states, each with the link or the joints that it is about.
+/// Topics beside the joint states, each with its link or joints.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Streams {
     /// Wrenches.
@@ -52,7 +52,7 @@ pub struct Streams {
     pub poses: Vec<(String, String)>,
     /// Commands, each with the joints of its values where messages do not name them.
     pub commands: Vec<(String, Vec<String>)>,
-    /// Links whose transforms (child frames) are read as poses.
+    /// Links with transforms (child frames) to read as poses.
     pub links: Vec<String>,
 }
 
@@ -97,10 +97,10 @@ pub enum TrackError {
     },
 }
 
-/// Name that stands for the root of the twin, if no link has it.
+/// Name for the root of the twin, if no link has it.
 pub const WORLD: &str = "world";
 
-/// Index of the link that a frame is; `None` for the world.
+/// Index of the link of a frame; `None` for the world.
 ///
 /// # Errors
 /// [`TrackError::NoFrame`].
@@ -114,7 +114,7 @@ pub fn frame_link(tree: &TwinTree, topic: &str, frame: &str) -> Result<Option<us
     }
 }
 
-/// Index of a link behind a joint that moves.
+/// Index of a link behind a moving joint.
 ///
 /// # Errors
 /// [`TrackError::NoLink`], [`TrackError::Still`].
@@ -139,10 +139,11 @@ fn names(tree: &TwinTree) -> String {
 #[must_use]
 pub fn resampled(time_s: &[f64], values: &[f64], stamps: &[f64], hold: Hold) -> Vec<f64> {
     let usual = median(time_s.windows(2).map(|w| w[1] - w[0]).collect());
-    // A value held across a gap would be an effort that nobody recorded.
+    // A value held across a gap would be an effort nobody recorded.
     let widest = GAP_INTERVALS * usual.unwrap_or(0.0);
     let mut first = 0;
-    let one = |(k, t): (usize, &f64)| {
+    let mut all = Vec::with_capacity(stamps.len());
+    for (k, t) in stamps.iter().enumerate() {
         while first + 1 < time_s.len() && time_s[first + 1] <= t + 1e-9 {
             first += 1;
         }
@@ -150,18 +151,19 @@ pub fn resampled(time_s: &[f64], values: &[f64], stamps: &[f64], hold: Hold) -> 
         if time_s.get(first).is_none_or(|s| *s > t + 1e-9 || t - s > widest)
             || ends.is_some_and(|e| e - time_s[first] > widest)
         {
-            return f64::NAN;
+            all.push(f64::NAN);
+            continue;
         }
-        match (hold, ends) {
+        all.push(match (hold, ends) {
             (Hold::Linear, Some(end)) => {
                 let share = (t - time_s[first]) / (end - time_s[first]);
                 values[first] * (1.0 - share) + values[first + 1] * share
             }
             (Hold::Linear, None) => values[first],
             (Hold::Zero, _) => held_mean(time_s, values, first, *t, stamps.get(k + 1).copied().unwrap_or(*t)),
-        }
-    };
-    stamps.iter().enumerate().map(one).collect()
+        });
+    }
+    all
 }
 
 /// Mean of a held signal from `from` to `to`; sample `first` is the last one at or before `from`.
@@ -176,9 +178,9 @@ fn held_mean(time_s: &[f64], values: &[f64], first: usize, from: f64, to: f64) -
     if to - from > 1e-9 { (sum + values[k] * (to - at)) / (to - from) } else { values[first] }
 }
 
-/// What a wrench makes of every joint, N m or N, by stamp: with each joint at the position that `position`
-/// gives for (joint, time). `None` at joints that do not carry the link. A wrench in the frame of a link acts
-/// at that frame's origin; one in the frame of the root or the world acts at the origin of its link.
+/// Effort of a wrench at every joint, N m or N, by stamp: with each joint at `position(joint, time)`. `None`
+/// at joints without the link behind them. A wrench in the frame of a link acts at this frame's origin; one
+/// in the frame of the root or the world acts at the origin of its link.
 ///
 /// # Errors
 /// [`TrackError`] for links and frames that the twin does not have.

@@ -1,13 +1,12 @@
 //! A joint's axis lies elsewhere or points elsewhere.
 //!
-//! Two ways: the line alone is off, so that the child is right at position 0 and leaves its place as it
-//! moves, `M' = D M D^-1`; or the joint's frame is off with the child, `M' = D M`. Signature: a residual of
-//! the child's subtree that grows with the position (the line), or is the same rigid motion of it in every
-//! state (the frame).
+//! Two ways: the line alone is off: the child is right at position 0 and leaves its place as it moves, `M' =
+//! D M D^-1`; or the joint's frame is off with the child, `M' = D M`. Signature: a residual of the child's
+//! subtree, growing with the position (the line), or the same rigid motion in every state (the frame).
 
 use crate::{
     camera::model::{
-        parameter::Parameter,
+        parameter::HypothesisParameter,
         scales::MISPLACED,
         trial::{CameraEffect, Column, column, free_joints},
     },
@@ -23,22 +22,20 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
         for j in free_joints(twin) {
             let shift_m = MISPLACED * scales.child_lever_m(twin, j);
             let turning = twin.joints[j].kind.turns();
-            let line = |of: fn(usize, usize) -> Parameter, prior: f64| -> Vec<Column> {
-                (0..2).map(|k| column(of(j, k), prior)).collect()
-            };
             // Turn, shift and both are ways of their own: one with fewer columns has more evidence where
             // it suffices.
-            let turns = line(Parameter::AxisTurn, MISPLACED);
+            let turns = columns_of_normals(HypothesisParameter::AxisTurn, j, MISPLACED);
             if turning {
-                let shifts = line(Parameter::AxisShift, shift_m);
+                let shifts = columns_of_normals(HypothesisParameter::AxisShift, j, shift_m);
                 all.push((Some(j), [turns.clone(), shifts.clone()].concat()));
                 all.push((Some(j), shifts));
             }
             all.push((Some(j), turns));
             // Along the axis of a slide a shift is a change of position.
             let along = if turning { 3 } else { 2 };
-            let shifts: Vec<_> = (0..along).map(|k| column(Parameter::Frame(j, k), shift_m)).collect();
-            let turns: Vec<_> = (3..5).map(|k| column(Parameter::Frame(j, k), MISPLACED)).collect();
+            let shifts: Vec<_> =
+                (0..along).map(|k| column(HypothesisParameter::Frame(j, k), shift_m)).collect();
+            let turns: Vec<_> = (3..5).map(|k| column(HypothesisParameter::Frame(j, k), MISPLACED)).collect();
             all.push((Some(j), [shifts.clone(), turns.clone()].concat()));
             all.extend([(Some(j), shifts), (Some(j), turns)]);
         }
@@ -61,7 +58,16 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
     experiment: "film the joint at three more positions over its whole range",
 };
 
-/// A length whose interval holds what the twin itself does not know, a standard deviation.
+/// The columns of a parameter of a joint's axis, one for each of its two normals.
+fn columns_of_normals(
+    parameter: fn(usize, usize) -> HypothesisParameter,
+    joint: usize,
+    prior: f64,
+) -> Vec<Column> {
+    (0..2).map(|k| column(parameter(joint, k), prior)).collect()
+}
+
+/// A length with its interval widened by the twin's own error, `own`, a standard deviation.
 fn widened(mut p: ParameterEstimate, own: f64) -> ParameterEstimate {
     let own = HALF_WIDTH_95 * own;
     p.interval =

@@ -1,11 +1,12 @@
-//! A joint has play: its child stands off the joint's motion by a small rigid motion that differs from state
-//! to state.
+//! A joint has play: its child stands off the joint's motion by a small rigid motion, another one in every
+//! state.
 //!
-//! Signature: every state has a residual of the child's subtree of its own, small, that no axis explains.
+//! Signature: a small residual of the child's subtree, another one in every state, without an axis to explain
+//! it.
 
 use crate::camera::model::{
-    parameter::Parameter,
-    trial::{CameraEffect, STATEWISE, column, free_joints},
+    parameter::HypothesisParameter,
+    trial::{CameraEffect, Column, STATEWISE, column, free_joints},
 };
 
 /// Prior of play, in radians and as a share of the child's size.
@@ -17,12 +18,12 @@ const PLAY: f64 = 0.01;
 pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "axis_play",
     trials: |twin, runs, scales| {
-        let of = |j| {
-            let prior = |k| PLAY * if k < 3 { scales.child_lever_m(twin, j) } else { 1.0 };
-            let run = |r| (0..6).map(move |k| column(Parameter::Extra(r, j, k), prior(k)));
-            (0..runs.len()).flat_map(run).collect()
-        };
-        if runs.len() < 3 { Vec::new() } else { free_joints(twin).map(|j| (Some(j), of(j))).collect() }
+        if runs.len() < 3 {
+            return Vec::new();
+        }
+        free_joints(twin)
+            .map(|j| (Some(j), play_columns(j, runs.len(), scales.child_lever_m(twin, j))))
+            .collect()
     },
     log_odds: STATEWISE,
     reported: |f| {
@@ -41,3 +42,15 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
     in_urdf: "not expressible",
     experiment: "push the part to and fro across its axis at one position, and film it in both",
 };
+
+/// Columns of a small rigid motion of a joint's child in every run; `lever_m` is the child's lever.
+fn play_columns(joint: usize, runs: usize, lever_m: f64) -> Vec<Column> {
+    let mut columns = Vec::with_capacity(6 * runs);
+    for run in 0..runs {
+        for k in 0..6 {
+            let prior = PLAY * if k < 3 { lever_m } else { 1.0 };
+            columns.push(column(HypothesisParameter::Extra(run, joint, k), prior));
+        }
+    }
+    columns
+}

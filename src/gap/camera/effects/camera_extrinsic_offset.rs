@@ -5,7 +5,7 @@
 //! all states; a wrong placement of the object would be one in the world's frame.
 
 use crate::camera::model::{
-    parameter::Parameter,
+    parameter::HypothesisParameter,
     scales::MISCALIBRATED,
     trial::{CameraEffect, column},
 };
@@ -15,7 +15,7 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "camera_extrinsic_offset",
     trials: |_, _, scales| {
         let prior = |k| MISCALIBRATED * if k < 3 { scales.range_m } else { 1.0 };
-        vec![(None, (0..6).map(|k| column(Parameter::Extrinsic(k), prior(k))).collect())]
+        vec![(None, (0..6).map(|k| column(HypothesisParameter::Extrinsic(k), prior(k))).collect())]
     },
     log_odds: 0.0,
     reported: |f| {

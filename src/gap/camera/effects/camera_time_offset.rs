@@ -1,10 +1,10 @@
-//! Images are stamped late or early: the pose at `stamp + delay` is that of the image.
+//! Images are stamped late or early: the pose at `stamp + delay` is the pose of the image.
 //!
 //! Signature: a residual in proportion to the camera's velocity, none while it rests, of the other sign on
 //! the way back.
 
 use crate::camera::model::{
-    parameter::Parameter,
+    parameter::HypothesisParameter,
     trial::{CameraEffect, column},
 };
 
@@ -19,7 +19,7 @@ pub(super) const EFFECT: CameraEffect = CameraEffect {
     trials: |_, runs, _| {
         // Without the camera's velocities nothing shows a delay.
         let known = runs.iter().all(|r| r.velocities.len() == r.frames.len() && !r.frames.is_empty());
-        if known { vec![(None, vec![column(Parameter::Delay, FRAME_S)])] } else { Vec::new() }
+        if known { vec![(None, vec![column(HypothesisParameter::Delay, FRAME_S)])] } else { Vec::new() }
     },
     log_odds: 0.0,
     reported: |f| vec![f.column("offset", "s", 0)],

@@ -3,7 +3,7 @@
 //! Signature: the same residual along every ray, near and far, on every part, in every state.
 
 use crate::camera::model::{
-    parameter::Parameter,
+    parameter::HypothesisParameter,
     scales::MISCALIBRATED,
     trial::{CameraEffect, column},
 };
@@ -11,7 +11,9 @@ use crate::camera::model::{
 /// The effect.
 pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "depth_bias",
-    trials: |_, _, scales| vec![(None, vec![column(Parameter::DepthBias, MISCALIBRATED * scales.range_m)])],
+    trials: |_, _, scales| {
+        vec![(None, vec![column(HypothesisParameter::DepthBias, MISCALIBRATED * scales.range_m)])]
+    },
     log_odds: 0.0,
     reported: |f| vec![f.column("bias", "m", 0)],
     types: None,

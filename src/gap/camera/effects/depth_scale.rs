@@ -3,7 +3,7 @@
 //! Signature: a residual along the ray in proportion to the depth, on every part, in every state.
 
 use crate::camera::model::{
-    parameter::Parameter,
+    parameter::HypothesisParameter,
     scales::MISCALIBRATED,
     trial::{CameraEffect, column},
 };
@@ -11,7 +11,7 @@ use crate::camera::model::{
 /// The effect.
 pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "depth_scale",
-    trials: |_, _, _| vec![(None, vec![column(Parameter::DepthScale, MISCALIBRATED)])],
+    trials: |_, _, _| vec![(None, vec![column(HypothesisParameter::DepthScale, MISCALIBRATED)])],
     log_odds: 0.0,
     reported: |f| {
         // The column is the scale less one.

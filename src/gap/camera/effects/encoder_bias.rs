@@ -3,7 +3,7 @@
 //! Signature: the same residual of the child's subtree along its motion at every reported position.
 
 use crate::camera::model::{
-    parameter::Parameter,
+    parameter::HypothesisParameter,
     scales::MISPLACED,
     trial::{CameraEffect, column},
 };
@@ -12,14 +12,14 @@ use crate::camera::model::{
 pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "encoder_bias",
     trials: |twin, runs, scales| {
-        let reported = |j: &usize| runs.iter().all(|r| r.positions.contains_key(&twin.joints[*j].name));
-        let prior = |j: usize| {
-            MISPLACED * if twin.joints[j].kind.turns() { 1.0 } else { scales.child_lever_m(twin, j) }
-        };
-        (0..twin.joints.len())
-            .filter(reported)
-            .map(|j| (Some(j), vec![column(Parameter::EncoderBias(j), prior(j))]))
-            .collect()
+        let mut all = Vec::new();
+        for (j, joint) in twin.joints.iter().enumerate() {
+            if runs.iter().all(|r| r.positions.contains_key(&joint.name)) {
+                let lever = if joint.kind.turns() { 1.0 } else { scales.child_lever_m(twin, j) };
+                all.push((Some(j), vec![column(HypothesisParameter::EncoderBias(j), MISPLACED * lever)]));
+            }
+        }
+        all
     },
     log_odds: 0.0,
     reported: |f| {

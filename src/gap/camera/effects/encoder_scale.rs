@@ -1,9 +1,9 @@
 //! Reported joint positions are too small by a factor: `position = (1 + x) * reported`.
 //!
-//! Signature: a residual of the child's subtree along its motion that grows with the reported position.
+//! Signature: a residual of the child's subtree along its motion, growing with the reported position.
 
 use crate::camera::model::{
-    parameter::Parameter,
+    parameter::HypothesisParameter,
     scales::MISPLACED,
     trial::{CameraEffect, column},
 };
@@ -12,11 +12,13 @@ use crate::camera::model::{
 pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "encoder_scale",
     trials: |twin, runs, _| {
-        let reported = |j: &usize| runs.iter().all(|r| r.positions.contains_key(&twin.joints[*j].name));
-        (0..twin.joints.len())
-            .filter(reported)
-            .map(|j| (Some(j), vec![column(Parameter::EncoderScale(j), MISPLACED)]))
-            .collect()
+        let mut all = Vec::new();
+        for (j, joint) in twin.joints.iter().enumerate() {
+            if runs.iter().all(|r| r.positions.contains_key(&joint.name)) {
+                all.push((Some(j), vec![column(HypothesisParameter::EncoderScale(j), MISPLACED)]));
+            }
+        }
+        all
     },
     log_odds: 0.0,
     reported: |f| {

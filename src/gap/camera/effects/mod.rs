@@ -1,4 +1,4 @@
-//! The catalogue of effects that a camera can show. To add one, write its file and add a line here.
+//! The catalogue of effects visible to a camera. To add one, write its file and add a line here.
 
 mod axis_offset;
 mod axis_play;
@@ -20,8 +20,8 @@ use super::{
     record::frames::FrameRun,
 };
 
-/// All effects that act smoothly. Two more are found in other ways: another type of joint
-/// (`judge::other_types`) and missing geometry (`judge::missing_geometry`).
+/// All smooth effects. Two more are found in other ways: another type of joint (`judge::other_types`) and
+/// missing geometry (`judge::missing_geometry`).
 pub const CATALOGUE: [CameraEffect; 10] = [
     depth_scale::EFFECT,
     depth_bias::EFFECT,
@@ -35,17 +35,14 @@ pub const CATALOGUE: [CameraEffect; 10] = [
     encoder_bias::EFFECT,
 ];
 
-/// All ways in which the effects of the catalogue may act.
+/// All trials of the effects of the catalogue.
 #[must_use]
 pub fn trials(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Trial> {
-    let of = |(effect, spec): (usize, &CameraEffect)| {
-        (spec.trials)(twin, runs, scales).into_iter().map(move |(joint, columns)| Trial {
-            effect,
-            name: CATALOGUE[effect].name,
-            joint,
-            columns,
-            log_odds: CATALOGUE[effect].log_odds,
-        })
-    };
-    CATALOGUE.iter().enumerate().flat_map(of).collect()
+    let mut all = Vec::new();
+    for (effect, spec) in CATALOGUE.iter().enumerate() {
+        for (joint, columns) in (spec.trials)(twin, runs, scales) {
+            all.push(Trial { effect, name: spec.name, joint, columns, log_odds: spec.log_odds });
+        }
+    }
+    all
 }

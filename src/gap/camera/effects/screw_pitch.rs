@@ -1,24 +1,24 @@
-//! A joint that turns also advances: a screw where the twin has a revolute joint, `advance = pitch * angle`.
+//! A turning joint also advances: a screw where the twin has a revolute joint, `advance = pitch * angle`.
 //!
 //! Signature: a residual of the child's subtree along the axis in proportion to the position. Reported as
 //! `wrong_joint_type`.
 
 use crate::camera::model::{
-    parameter::Parameter,
+    parameter::HypothesisParameter,
     scales::{GATE, MISPLACED},
     trial::{CameraEffect, column, free_joints},
 };
 
-/// Least pitch that is looked for by itself, in sizes of the child a radian.
+/// Least pitch with a search of its own, in sizes of the child a radian.
 ///
-/// derived: half a turn takes a part of the object's size out of what belongs to its surface; a screw of less
-/// pitch is found from the revolute joint
+/// derived: half a turn takes a part of the object's size off its surface; a screw of less pitch is found
+/// from the revolute joint
 pub const LEAST_PITCH: f64 = GATE * MISPLACED / std::f64::consts::PI;
-/// Pitches that are looked for each way, each twice the one before.
+/// Searched pitches each way, each twice the one before.
 pub const PITCHES: i32 = 5;
 /// Standard deviation of the prior of the pitch, in sizes of the child a radian.
 ///
-/// derived: half the steepest pitch that is looked for
+/// derived: half the steepest searched pitch
 const PITCH: f64 = 0.5 * LEAST_PITCH * (1 << (PITCHES - 1)) as f64;
 
 /// The effect.
@@ -27,7 +27,9 @@ pub const EFFECT: CameraEffect = CameraEffect {
     trials: |twin, _, scales| {
         let turning = free_joints(twin).filter(|&j| twin.joints[j].kind.turns());
         turning
-            .map(|j| (Some(j), vec![column(Parameter::Pitch(j), PITCH * scales.child_lever_m(twin, j))]))
+            .map(|j| {
+                (Some(j), vec![column(HypothesisParameter::Pitch(j), PITCH * scales.child_lever_m(twin, j))])
+            })
             .collect()
     },
     log_odds: 0.0,

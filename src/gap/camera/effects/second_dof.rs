@@ -1,11 +1,10 @@
 //! A joint's child moves in a second way: a slide or a turn beyond the joint's own, by another amount in
 //! every state.
 //!
-//! Signature: residuals of the child's subtree that are multiples of one rigid motion, unrelated to the
-//! position.
+//! Signature: residuals of the child's subtree, multiples of one rigid motion, unrelated to the position.
 
 use crate::camera::model::{
-    parameter::Parameter,
+    parameter::HypothesisParameter,
     trial::{CameraEffect, STATEWISE, column, free_joints},
 };
 
@@ -18,15 +17,19 @@ const SECOND: f64 = 0.15;
 pub(super) const EFFECT: CameraEffect = CameraEffect {
     name: "second_dof",
     trials: |twin, runs, scales| {
-        let of = |j, k: usize| {
-            let prior = SECOND * if k < 3 { scales.child_lever_m(twin, j) } else { 1.0 };
-            (0..runs.len()).map(|r| column(Parameter::Extra(r, j, k), prior)).collect()
-        };
         if runs.len() < 3 {
-            Vec::new()
-        } else {
-            free_joints(twin).flat_map(|j| (0..6).map(move |k| (Some(j), of(j, k)))).collect()
+            return Vec::new();
         }
+        let mut all = Vec::new();
+        for j in free_joints(twin) {
+            for k in 0..6 {
+                let prior = SECOND * if k < 3 { scales.child_lever_m(twin, j) } else { 1.0 };
+                let columns =
+                    (0..runs.len()).map(|r| column(HypothesisParameter::Extra(r, j, k), prior)).collect();
+                all.push((Some(j), columns));
+            }
+        }
+        all
     },
     log_odds: STATEWISE,
     reported: |f| {

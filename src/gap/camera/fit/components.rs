@@ -1,14 +1,14 @@
-//! The variance components: errors without names, of the twin, of the camera's poses, and what is left.
+//! The variance components: errors without names, of the twin, of the camera's poses, and of single patches.
 
 use crate::{
     camera::model::scales::{GATE, Scales},
     record::off_axis::MAX_LEFT,
 };
 
-/// Largest component over the gate: what is larger is an effect.
+/// Largest component over the gate: a larger one is an effect.
 ///
-/// derived: the share that an explanation may leave of one standard deviation of what effects move, of which
-/// the gate is a multiple
+/// derived: the share of one standard deviation of an effect's motion left open by an explanation; the gate
+/// is a multiple of that deviation
 const LARGEST: f64 = MAX_LEFT / GATE;
 /// Values of each component in the grid.
 const STEPS: [usize; 3] = [4, 3, 3];
@@ -25,8 +25,8 @@ pub struct VarianceComponents {
 }
 
 impl VarianceComponents {
-    /// The grid that is searched: each component from the twin's accuracy to a share of the gate, evenly on a
-    /// logarithmic scale, on which the evidence is flat.
+    /// The searched grid: each component from the twin's accuracy to a share of the gate, evenly on a
+    /// logarithmic scale: the evidence is flat on it.
     #[must_use]
     pub fn grid(scales: &Scales) -> Vec<Self> {
         let [surface, frame, rest] = STEPS.map(|n| ladder(scales, n));
@@ -57,7 +57,7 @@ impl VarianceComponents {
 /// The largest value of a component, meters.
 #[must_use]
 pub fn largest_m(scales: &Scales) -> f64 {
-    // A twin that is said to be coarser than that leaves a grid of one value.
+    // A twin of less accuracy leaves a grid of one value.
     (LARGEST * scales.gate_m()).max(scales.accuracy_m)
 }
 

@@ -5,7 +5,7 @@ use crate::camera::{
     model::hypothesis::Hypothesis,
 };
 
-/// Cost of a pixel that conflicts.
+/// Cost of a conflicting pixel.
 ///
 /// derived: half the square of three standard deviations
 const CONFLICT_COST: f64 = 4.5;

@@ -11,16 +11,16 @@ use crate::camera::{
         problem::FrameProblem,
         reduced::{Reduced, Solution, best},
     },
-    model::{advance::advance, hypothesis::Hypothesis, parameter::Parameter, posed::PosedTwin},
+    model::{advance::advance, hypothesis::Hypothesis, parameter::HypothesisParameter, posed::PosedTwin},
 };
 
-/// A hypothesis, and the values of effects that it has.
+/// A hypothesis with the values of its effects.
 #[derive(Clone, Debug)]
 pub struct State {
     /// The hypothesis.
     pub hypothesis: Hypothesis,
     /// Values of parameters of effects in it.
-    pub applied: Vec<(Parameter, f64)>,
+    pub applied: Vec<(HypothesisParameter, f64)>,
 }
 
 /// A linear system about a state.
@@ -65,7 +65,7 @@ impl FrameProblem<'_> {
                     .collect(),
             );
         }
-        // What the state already explains counts as not explained.
+        // Residuals count without the explanation in the state.
         let with_residual = means
             .into_iter()
             .map(|c| {
@@ -110,29 +110,30 @@ impl FrameProblem<'_> {
         let mut steps = Vec::new();
         for (&c, &x) in subset.iter().zip(values.iter()).take(n) {
             let parameter = linear.system.columns[c].parameter;
-            let reported =
-                |r: usize, j: usize| self.runs[r].positions.contains_key(&self.twin.joints[j].name);
-            // The twin's own errors and those of reported positions explain residuals, but what was given
-            // stays.
+            // Errors of the twin and of reported positions explain residuals; twin and reports stay as given.
             let stays = match parameter {
-                Parameter::Mesh(..) | Parameter::AxisTurn(..) | Parameter::AxisShift(..) => true,
-                Parameter::Position(r, j) => reported(r, j),
+                HypothesisParameter::Mesh(..)
+                | HypothesisParameter::AxisTurn(..)
+                | HypothesisParameter::AxisShift(..) => true,
+                HypothesisParameter::Position(r, j) => {
+                    self.runs[r].positions.contains_key(&self.twin.joints[j].name)
+                }
                 _ => false,
             };
             if !stays {
                 steps.push((parameter, x));
             }
         }
-        let mut target: Vec<(Parameter, f64)> = Vec::new();
+        let mut target: Vec<(HypothesisParameter, f64)> = Vec::new();
         for (&c, &x) in subset.iter().zip(values.iter()).skip(n) {
             target.push((linear.system.columns[c].parameter, x));
         }
-        let of = |all: &[(Parameter, f64)], p: Parameter| all.iter().find(|a| a.0 == p).map_or(0.0, |a| a.1);
-        // Values count from the twin as given, steps from where the state is.
+        // Values count from the twin as given, steps from the present state.
         for (p, x) in &target {
-            steps.push((*p, x - of(&state.applied, *p)));
+            let applied = state.applied.iter().find(|a| a.0 == *p).map_or(0.0, |a| a.1);
+            steps.push((*p, x - applied));
         }
-        // What is no longer chosen is taken back.
+        // Effects no longer chosen are taken back.
         for (p, x) in state.applied.iter().filter(|a| !target.iter().any(|t| t.0 == a.0)) {
             steps.push((*p, -x));
         }
@@ -143,7 +144,7 @@ impl FrameProblem<'_> {
     /// All sizes of the errors without names, eliminated.
     #[must_use]
     pub fn reduce_all(&self, linear: &mut Linear, around: &[usize]) -> Vec<Reduced> {
-        // Outliers of the set known so far; without one, what an effect does would count as such.
+        // Outliers of the set known so far; without one, the motion of an effect would count as outliers.
         if around.len() > self.nuisance.len()
             && let Some(solution) =
                 linear.system.reduce(&VarianceComponents::middle(&self.scales)).and_then(|r| r.solve(around))
@@ -154,7 +155,7 @@ impl FrameProblem<'_> {
         VarianceComponents::grid(&self.scales).par_iter().filter_map(|s| linear.system.reduce(s)).collect()
     }
 
-    /// Solution of a set, with the sizes of the errors that its evidence prefers.
+    /// Solution of a set, with the most probable sizes of the errors.
     #[must_use]
     pub fn judge(&self, linear: &Linear, reduced: &[Reduced], set: &[usize]) -> Option<Chosen> {
         let subset = self.subset(linear, set);

@@ -2,9 +2,9 @@
 //!
 //! `y = A x + B f + p + e`: parameters `x` with Gaussian priors; an error `f` of every frame's pose; an error
 //! `p` of every patch of the twin's surface, the same in all frames; an error `e` of every patch in a frame
-//! by itself. These are what a camera and a reconstruction get wrong without any effect, and their variance
+//! by itself. These are the errors of a camera and a reconstruction without any effect, and their variance
 //! components are found from the data: an effect must explain the residuals better than they do. Frames and
-//! patches are eliminated once, so that every set of parameters is judged by a small system.
+//! patches are eliminated once: every set of parameters is judged by a small system.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Vector3};
 use rayon::prelude::*;
@@ -15,7 +15,7 @@ use crate::camera::{
         patches::PatchMean,
         reduced::{Reduced, log_determinant},
     },
-    model::{parameter::Parameter, trial::Column},
+    model::{parameter::HypothesisParameter, trial::Column},
 };
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
@@ -35,16 +35,16 @@ pub struct System {
 }
 
 impl System {
-    /// Builds the system from patches and their derivatives; `radius_m` is that of the object.
+    /// Builds the system from patches and their derivatives; `radius_m` is the object's radius.
     #[must_use]
     pub fn new(
         mut means: Vec<(PatchMean, f64)>,
         patches: usize,
         columns: Vec<Column>,
         radius_m: f64,
-        derivative: impl Fn(Parameter, &PatchMean) -> f64 + Sync,
+        derivative: impl Fn(HypothesisParameter, &PatchMean) -> f64 + Sync,
     ) -> (Self, Vec<PatchMean>) {
-        // A frame's rows stand together, so that its pose error is one block.
+        // A frame's rows stand together: its pose error is one block.
         means.sort_by_key(|(c, _)| (c.seen.run, c.seen.frame, c.patch));
         let n = means.len();
         let rows: Vec<Vec<f64>> = means
@@ -55,8 +55,8 @@ impl System {
         let frame_rows = DMatrix::from_fn(n, 6, |i, k| frame_derivative(&means[i].0, k, radius_m));
         let mut starts = Vec::new();
         for i in 0..n {
-            let key = |i: usize| (means[i].0.seen.run, means[i].0.seen.frame);
-            if i == 0 || key(i) != key(i - 1) {
+            let frame = (means[i].0.seen.run, means[i].0.seen.frame);
+            if i == 0 || frame != (means[i - 1].0.seen.run, means[i - 1].0.seen.frame) {
                 starts.push(i);
             }
         }
@@ -67,7 +67,7 @@ impl System {
         (system, means.into_iter().map(|(c, _)| c).collect())
     }
 
-    /// Makes patches that stand out count less.
+    /// Lowers the weight of outlying patches.
     pub fn soften(&mut self, residuals: &[f64]) {
         let Some(off) = median(residuals.iter().map(|r| r.abs()).collect()) else { return };
         let spread = SIGMAS_PER_MAD * off;
@@ -127,7 +127,7 @@ impl System {
         for i in 0..fx {
             corner[(i, i)] += frame_precision;
         }
-        // Eliminated patches tie the frames that saw them together: one factor for all frames.
+        // Eliminated patches tie their frames together: one factor for all frames.
         let chol = Cholesky::new(corner)?;
         log_det += log_determinant(&chol) - fx as f64 * frame_precision.ln();
         let mut side = gram.view((0, fx), (fx, x)).into_owned();
@@ -145,7 +145,7 @@ impl System {
         })
     }
 
-    /// Residuals of the patches less what parameters explain.
+    /// Residuals of the patches less the explanation by the parameters.
     #[must_use]
     pub fn left(&self, subset: &[usize], values: &DVector<f64>) -> Vec<f64> {
         let last = self.matrix.ncols() - 1;

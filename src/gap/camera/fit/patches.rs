@@ -7,12 +7,12 @@ use nalgebra::{Point3, Vector3};
 
 use crate::camera::{
     fit::sample::{PixelSample, Sample},
-    model::{posed::Seen, twin::SeenTwin},
+    model::{posed::SurfacePoint, twin::SeenTwin},
 };
 use geometry::Pose;
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
-/// Least length of the mean of unit normals that is a direction.
+/// Least length of a mean of unit normals with a direction.
 ///
 /// chosen: far above rounding, far below any patch's
 const LEAST_NORMAL: f64 = 1e-6;
@@ -27,12 +27,12 @@ const PATCH: f64 = 0.2;
 #[derive(Clone, Copy, Debug)]
 pub struct PatchMean {
     /// Where, on average.
-    pub seen: Seen,
+    pub seen: SurfacePoint,
     /// Index of the patch.
     pub patch: usize,
     /// Mean residual across the surface, meters.
     pub residual_m: f64,
-    /// Variance of the mean that the camera's noise gives, square meters.
+    /// Variance of the mean by the camera's noise, square meters.
     pub variance_m2: f64,
     /// Pixels.
     pub pixels: usize,
@@ -40,8 +40,16 @@ pub struct PatchMean {
 
 type Key = (usize, [i32; 3], usize);
 
-/// Averages samples of the frames that `is_used` accepts. Patches are cubes in the part's frame, split by the
-/// side that the surface faces. Returns the means and the number of patches.
+/// A surface point, its residual and the residual's standard deviation, meters.
+type PixelReading = (SurfacePoint, f64, f64);
+
+/// Mean of a quantity by the inverse variances of the residuals; `weight` is their sum.
+fn weighted_mean(kept: &[&PixelReading], weight: f64, of: &dyn Fn(&PixelReading) -> f64) -> f64 {
+    kept.iter().map(|g| of(g) * g.2.powi(-2)).sum::<f64>() / weight
+}
+
+/// Averages samples of the frames accepted by `is_used`. Patches are cubes in the part's frame, split by the
+/// facing side of the surface. Returns the means and the number of patches.
 #[must_use]
 pub fn patch_means(
     twin: &SeenTwin,
@@ -51,7 +59,7 @@ pub fn patch_means(
 ) -> (Vec<PatchMean>, usize) {
     let side_m = PATCH * twin.radius_m();
     let mut patches: BTreeMap<Key, usize> = BTreeMap::new();
-    let mut groups: BTreeMap<(Key, usize, usize), Vec<(Seen, f64, f64)>> = BTreeMap::new();
+    let mut groups: BTreeMap<(Key, usize, usize), Vec<(SurfacePoint, f64, f64)>> = BTreeMap::new();
     for s in samples {
         let Sample::Match { seen, residual_m, sigma_m, .. } = s.sample else { continue };
         if !is_used(s.run, s.frame) {
@@ -80,7 +88,7 @@ pub fn patch_means(
 }
 
 /// The mean of a patch in a frame, without its outliers.
-fn average(group: &[(Seen, f64, f64)]) -> Option<PatchMean> {
+fn average(group: &[PixelReading]) -> Option<PatchMean> {
     if group.len() < MIN_PIXELS {
         return None;
     }
@@ -89,12 +97,10 @@ fn average(group: &[(Seen, f64, f64)]) -> Option<PatchMean> {
     // Readings in whole millimeters may not spread at all: a pixel's own noise is the least spread.
     let kept: Vec<_> = group.iter().filter(|g| (g.1 - middle).abs() <= 3.0 * spread.max(g.2)).collect();
     let weight: f64 = kept.iter().map(|g| g.2.powi(-2)).sum();
-    let mean =
-        |f: &dyn Fn(&(Seen, f64, f64)) -> f64| kept.iter().map(|g| f(g) * g.2.powi(-2)).sum::<f64>() / weight;
-    let vector = |f: &dyn Fn(&Seen) -> Vector3<f64>| Vector3::from_fn(|k, _| mean(&|g| f(&g.0)[k]));
-    let seen = Seen {
-        point: Point3::from(vector(&|s| s.point.coords)),
-        normal: vector(&|s| s.normal).try_normalize(LEAST_NORMAL)?,
+    let mean = |f: &dyn Fn(&PixelReading) -> f64| weighted_mean(&kept, weight, f);
+    let seen = SurfacePoint {
+        point: Point3::from(Vector3::from_fn(|k, _| mean(&|g| g.0.point.coords[k]))),
+        normal: Vector3::from_fn(|k, _| mean(&|g| g.0.normal[k])).try_normalize(LEAST_NORMAL)?,
         depth_m: mean(&|g| g.0.depth_m),
         slant: mean(&|g| g.0.slant),
         ..kept.first()?.0

@@ -10,30 +10,31 @@ use crate::camera::{
     model::{hypothesis::Hypothesis, scales::Scales, twin::SeenTwin},
     record::frames::{FrameRun, coarse},
 };
+use geometry::Pose;
 
-/// Frames that are looked at.
+/// Compared frames.
 const FRAMES: usize = 6;
 /// Width of the coarse images, pixels, about.
 const WIDTH: usize = 80;
 /// Fewest and most first steps over a joint's range.
 const STEPS: [usize; 2] = [12, 72];
-/// Minima of the first steps that are refined.
+/// Refined minima of the first steps.
 const MINIMA: usize = 4;
 /// Halvings of the step.
 const HALVINGS: usize = 5;
 /// Rounds over all joints.
 const ROUNDS: usize = 3;
-/// Mean cost of a pixel that a round must gain for another one.
+/// Gain in the mean cost of a pixel for another round.
 ///
-/// chosen: far below what one joint in a wrong place costs
+/// chosen: far below the cost of one joint in a wrong place
 const LEAST_GAIN: f64 = 1e-4;
-/// A range is looked at beyond its limits by at least this share of what is possible.
+/// A range is searched beyond its limits by at least this share of the possible range.
 ///
 /// chosen: a twin may hold a joint as fixed
 const LEAST_BEYOND: f64 = 0.1;
 /// First step of later rounds in steps of the first one.
 ///
-/// chosen: they only follow what the other joints moved
+/// chosen: they only follow the other joints
 const LATER_STEP: f64 = 0.25;
 
 /// Coarse frames of a run.
@@ -49,8 +50,10 @@ impl CoarseRun {
     pub fn of(run: &FrameRun, scales: &Scales) -> Self {
         let n = run.frames.len();
         let chosen: Vec<usize> = (0..FRAMES.min(n)).map(|i| i * n / FRAMES.min(n)).collect();
-        let step = |i: usize| (run.frames[i].intrinsics.width / WIDTH).max(1);
-        let frames = chosen.iter().map(|&i| coarse(&run.frames[i], step(i))).collect();
+        let mut frames = Vec::with_capacity(chosen.len());
+        for frame in chosen.iter().map(|&i| &run.frames[i]) {
+            frames.push(coarse(frame, (frame.intrinsics.width / WIDTH).max(1)));
+        }
         let velocities = chosen.iter().filter_map(|&i| run.velocities.get(i).copied()).collect();
         Self {
             run: FrameRun {
@@ -60,52 +63,72 @@ impl CoarseRun {
                 positions: run.positions.clone(),
                 noise: run.noise,
             },
-            // One standard deviation of what effects may move.
+            // One standard deviation of the motion by effects.
             wrong_m: 0.5 * scales.gate_m(),
         }
     }
 
-    /// Mean cost of the pixels that the object or the twin covers, 0 to 1: docs/method.md (15.2).
+    /// Mean cost of the pixels covered by the object or the twin, 0 to 1: docs/method.md (15.2).
     #[must_use]
     pub fn cost(&self, twin: &SeenTwin, hypothesis: &Hypothesis, run: usize) -> f64 {
         let poses = hypothesis.poses(twin, run).0;
-        let wrong_m = self.wrong_m;
-        let of = |f: usize| {
-            let frame = &self.run.frames[f];
-            let camera = true_camera(&self.run, f, &hypothesis.camera);
-            let image = predict(twin, &poses, &frame.intrinsics, &camera, false);
-            let mut sum = 0.0;
-            let mut count = 0;
-            for i in 0..image.depth_m.len() {
-                let reading = f64::from(frame.depth_m[i]);
-                let predicted = f64::from(image.depth_m[i]);
-                let measured = (reading - hypothesis.camera.bias_m) / hypothesis.camera.scale;
-                let object = frame.is_object(i);
-                let cost = match (object && (frame.mask.is_some() || predicted > 0.0), predicted > 0.0) {
-                    (true, true) if reading > 0.0 => ((measured - predicted).abs() / wrong_m).min(1.0),
-                    // No reading on the object says nothing of its depth.
-                    (true, true) => continue,
-                    (true, false) => 1.0,
-                    // What stands before the twin may hide it; only what lies behind, or nothing, speaks
-                    // against it.
-                    (false, true) if reading == 0.0 || measured > predicted + wrong_m => 1.0,
-                    _ => continue,
-                };
-                sum += cost;
-                count += 1;
-            }
-            (sum, count)
-        };
         let (sum, count) = (0..self.run.frames.len())
             .into_par_iter()
-            .map(of)
+            .map(|f| self.frame_cost(twin, hypothesis, &poses, f))
             .reduce(|| (0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
         sum / count.max(1) as f64
+    }
+
+    /// Sum of the costs of a frame's pixels and their number; `poses` are world poses of the parts.
+    fn frame_cost(
+        &self,
+        twin: &SeenTwin,
+        hypothesis: &Hypothesis,
+        poses: &[Pose],
+        frame_index: usize,
+    ) -> (f64, usize) {
+        let wrong_m = self.wrong_m;
+        let frame = &self.run.frames[frame_index];
+        let camera = true_camera(&self.run, frame_index, &hypothesis.camera);
+        let image = predict(twin, poses, &frame.intrinsics, &camera, false);
+        let mut sum = 0.0;
+        let mut count = 0;
+        for i in 0..image.depth_m.len() {
+            let reading = f64::from(frame.depth_m[i]);
+            let predicted = f64::from(image.depth_m[i]);
+            let measured = (reading - hypothesis.camera.bias_m) / hypothesis.camera.scale;
+            let object = frame.is_object(i);
+            let cost = match (object && (frame.mask.is_some() || predicted > 0.0), predicted > 0.0) {
+                (true, true) if reading > 0.0 => ((measured - predicted).abs() / wrong_m).min(1.0),
+                // A missing reading on the object gives no depth.
+                (true, true) => continue,
+                (true, false) => 1.0,
+                // A nearer reading may hide the twin; a farther one, or none, contradicts it.
+                (false, true) if reading == 0.0 || measured > predicted + wrong_m => 1.0,
+                _ => continue,
+            };
+            sum += cost;
+            count += 1;
+        }
+        (sum, count)
+    }
+
+    /// Sets the position of a joint and returns the cost of the run.
+    fn cost_at(
+        &self,
+        twin: &SeenTwin,
+        hypothesis: &mut Hypothesis,
+        run: usize,
+        joint: usize,
+        position: f64,
+    ) -> f64 {
+        hypothesis.positions[run][joint] = position;
+        self.cost(twin, hypothesis, run)
     }
 }
 
 /// Finds the positions of the joints in a run, one joint after the other from the root, again and again;
-/// those that came with the recording stay.
+/// recorded positions stay.
 pub fn find_positions(twin: &SeenTwin, coarse: &CoarseRun, hypothesis: &mut Hypothesis, run: usize) {
     let mut best = coarse.cost(twin, hypothesis, run);
     for round in 0..ROUNDS {
@@ -115,7 +138,7 @@ pub fn find_positions(twin: &SeenTwin, coarse: &CoarseRun, hypothesis: &mut Hypo
             if spec.mimic.is_some() || coarse.run.positions.contains_key(&spec.name) {
                 continue;
             }
-            best = search_joint(twin, coarse, hypothesis, (run, joint), best, round == 0);
+            best = search_joint(twin, coarse, hypothesis, run, joint, best, round == 0);
         }
         if before - best < LEAST_GAIN {
             break;
@@ -132,14 +155,16 @@ pub fn find_position(
     joint: usize,
 ) -> f64 {
     let best = coarse.cost(twin, hypothesis, run);
-    search_joint(twin, coarse, hypothesis, (run, joint), best, true)
+    search_joint(twin, coarse, hypothesis, run, joint, best, true)
 }
 
+/// Searches one joint's range; returns the cost at the position found, `best` or less.
 fn search_joint(
     twin: &SeenTwin,
     coarse: &CoarseRun,
     hypothesis: &mut Hypothesis,
-    (run, joint): (usize, usize),
+    run: usize,
+    joint: usize,
     mut best: f64,
     first: bool,
 ) -> f64 {
@@ -153,27 +178,19 @@ fn search_joint(
         ((l - more).max(-wide + l.min(0.0)), (h + more).min(wide + h.max(0.0)))
     });
     let start = hypothesis.positions[run][joint];
-    let attempt = |q: f64, hypothesis: &mut Hypothesis| {
-        hypothesis.positions[run][joint] = q;
-        coarse.cost(twin, hypothesis, run)
-    };
     let reach_m = if turns { (high - low) * twin.radius_m() } else { high - low };
-    // Steps that move the part by what counts as wrong pass over no minimum.
+    // Steps of the length `wrong_m` pass over no minimum.
     let count = ((reach_m / coarse.wrong_m).ceil() as usize).clamp(STEPS[0], STEPS[1]);
     let mut step = (high - low) / count as f64;
-    // Where the joint stands is one of the starts: the cost never rises.
+    // The present position is one of the starts: the cost never rises.
     let mut minima = vec![(best, start)];
     if first {
-        let scan: Vec<(f64, f64)> = (0..=count)
-            .map(|i| {
-                let q = low + step * i as f64;
-                (attempt(q, hypothesis), q)
-            })
-            .collect();
-        let is_minimum = |i: usize| {
-            (i == 0 || scan[i].0 <= scan[i - 1].0) && (i + 1 == scan.len() || scan[i].0 <= scan[i + 1].0)
-        };
-        minima.extend((0..scan.len()).filter(|&i| is_minimum(i)).map(|i| scan[i]));
+        let mut scan = Vec::with_capacity(count + 1);
+        for i in 0..=count {
+            let q = low + step * i as f64;
+            scan.push((coarse.cost_at(twin, hypothesis, run, joint, q), q));
+        }
+        minima.extend(local_minima(&scan));
         minima.sort_by(|a, b| a.0.total_cmp(&b.0));
         minima.truncate(MINIMA);
     } else {
@@ -184,7 +201,7 @@ fn search_joint(
         for m in &mut minima {
             let middle = m.1;
             for q in [middle - step, middle + step] {
-                let cost = attempt(q, hypothesis);
+                let cost = coarse.cost_at(twin, hypothesis, run, joint, q);
                 if cost < m.0 {
                     *m = (cost, q);
                 }
@@ -195,4 +212,15 @@ fn search_joint(
     best = found.0;
     hypothesis.positions[run][joint] = found.1;
     best
+}
+
+/// The pairs (cost, position) with no lower cost on either side.
+fn local_minima(scan: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let mut minima = Vec::new();
+    for (i, at) in scan.iter().enumerate() {
+        if (i == 0 || at.0 <= scan[i - 1].0) && (i + 1 == scan.len() || at.0 <= scan[i + 1].0) {
+            minima.push(*at);
+        }
+    }
+    minima
 }

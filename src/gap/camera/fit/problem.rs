@@ -1,4 +1,4 @@
-//! A twin and frames, prepared: usable pixels, effects, what is always free.
+//! A twin and frames, prepared: usable pixels, effects, free nuisance parameters.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use crate::camera::{
     model::{
         hypothesis::Hypothesis,
         missing::Missing,
-        parameter::Parameter,
+        parameter::HypothesisParameter,
         scales::Scales,
         trial::{Column, Trial, column, free_joints, twin_column},
         twin::SeenTwin,
@@ -16,7 +16,7 @@ use crate::camera::{
     record::{frames::FrameRun, options::FrameOptions, pixels::Pixels},
 };
 
-/// What is diagnosed, and with which frames.
+/// A twin to diagnose with its frames.
 pub struct FrameProblem<'a> {
     /// Twin.
     pub twin: &'a SeenTwin,
@@ -24,15 +24,15 @@ pub struct FrameProblem<'a> {
     pub runs: &'a [FrameRun],
     /// Their pixels.
     pub pixels: Arc<Pixels>,
-    /// All ways in which effects may act.
+    /// All trials of effects.
     pub trials: Vec<Trial>,
-    /// What is always free: placements and positions.
+    /// Always free: placements and positions.
     pub nuisance: Vec<Column>,
-    /// What may be taken for granted.
+    /// Assumptions of the diagnosis.
     pub options: FrameOptions,
-    /// Lengths that gates and priors are multiples of.
+    /// Lengths behind all gates and priors.
     pub scales: Scales,
-    /// Geometry that the twin is known to lack: readings of it are left out.
+    /// Known missing geometry of the twin: readings of it are left out.
     pub lacks: Vec<Missing>,
 }
 
@@ -74,7 +74,7 @@ impl<'a> FrameProblem<'a> {
         self.scales.gate_m()
     }
 
-    /// Compares all runs with a hypothesis, without readings of what the twin is known to lack.
+    /// Compares all runs with a hypothesis, without readings of known missing geometry.
     #[must_use]
     pub fn compare(&self, hypothesis: &Hypothesis, gate_m: f64) -> Vec<PixelSample> {
         let mut samples = compare(self.twin, self.runs, &self.pixels, hypothesis, gate_m);
@@ -93,34 +93,36 @@ impl<'a> FrameProblem<'a> {
     }
 }
 
-/// What is always free: where the object stands in a run, joint positions, and what the twin itself errs by.
+/// Always free: the object's place in a run, joint positions, and the twin's own errors.
 fn nuisance(twin: &SeenTwin, runs: &[FrameRun], scales: &Scales) -> Vec<Column> {
     let mut all = Vec::new();
     let gate_m = scales.gate_m();
     // Readings beyond the gate would be conflicts, so a step need not reach further.
     let [shift, turn] = [0.5 * gate_m, 0.5 * gate_m / scales.radius_m];
     for (r, run) in runs.iter().enumerate() {
-        all.extend((0..6).map(|k| column(Parameter::Root(r, k), if k < 3 { shift } else { turn })));
+        all.extend((0..6).map(|k| column(HypothesisParameter::Root(r, k), if k < 3 { shift } else { turn })));
         for j in free_joints(twin) {
             let lever = if twin.joints[j].kind.turns() { scales.child_lever_m(twin, j) } else { 1.0 };
             all.push(if run.positions.contains_key(&twin.joints[j].name) {
-                twin_column(Parameter::Position(r, j), 1.0 / lever)
+                twin_column(HypothesisParameter::Position(r, j), 1.0 / lever)
             } else {
-                column(Parameter::Position(r, j), gate_m / lever)
+                column(HypothesisParameter::Position(r, j), gate_m / lever)
             });
         }
     }
     // The root's placement is free in every recording already.
     for p in 1..twin.parts.len() {
         let turn = scales.lever_m(twin, p).recip();
-        all.extend((0..6).map(|k| twin_column(Parameter::Mesh(p, k), if k < 3 { 1.0 } else { turn })));
+        all.extend(
+            (0..6).map(|k| twin_column(HypothesisParameter::Mesh(p, k), if k < 3 { 1.0 } else { turn })),
+        );
     }
     for j in free_joints(twin) {
         let turn = scales.child_lever_m(twin, j).recip();
-        all.extend((0..2).map(|k| twin_column(Parameter::AxisTurn(j, k), turn)));
+        all.extend((0..2).map(|k| twin_column(HypothesisParameter::AxisTurn(j, k), turn)));
         // The axis of a slide has a direction and no place.
         if twin.joints[j].kind.turns() {
-            all.extend((0..2).map(|k| twin_column(Parameter::AxisShift(j, k), 1.0)));
+            all.extend((0..2).map(|k| twin_column(HypothesisParameter::AxisShift(j, k), 1.0)));
         }
     }
     all

@@ -12,7 +12,7 @@ pub struct Reduced {
     pub(super) energy: f64,
     pub(super) log_det: f64,
     pub(super) priors: Vec<f64>,
-    /// VarianceComponents of the errors that it was made with.
+    /// VarianceComponents of this system.
     pub components: VarianceComponents,
 }
 
@@ -33,7 +33,7 @@ impl Reduced {
     pub fn solve(&self, subset: &[usize]) -> Option<Solution> {
         let n = subset.len();
         let prior = |i: usize| self.priors[subset[i]];
-        // Scaled by the priors, which makes the prior the identity.
+        // Scaled by the priors: the prior becomes the identity.
         let system = DMatrix::from_fn(n, n, |i, j| {
             self.gram[(subset[i], subset[j])] * prior(i) * prior(j) + f64::from(u8::from(i == j))
         });

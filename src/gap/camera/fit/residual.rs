@@ -1,4 +1,4 @@
-//! Measured less predicted depth, pixel by pixel: what agrees well enough to be compared, and what conflicts.
+//! Measured less predicted depth, pixel by pixel: comparable pixels and conflicting ones.
 //! See docs/method.md (15.3).
 
 use nalgebra::Vector3;
@@ -9,7 +9,7 @@ use crate::camera::{
         predict::{predict, true_camera},
         sample::{Conflict, PixelSample, Sample},
     },
-    model::{hypothesis::Hypothesis, posed::Seen, twin::SeenTwin},
+    model::{hypothesis::Hypothesis, posed::SurfacePoint, twin::SeenTwin},
     record::{
         frames::FrameRun,
         pixels::{Pixels, around},
@@ -18,7 +18,7 @@ use crate::camera::{
 use geometry::Pose;
 use surface::Rendered;
 
-/// Bend of the surface across three pixels above which its normal is not used, in spacings of pixels there.
+/// Largest bend of the surface across three pixels with a usable normal, in spacings of pixels there.
 ///
 /// chosen: the slope between the outer two is off by half of it at most, so the normal by 0.15 rad, and the
 /// residual across the surface by 1 %
@@ -44,26 +44,15 @@ pub fn compare(
     let all: Vec<(usize, usize)> =
         runs.iter().enumerate().flat_map(|(r, run)| (0..run.frames.len()).map(move |f| (r, f))).collect();
     let poses: Vec<Vec<Pose>> = (0..runs.len()).map(|r| hypothesis.poses(twin, r).0).collect();
-    let of = |&(run, frame): &(usize, usize)| {
-        let camera = true_camera(&runs[run], frame, &hypothesis.camera);
-        let image = predict(twin, &poses[run], &runs[run].frames[frame].intrinsics, &camera, false);
-        let view = FrameView { run, frame, data: &runs[run], image: &image, hypothesis, gate_m };
-        let object = pixels.object[run][frame].iter().filter_map(|&i| view.object_sample(i).map(|s| (i, s)));
-        let empty = pixels.empty[run][frame].iter().filter_map(|&i| view.empty_sample(i).map(|s| (i, s)));
-        let stride = pixels.stride[run][frame] as f64;
-        let focal = image.intrinsics.fx;
-        object
-            .chain(empty)
-            .map(|(pixel, sample)| {
-                let depth_m = match &sample {
-                    Sample::Match { seen, .. } => seen.depth_m,
-                    Sample::Conflict { point, .. } => camera.inverse_transform_point(point).z,
-                };
-                PixelSample { run, frame, pixel, area_m2: (stride * depth_m / focal).powi(2), sample }
-            })
-            .collect::<Vec<_>>()
-    };
-    all.par_iter().map(of).collect::<Vec<_>>().concat()
+    let samples_of_frames: Vec<Vec<PixelSample>> = all
+        .par_iter()
+        .map(|&(run, frame)| {
+            let camera = true_camera(&runs[run], frame, &hypothesis.camera);
+            let image = predict(twin, &poses[run], &runs[run].frames[frame].intrinsics, &camera, false);
+            FrameView { run, frame, data: &runs[run], image: &image, hypothesis, gate_m }.samples(pixels)
+        })
+        .collect();
+    samples_of_frames.concat()
 }
 
 /// A frame and its prediction.
@@ -77,6 +66,29 @@ struct FrameView<'a> {
 }
 
 impl FrameView<'_> {
+    /// The compared pixels: on the object, then off it.
+    fn samples(&self, pixels: &Pixels) -> Vec<PixelSample> {
+        let mut samples = Vec::new();
+        for &i in &pixels.object[self.run][self.frame] {
+            samples.extend(self.object_sample(i).map(|s| self.pixel_sample(pixels, i, s)));
+        }
+        for &i in &pixels.empty[self.run][self.frame] {
+            samples.extend(self.empty_sample(i).map(|s| self.pixel_sample(pixels, i, s)));
+        }
+        samples
+    }
+
+    /// A sample with its pixel and area.
+    fn pixel_sample(&self, pixels: &Pixels, pixel: usize, sample: Sample) -> PixelSample {
+        let stride = pixels.stride[self.run][self.frame] as f64;
+        let depth_m = match &sample {
+            Sample::Match { seen, .. } => seen.depth_m,
+            Sample::Conflict { point, .. } => self.image.world_from_camera.inverse_transform_point(point).z,
+        };
+        let area_m2 = (stride * depth_m / self.image.intrinsics.fx).powi(2);
+        PixelSample { run: self.run, frame: self.frame, pixel, area_m2, sample }
+    }
+
     fn ray(&self, i: usize) -> Vector3<f64> {
         let k = &self.image.intrinsics;
         k.ray((i % k.width) as f64, (i / k.width) as f64)
@@ -142,8 +154,8 @@ impl FrameView<'_> {
             .map(|n| (n, n.dot(&ray)))
             .filter(|(_, s)| -s / ray.norm() > self.data.noise.grazing_cosine)
         else {
-            // Without a normal there is no height over the surface: only a difference along the ray counts
-            // that is beyond the gate at the most grazing angle that is used.
+            // Without a normal there is no height over the surface: only a difference along the ray beyond
+            // the gate at the most grazing used angle counts.
             return (off_m.abs() * self.data.noise.grazing_cosine > self.gate_m).then(|| conflict(kind));
         };
         // (15.3)
@@ -158,7 +170,7 @@ impl FrameView<'_> {
                 PIXEL_SIGMA * predicted_m / k.fx * (ray.norm_squared() - slant * slant).max(0.0).sqrt();
             (across * across + aside * aside + ROUNDING_M * ROUNDING_M).sqrt()
         };
-        let seen = Seen {
+        let seen = SurfacePoint {
             run: self.run,
             frame: self.frame,
             part: item as usize,

@@ -1,6 +1,6 @@
 //! A pixel compared with the twin: a residual, or a conflict.
 
-use crate::camera::model::posed::Seen;
+use crate::camera::model::posed::SurfacePoint;
 
 /// How a measured pixel conflicts with the twin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,13 +13,13 @@ pub enum Conflict {
     Empty,
 }
 
-/// What became of a sampled pixel.
+/// Outcome of a sampled pixel.
 #[derive(Clone, Copy, Debug)]
 pub enum Sample {
     /// Surface and reading belong together: residual across the surface and its standard deviation, meters.
     Match {
-        /// What is seen.
-        seen: Seen,
+        /// The seen surface point.
+        seen: SurfacePoint,
         /// Measured less predicted, meters, positive towards the camera.
         residual_m: f64,
         /// Standard deviation expected of the camera.
@@ -33,7 +33,7 @@ pub enum Sample {
         kind: Conflict,
         /// World point.
         point: nalgebra::Point3<f64>,
-        /// Part that the twin has there.
+        /// Part of the twin there.
         part: Option<usize>,
     },
 }
@@ -58,8 +58,8 @@ pub struct PixelSample {
     pub frame: usize,
     /// Pixel index.
     pub pixel: usize,
-    /// Area that it stands for, square meters on a surface facing the camera.
+    /// Area of the sample, square meters on a surface facing the camera.
     pub area_m2: f64,
-    /// What became of it.
+    /// Its outcome.
     pub sample: Sample,
 }

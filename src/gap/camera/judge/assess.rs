@@ -81,15 +81,15 @@ fn placed(problem: &FrameProblem) -> Hypothesis {
     start
 }
 
-/// Whether a joint of another type explains what is seen better than the twin as it was given, and by more
-/// than the twin itself errs.
+/// Whether a joint of another type explains the frames better than the twin as given, and by more than the
+/// twin's own errors.
 fn is_better(
     problem: &FrameProblem,
     as_given: &Selected,
     change: &TypeChange,
     (other, state): (&FrameProblem, &State),
 ) -> bool {
-    // What fits every state by itself costs less than any law; a law need only come near it.
+    // A fit of every state by itself costs less than any law; a law need only come near it.
     let statewise = as_given.chosen.set.iter().any(|&t| problem.trials[t].log_odds < 0.0);
     let most = if statewise { STATEWISE_COST } else { TYPE_COST };
     let null = (problem.twin, &as_given.null.hypothesis);
@@ -98,15 +98,15 @@ fn is_better(
         && seen_cost(other, state) < most * seen_cost(problem, &as_given.state)
 }
 
-/// Mean cost of what is seen, but for readings of geometry that the twin would lack.
+/// Mean cost of the frames without readings of missing geometry.
 fn seen_cost(problem: &FrameProblem, state: &State) -> f64 {
     let mut judge = problem.of(problem.twin);
     judge.lacks = missing_geometry(&judge, &state.hypothesis);
     mean_cost(&judge, &state.hypothesis)
 }
 
-/// Where the twin seems to lack geometry: what it lacks, and effects selected without readings of that, if
-/// these explain the rest better.
+/// The missing geometry of a twin, and effects selected without readings of it, if these explain the rest
+/// better.
 fn around_missing(problem: &FrameProblem, first: &Selected) -> Option<(Vec<Missing>, Selected)> {
     let mut null = first.null.clone();
     let mut lacks = missing_geometry(problem, &null.hypothesis);
@@ -114,7 +114,7 @@ fn around_missing(problem: &FrameProblem, first: &Selected) -> Option<(Vec<Missi
         return None;
     }
     let mut without = problem.of(problem.twin);
-    // Missing geometry draws the fit, and the fit decides what seems to be missing.
+    // Missing geometry draws the fit, and the missing geometry depends on the fit.
     for _ in 0..2 {
         without.lacks = lacks;
         settle(&without, &mut null);

@@ -7,7 +7,7 @@ use crate::{
             problem::FrameProblem,
         },
         judge::{
-            diagnosis::{FrameDiagnosis, Place},
+            diagnosis::{FrameDiagnosis, OutstandingPart},
             effect_size::without_small,
             missing_finding::missing_finding,
             missing_geometry::missing_geometry,
@@ -22,12 +22,12 @@ use crate::{
 };
 use common::note::{Note, NoteCode};
 
-/// Share of the area seen that may conflict under a verdict of agreement.
+/// Largest conflicting share of the seen area under a verdict of agreement.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const CONFLICT_SHARE: f64 = 0.08;
-/// Multiple of a pixel's noise that a joint's child must move between recordings, for anything to be known of
-/// the joint.
+/// Least motion of a joint's child between recordings to learn anything of the joint, as a multiple of a
+/// pixel's noise.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const LEAST_WAYS: f64 = 10.0;
@@ -77,12 +77,12 @@ pub(super) fn conclude(
     let still = still(problem.twin, &after, least_m);
     notes.extend(still.iter().map(|(j, way_m)| stands_still(&problem.twin.joints[*j].name, *way_m)));
     let nothing_moves = !problem.twin.joints.is_empty() && still.len() == problem.twin.joints.len();
-    let off = |p: &PartResidual| p.rms_m > p.floor_m + largest_m(&problem.scales);
-    let unexplained = parts.iter().any(off) || gap.conflict_after > CONFLICT_SHARE;
+    let unexplained = parts.iter().any(|p| p.rms_m > p.floor_m + largest_m(&problem.scales))
+        || gap.conflict_after > CONFLICT_SHARE;
     let ambiguous = findings.iter().any(|f| !f.finding.alternatives.is_empty());
     let verdict = match (findings.is_empty(), ambiguous, unexplained) {
         _ if too_few => Verdict::Insufficient,
-        // Frames that agree say nothing of joints that never moved.
+        // Agreeing frames show nothing of joints at rest.
         (true, _, false) if nothing_moves => Verdict::Insufficient,
         (false, true, _) => Verdict::Ambiguous,
         (false, false, _) => Verdict::Named,
@@ -102,7 +102,7 @@ pub(super) fn conclude(
     }
 }
 
-/// The twin with the effects that were chosen.
+/// The twin with the chosen effects.
 fn updated(problem: &FrameProblem, selected: &Selected, freed: Option<&Selected>) -> Hypothesis {
     if let Some(freed) = freed {
         return freed.state.hypothesis.clone();
@@ -132,12 +132,12 @@ fn stands_still(joint: &str, way_m: f64) -> Note {
     Note::new(NoteCode::JointStands, text)
 }
 
-/// Parts with what is left of their residuals, worst first.
-fn places(problem: &FrameProblem, b: &[PartResidual], a: &[PartResidual]) -> Vec<Place> {
+/// Parts with their remaining residuals, worst first.
+fn places(problem: &FrameProblem, b: &[PartResidual], a: &[PartResidual]) -> Vec<OutstandingPart> {
     let unnamed_m = VarianceComponents::middle(&problem.scales).total_m();
-    let mut all: Vec<Place> = (0..problem.twin.parts.len())
+    let mut all: Vec<OutstandingPart> = (0..problem.twin.parts.len())
         .filter(|&p| b[p].rms_m > b[p].floor_m + unnamed_m || b[p].conflict > CONFLICT_SHARE)
-        .map(|p| Place {
+        .map(|p| OutstandingPart {
             part: problem.twin.parts[p].name.clone(),
             before_m: b[p].rms_m,
             after_m: a[p].rms_m,

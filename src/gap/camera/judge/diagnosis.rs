@@ -15,7 +15,7 @@ pub struct FrameDiagnosis {
     pub verdict: Verdict,
     /// Findings.
     pub findings: Vec<CameraFinding>,
-    /// The twin, its joints of the types that explain the frames.
+    /// The twin, its joints of the types found in the frames.
     pub twin: SeenTwin,
     /// Twin as it was given, fitted.
     pub before: Hypothesis,
@@ -24,23 +24,23 @@ pub struct FrameDiagnosis {
     /// Gap on held-out frames.
     pub gap: FrameGap,
     /// Where the twin and the frames disagree.
-    pub places: Vec<Place>,
-    /// Lengths that the gates were multiples of.
+    pub places: Vec<OutstandingPart>,
+    /// Lengths behind the gates.
     pub scales: Scales,
-    /// What is not said elsewhere.
+    /// Further notes.
     pub notes: Vec<Note>,
 }
 
-/// A part whose residual stands out.
+/// A part with an outstanding residual.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Place {
+pub struct OutstandingPart {
     /// Name of the part.
     pub part: String,
     /// Root mean square residual of its patches without effects, meters.
     pub before_m: f64,
     /// With them.
     pub after_m: f64,
-    /// Share of its area that conflicts, without effects.
+    /// Conflicting share of its area, without effects.
     pub conflict: f64,
     /// Box of the conflicting points in the part's frame.
     pub bounds: Option<[[f64; 3]; 2]>,

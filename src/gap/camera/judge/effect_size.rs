@@ -1,4 +1,4 @@
-//! How much effects move of what is seen; those within the errors of the twin are let go.
+//! Motion of the surface by effects; effects within the errors of the twin are dropped.
 
 use crate::camera::{
     fit::problem::FrameProblem,
@@ -7,7 +7,7 @@ use crate::camera::{
 };
 use common::note::{Note, NoteCode};
 
-/// Lets go of effects that move what they concern by less than the twin errs.
+/// Drops effects with less motion of their surface than the twin's errors.
 pub(super) fn without_small(
     problem: &FrameProblem,
     mut selected: Selected,
@@ -35,8 +35,7 @@ pub(super) fn without_small(
     }
 }
 
-/// How much an effect of the set moves what it concerns across the surface: root mean square without the
-/// largest, meters.
+/// Motion across the surface by an effect of the set: root mean square without the largest, meters.
 fn moved_m(problem: &FrameProblem, selected: &Selected, which: usize) -> f64 {
     let linear = &selected.linear;
     let set = &selected.chosen.set;
@@ -45,11 +44,13 @@ fn moved_m(problem: &FrameProblem, selected: &Selected, which: usize) -> f64 {
     let values = selected.chosen.solution.values.rows(from, own.len());
     let concerned = (0..linear.system.matrix.nrows())
         .filter(|&i| own.iter().any(|&c| linear.system.matrix[(i, c)] != 0.0));
-    let moved =
-        |i: usize| own.iter().zip(values.iter()).map(|(&c, x)| linear.system.matrix[(i, c)] * x).sum::<f64>();
-    let mut squares: Vec<f64> = concerned.map(|i| moved(i).powi(2)).collect();
+    let mut squares: Vec<f64> = Vec::new();
+    for i in concerned {
+        let moved: f64 = own.iter().zip(values.iter()).map(|(&c, x)| linear.system.matrix[(i, c)] * x).sum();
+        squares.push(moved.powi(2));
+    }
     squares.sort_unstable_by(f64::total_cmp);
-    // Without the largest, so that a few conflicting patches do not count.
+    // Without the largest: a few conflicting patches do not count.
     let kept = squares.len() - squares.len() / 20;
     (squares[..kept].iter().sum::<f64>() / kept.max(1) as f64).sqrt()
 }

@@ -5,12 +5,12 @@ use crate::{camera::model::twin::SeenTwin, judge::finding::Finding};
 /// Name of the camera where a report names a joint.
 pub const CAMERA: &str = "camera";
 
-/// What a finding is about.
+/// Subject of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Subject {
-    /// A joint, or the part that it carries.
+    /// A joint, or the part it carries.
     Joint(usize),
-    /// The part that no joint carries.
+    /// The root part.
     Root,
     /// The camera.
     Camera,
@@ -28,15 +28,15 @@ impl Subject {
     }
 }
 
-/// A finding with what a report shows beside it.
+/// A finding with its further fields of a report.
 #[derive(Clone, Debug)]
 pub struct CameraFinding {
-    /// What it is about.
+    /// Its subject.
     pub subject: Subject,
     /// The finding.
     pub finding: Finding,
     /// Types of the joint in the twin and in the frames, where it changes.
     pub types: Option<[&'static str; 2]>,
-    /// What becomes of it in the URDF.
+    /// Its form in the URDF.
     pub in_urdf: &'static str,
 }

@@ -1,4 +1,4 @@
-//! Laws of other types that a joint may have: type, direction, point.
+//! Laws of other types for a joint: type, direction, point.
 
 use nalgebra::{Point3, Unit, Vector3};
 
@@ -9,6 +9,7 @@ use crate::camera::{
         twin::{SeenMotion, SeenTwin},
     },
 };
+use surface::TriangleMesh;
 
 /// Sine below which two directions have no third one square to both.
 ///
@@ -32,7 +33,7 @@ pub(super) fn rank(kind: SeenMotion) -> usize {
     }
 }
 
-/// Laws of the other type that are tried: type, direction, point.
+/// Tried laws of the other type: type, direction, point.
 pub(super) fn laws(twin: &SeenTwin, joint: usize) -> Vec<(SeenMotion, Unit<Vector3<f64>>, Point3<f64>)> {
     let spec = &twin.joints[joint];
     let faces = face_directions(twin, spec.child);
@@ -54,14 +55,10 @@ pub(super) fn laws(twin: &SeenTwin, joint: usize) -> Vec<(SeenMotion, Unit<Vecto
     let mut all = vec![(SeenMotion::Revolute, spec.axis, spec.point)];
     for d in directions {
         let [u, v] = sides(&d, &faces);
-        let range = |e: &Vector3<f64>| {
-            let of = mesh.vertices.iter().map(|p| p.cast::<f64>().coords.dot(e));
-            of.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)))
-        };
-        let ru = range(&u);
-        let rv = range(&v);
+        let ru = range_along(mesh, &u);
+        let rv = range_along(mesh, &v);
         let along = twin.parts[spec.child].center.coords.dot(&d);
-        // Hinges mostly stand at an edge of their part; the middle is for a part that turns in place.
+        // Hinges mostly stand at an edge of their part; the middle is for a part turning in place.
         for (a, b) in [(ru.0, rv.0), (ru.0, rv.1), (ru.1, rv.0), (ru.1, rv.1)] {
             all.push((SeenMotion::Revolute, d, Point3::from(u * a + v * b + d.into_inner() * along)));
         }
@@ -70,6 +67,12 @@ pub(super) fn laws(twin: &SeenTwin, joint: usize) -> Vec<(SeenMotion, Unit<Vecto
         all.push((SeenMotion::Revolute, d, middle));
     }
     all
+}
+
+/// Least and largest coordinate of a mesh along a direction, meters.
+fn range_along(mesh: &TriangleMesh, direction: &Vector3<f64>) -> (f64, f64) {
+    let along = mesh.vertices.iter().map(|p| p.cast::<f64>().coords.dot(direction));
+    along.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)))
 }
 
 /// Two directions normal to an axis, along faces where there are such.
@@ -84,7 +87,13 @@ fn sides(axis: &Unit<Vector3<f64>>, faces: &[Unit<Vector3<f64>>]) -> [Vector3<f6
     )
 }
 
-/// Up to three directions that most of a part's faces have, normal to each other, in its frame.
+/// Summed length of the area normals along a direction, either way.
+fn area_facing(normals: &[Vector3<f64>], direction: &Unit<Vector3<f64>>) -> f64 {
+    let areas = normals.iter().map(|n| (n.norm(), n.dot(direction).abs()));
+    areas.filter(|(a, d)| *d > SAME_DIRECTION * a).map(|(a, _)| a).sum::<f64>()
+}
+
+/// Up to three directions of most of a part's faces, normal to each other, in its frame.
 fn face_directions(twin: &SeenTwin, part: usize) -> Vec<Unit<Vector3<f64>>> {
     const CANDIDATES: usize = 96;
     let mesh = &twin.parts[part].mesh;
@@ -92,19 +101,12 @@ fn face_directions(twin: &SeenTwin, part: usize) -> Vec<Unit<Vector3<f64>>> {
     let step = (normals.len() / CANDIDATES).max(1);
     let candidates: Vec<Unit<Vector3<f64>>> =
         normals.iter().step_by(step).filter_map(|n| Unit::try_new(*n, 1e-12)).collect();
-    let area = |c: &Unit<Vector3<f64>>| {
-        normals
-            .iter()
-            .map(|n| (n.norm(), n.dot(c).abs()))
-            .filter(|(a, d)| *d > SAME_DIRECTION * a)
-            .map(|(a, _)| a)
-            .sum::<f64>()
-    };
     let mut chosen: Vec<Unit<Vector3<f64>>> = Vec::new();
     // Two by area; the third is square to both.
     for _ in 0..2 {
         let free = candidates.iter().filter(|c| chosen.iter().all(|d| d.dot(c).abs() < SQUARE));
-        let Some(best) = free.max_by(|a, b| area(a).total_cmp(&area(b))) else { break };
+        let best = free.max_by(|a, b| area_facing(&normals, a).total_cmp(&area_facing(&normals, b)));
+        let Some(best) = best else { break };
         chosen.push(*best);
     }
     if let [a, b] = chosen[..]

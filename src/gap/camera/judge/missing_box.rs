@@ -13,7 +13,7 @@ const OUTER: f64 = 0.01;
 const DRAWS: usize = 120;
 
 /// The box of points by frames, and intervals of its sides: frames drawn anew, the noise of the readings, and
-/// outwards the border of the twin's silhouette, within which pixels are not compared.
+/// outwards the border of the twin's silhouette: pixels within it are not compared.
 pub(super) fn sides(
     views: &[Vec<Point3<f64>>],
     border_m: f64,
@@ -36,7 +36,7 @@ pub(super) fn sides(
     Some((bounds, intervals))
 }
 
-/// The area in the frame that sees most, and its interval: frames drawn anew, and outwards the border.
+/// The largest area in a frame, and its interval: frames drawn anew, and outwards the border.
 pub(super) fn area(areas: &[f64], border_m: f64) -> (f64, (f64, f64)) {
     let largest = |all: &[f64]| all.iter().copied().fold(0.0, f64::max);
     let area_m2 = largest(areas);
@@ -45,14 +45,14 @@ pub(super) fn area(areas: &[f64], border_m: f64) -> (f64, (f64, f64)) {
     (area_m2, (low, high.max((area_m2.sqrt() + 2.0 * border_m).powi(2))))
 }
 
-/// The value below which a share of others lies.
+/// A quantile: a share of the values lies below it.
 fn quantile(all: &[f64], share: f64) -> f64 {
     let mut sorted = all.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);
     sorted[((sorted.len() - 1) as f64 * share).round() as usize]
 }
 
-/// 95 % interval of a statistic over groups that are drawn anew.
+/// 95 % interval of a statistic over groups drawn anew.
 fn resampled(groups: &[Vec<f64>], statistic: impl Fn(&[f64]) -> f64) -> (f64, f64) {
     // A seed of its own: the same frames give the same interval.
     let rng = &mut stage_rng(0, "gap/missing", groups.len() as u64);

@@ -14,24 +14,23 @@ const INDEX: usize = 101;
 /// As a finding.
 #[must_use]
 pub fn missing_finding(missing: &Missing, twin: &SeenTwin) -> CameraFinding {
-    let estimate = |name: &str, value: f64, unit: &str, interval| ParameterEstimate {
-        name: name.into(),
-        value,
-        unit: unit.into(),
-        interval,
-    };
-    let mut parameters = vec![estimate("area", missing.area_m2, "m^2", missing.area_interval)];
+    let mut parameters = vec![ParameterEstimate {
+        name: "area".into(),
+        value: missing.area_m2,
+        unit: "m^2".into(),
+        interval: missing.area_interval,
+    }];
     for (s, name) in ["lower", "upper"].iter().enumerate() {
         for (k, axis) in ["x", "y", "z"].iter().enumerate() {
-            parameters.push(estimate(
-                &format!("{name}_{axis}"),
-                missing.bounds[s][k],
-                "m",
-                missing.bounds_interval[s][k],
-            ));
+            parameters.push(ParameterEstimate {
+                name: format!("{name}_{axis}"),
+                value: missing.bounds[s][k],
+                unit: "m".into(),
+                interval: missing.bounds_interval[s][k],
+            });
         }
     }
-    // A reconstruction may lack what it was not shown: nothing in the frames decides which.
+    // A reconstruction may lack unseen geometry: the frames do not distinguish the two.
     let reconstructed = !twin.own.is_exact();
     let alternatives = if reconstructed {
         vec![("geometry that the reconstruction itself lacks".to_owned(), 0.5)]

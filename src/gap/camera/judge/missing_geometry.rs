@@ -1,7 +1,7 @@
-//! Geometry that the object has and the twin lacks. See docs/method.md 15.9.
+//! Geometry of the object missing in the twin. See docs/method.md 15.9.
 //!
-//! Signature: readings before the twin's surface, or where it has none, that stand at the same place of one
-//! part in many frames and states, while hardly any stand behind it: a part in a wrong place gives both.
+//! Signature: readings before the twin's surface, or beside it, at the same place of one part in many frames
+//! and states, and hardly any behind it: a part in a wrong place gives both.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -38,9 +38,9 @@ const VOXEL: f64 = 0.071;
 const LEAST_FACES: f64 = 2.25;
 /// Readings behind the twin for each before it, at most.
 ///
-/// chosen: midway between none, of geometry that is missing, and as many, of a part in a wrong place
+/// chosen: midway between none, of missing geometry, and as many, of a part in a wrong place
 const OTHER_SIDE: f64 = 0.5;
-/// Share of the frames that must see a voxel.
+/// Least share of the frames with readings in a voxel.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const FRAMES: f64 = 0.1;
@@ -56,7 +56,7 @@ struct Reading {
     frame: usize,
     point: Point3<f64>,
     area_m2: f64,
-    /// Length that a pixel has there, meters.
+    /// Length of a pixel there, meters.
     pixel_m: f64,
     /// Standard deviation of the reading, meters.
     sigma_m: f64,
@@ -112,8 +112,8 @@ fn readings_before(problem: &FrameProblem, hypothesis: &Hypothesis) -> (Vec<Read
     (readings, behind_m2)
 }
 
-/// Distance from which a reading does not belong to the surface: what the camera, errors without names and
-/// the twin's own errors make of it.
+/// Least distance of a reading off the surface: the errors of the camera, errors without names and the twin's
+/// own errors together.
 fn gate_m(problem: &FrameProblem, hypothesis: &Hypothesis) -> f64 {
     let samples = compare(problem.twin, problem.runs, &problem.pixels, hypothesis, problem.gate_m());
     let mut sigmas: Vec<f64> = samples
@@ -127,7 +127,7 @@ fn gate_m(problem: &FrameProblem, hypothesis: &Hypothesis) -> f64 {
     SIGMAS * high.hypot(unnamed_m).hypot(problem.twin.own.surface_m)
 }
 
-/// The largest connected region of readings that stand still in a part's frame.
+/// The largest connected region of readings at rest in a part's frame.
 fn region(
     problem: &FrameProblem,
     posed: &PosedTwin,
@@ -167,7 +167,7 @@ fn is_confirmed(problem: &FrameProblem, views: &BTreeSet<View>) -> bool {
         && 2 * runs.len() > problem.runs.len()
 }
 
-/// The largest group of voxels that touch, at corners too.
+/// The largest group of touching voxels, at corners too.
 fn largest_group(mut open: BTreeSet<Voxel>) -> BTreeSet<Voxel> {
     let mut best: BTreeSet<Voxel> = BTreeSet::new();
     while let Some(first) = open.pop_first() {

@@ -1,4 +1,4 @@
-//! What the fits carry: findings, verdict, proof, report.
+//! Conclusions from the fits: findings, verdict, proof, report.
 
 pub mod assess;
 pub mod conclude;

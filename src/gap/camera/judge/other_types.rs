@@ -1,10 +1,10 @@
 //! Another type of joint: revolute where the twin has a slide, a slide or a screw where it is revolute.
 //! See docs/method.md 15.8.
 //!
-//! Signature: a part that its joint cannot bring to where the frames show it, and another motion can.
-//! Directions are the joint's own and those of the part's faces; revolute joints are tried on the joint's
-//! axis and along the part's edges, screws on the axis with a range of pitches. The best starts are refined
-//! with their axis, or their pitch, free.
+//! Signature: a part out of reach of its joint's motion, and within reach of another motion. Directions are
+//! the joint's own and those of the part's faces; revolute joints are tried on the joint's axis and along the
+//! part's edges, screws on the axis with a range of pitches. The best starts are refined with their axis, or
+//! their pitch, free.
 
 use crate::camera::{
     fit::{
@@ -22,46 +22,49 @@ use crate::camera::{
     },
     model::{
         hypothesis::Hypothesis,
-        trial::{Trial, free_joints},
+        trial::free_joints,
         twin::{SeenMotion, SeenTwin},
     },
 };
 
-/// Mean cost of a part's pixels from which the joints at it are doubted.
+/// Least mean cost of a part's pixels to doubt its joints.
 ///
-/// derived: the mean of half the square of a normal number, which errors without names in the middle of their
-/// grid have
+/// derived: the mean of half the square of a normal number: the cost of errors without names in the middle of
+/// their grid
 const DOUBT: f64 = 0.5;
-/// The cost under another type of joint must fall to this share of that under the type in the twin.
+/// The cost under another type of joint must fall to this share of the cost under the twin's type.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 pub(super) const TYPE_COST: f64 = 0.8;
-/// The new type may cost this much more than effects that fit every state by itself.
+/// The new type may cost this much more than effects with a fit for every state.
 ///
 /// derived: as many times more as it must cost less than the type in the twin
 pub(super) const STATEWISE_COST: f64 = 1.0 / TYPE_COST;
 /// Steps of refinement.
 const STEPS: usize = 5;
-/// Starts of each type that are refined.
+/// Refined starts of each type.
 const REFINED: usize = 3;
 
-/// Looks for a joint whose part another type brings to where it is seen; the twin with that type and its
-/// state.
+/// Looks for a joint with another type to bring its part to its place in the frames; the twin with the new
+/// type and its state.
 #[must_use]
 pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChange, SeenTwin, State)> {
-    // What fits every state by itself may stand for a motion that the joint lacks.
+    // A fit of every state by itself may stand for a motion the joint lacks.
     let statewise = first.chosen.set.iter().any(|&t| problem.trials[t].log_odds < 0.0);
     let explained = mean_cost(problem, &first.state.hypothesis);
     let before = costs(problem, if statewise { &first.null.hypothesis } else { &first.state.hypothesis });
-    // What a part uncovers or covers that stands in the wrong place conflicts on the part behind it.
-    let cost = |j: usize| {
+    let mut doubted = Vec::new();
+    for j in free_joints(problem.twin) {
         let joint = &problem.twin.joints[j];
-        before[joint.child].max(before[joint.parent])
-    };
-    let doubted = free_joints(problem.twin).map(|j| (j, cost(j))).filter(|(_, c)| *c > DOUBT);
-    let (joint, _) = doubted.max_by(|a, b| a.1.total_cmp(&b.1))?;
+        // A part in a wrong place makes conflicts on the part behind it, too.
+        let cost = before[joint.child].max(before[joint.parent]);
+        if cost > DOUBT {
+            doubted.push((j, cost));
+        }
+    }
+    let (joint, _) = doubted.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
     let coarse: Vec<CoarseRun> = problem.runs.iter().map(|r| CoarseRun::of(r, &problem.scales)).collect();
-    // The run that the twin fits worst shows the motion best.
+    // The run with the worst fit of the twin shows the motion best.
     let worst = (0..coarse.len())
         .map(|r| (r, coarse[r].cost(problem.twin, &first.null.hypothesis, r)))
         .max_by(|a, b| a.1.total_cmp(&b.1))
@@ -87,22 +90,22 @@ pub fn other_types(problem: &FrameProblem, first: &Selected) -> Option<(TypeChan
     better.then_some((change, twin, state))
 }
 
-/// A twin with another law of a joint, and where that brings the joint.
-struct Start {
+/// A twin with another law of a joint, and the joint's positions under it.
+struct LawStart {
     cost: f64,
     twin: SeenTwin,
     hypothesis: Hypothesis,
 }
 
-/// The best starts of each type, looked for in the run that the twin fits `worst` and placed in all.
+/// The best starts of each type, found in the run with the worst fit, `worst`, and placed in all.
 fn starts(
     problem: &FrameProblem,
     joint: usize,
     coarse: &[CoarseRun],
     worst: usize,
     null: &Hypothesis,
-) -> Vec<Start> {
-    let mut starts: Vec<Start> = laws(problem.twin, joint)
+) -> Vec<LawStart> {
+    let mut starts: Vec<LawStart> = laws(problem.twin, joint)
         .into_iter()
         .map(|(kind, axis, point)| {
             let mut twin = problem.twin.clone();
@@ -116,7 +119,7 @@ fn starts(
             hypothesis.positions.clone_from(&null.positions);
             hypothesis.positions.iter_mut().for_each(|p| p[joint] = 0.0);
             let cost = find_position(&twin, &coarse[worst], &mut hypothesis, worst, joint);
-            Start { cost, twin, hypothesis }
+            LawStart { cost, twin, hypothesis }
         })
         .collect();
     starts.sort_by(|a, b| a.cost.total_cmp(&b.cost));
@@ -136,17 +139,17 @@ fn starts(
 }
 
 /// A start followed with the axis free, or the pitch of a screw.
-fn refined(problem: &FrameProblem, joint: usize, start: Start) -> (SeenTwin, State) {
+fn refined(problem: &FrameProblem, joint: usize, start: LawStart) -> (SeenTwin, State) {
     let mut twin = start.twin;
     let own = problem.of(&twin);
     let screw = matches!(twin.joints[joint].kind, SeenMotion::Screw { .. });
     let name = if screw { "wrong_joint_type" } else { "axis_offset" };
-    let free = |t: &Trial| t.joint == Some(joint) && t.name == name;
-    let set: Vec<usize> = own.trials.iter().position(free).into_iter().collect();
+    let free = own.trials.iter().position(|t| t.joint == Some(joint) && t.name == name);
+    let set: Vec<usize> = free.into_iter().collect();
     let middle = VarianceComponents::middle(&problem.scales);
     let mut state = State { hypothesis: start.hypothesis, applied: Vec::new() };
     for _ in 0..STEPS {
-        // What a step found is the law that the next one starts from.
+        // The result of a step is the law at the start of the next one.
         state.applied.clear();
         follow(&own, &mut state, &set, &middle, 1);
     }

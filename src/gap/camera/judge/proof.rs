@@ -1,4 +1,4 @@
-//! Before and after on frames that no fit has seen. See docs/method.md (15.11).
+//! Before and after on frames unseen by any fit. See docs/method.md (15.11).
 
 use nalgebra::Point3;
 
@@ -19,9 +19,9 @@ pub struct FrameGap {
     pub before: f64,
     /// The updated twin.
     pub after: f64,
-    /// What the camera's noise gives.
+    /// By the camera's noise.
     pub noise_floor: f64,
-    /// Share of the area seen that conflicts with the twin.
+    /// Share of the seen area in conflict with the twin.
     pub conflict_before: f64,
     /// And with the updated twin.
     pub conflict_after: f64,
@@ -34,9 +34,9 @@ pub struct FrameGap {
 pub struct PartResidual {
     /// Root mean square residual of its patches, meters.
     pub rms_m: f64,
-    /// What the camera's noise gives.
+    /// By the camera's noise.
     pub floor_m: f64,
-    /// Share of its area that conflicts.
+    /// Conflicting share of its area.
     pub conflict: f64,
     /// Box of the conflicting points, part frame.
     pub bounds: Option<[[f64; 3]; 2]>,
@@ -56,6 +56,20 @@ impl Sums {
         // (15.11)
         ((self.square + self.conflict * gate_m * gate_m) / (self.area + self.conflict).max(1e-12)).sqrt()
     }
+
+    /// Share of the area in conflict.
+    fn conflict_share(&self) -> f64 {
+        self.conflict / (self.area + self.conflict).max(1e-12)
+    }
+
+    fn total(all: &[Self]) -> Self {
+        all.iter().fold(Self::default(), |t, s| Self {
+            square: t.square + s.square,
+            floor: t.floor + s.floor,
+            area: t.area + s.area,
+            conflict: t.conflict + s.conflict,
+        })
+    }
 }
 
 /// Before (a twin and its hypothesis) and after; `missing` is part of the updated twin.
@@ -66,56 +80,53 @@ pub fn frame_gap(
     after: &Hypothesis,
     missing: &[Missing],
 ) -> FrameGap {
-    // Without held-out frames the gap is that of the fitted ones.
-    let held = |f: usize| problem.options.held_out_every == 0 || problem.is_held_out(f);
-    let sums = |twin: &SeenTwin, h: &Hypothesis, known: &[Missing]| -> Vec<Sums> {
-        let mut samples = compare(twin, problem.runs, &problem.pixels, h, problem.gate_m());
-        let posed = PosedTwin::new(twin, problem.runs, h);
-        // What the updated twin has is neither in conflict nor a reading of what lies behind it.
-        samples.retain(|s| !known.iter().any(|m| m.covers(&posed.parts[s.run], &s.sample.measured())));
-        let mut all: Vec<Sums> = problem.runs.iter().map(|_| Sums::default()).collect();
-        for c in patch_means(twin, &posed.parts, &samples, |_, f| held(f)).0 {
-            let area = c.pixels as f64
-                * (c.seen.depth_m / problem.runs[c.seen.run].frames[c.seen.frame].intrinsics.fx).powi(2);
-            let sum = &mut all[c.seen.run];
-            sum.square += area * c.residual_m.powi(2);
-            sum.floor += area * c.variance_m2;
-            sum.area += area;
-        }
-        for s in samples.iter().filter(|s| held(s.frame)) {
-            if matches!(s.sample, Sample::Conflict { .. }) {
-                all[s.run].conflict += s.area_m2 / stride2(problem, s);
-            }
-        }
-        all
-    };
     let gate_m = problem.gate_m();
-    let b = sums(before.0, before.1, &[]);
-    let a = sums(problem.twin, after, missing);
-    let total = |all: &[Sums]| {
-        all.iter().fold(Sums::default(), |t, s| Sums {
-            square: t.square + s.square,
-            floor: t.floor + s.floor,
-            area: t.area + s.area,
-            conflict: t.conflict + s.conflict,
-        })
-    };
-    let tb = total(&b);
-    let ta = total(&a);
-    let share = |s: &Sums| s.conflict / (s.area + s.conflict).max(1e-12);
+    let sums_before = sums_by_run(problem, before.0, before.1, &[]);
+    let sums_after = sums_by_run(problem, problem.twin, after, missing);
+    let total_before = Sums::total(&sums_before);
+    let total_after = Sums::total(&sums_after);
     FrameGap {
-        before: tb.rms_m(gate_m),
-        after: ta.rms_m(gate_m),
-        noise_floor: (ta.floor / ta.area.max(1e-12)).sqrt(),
-        conflict_before: share(&tb),
-        conflict_after: share(&ta),
+        before: total_before.rms_m(gate_m),
+        after: total_after.rms_m(gate_m),
+        noise_floor: (total_after.floor / total_after.area.max(1e-12)).sqrt(),
+        conflict_before: total_before.conflict_share(),
+        conflict_after: total_after.conflict_share(),
         runs: problem
             .runs
             .iter()
-            .zip(b.iter().zip(&a))
+            .zip(sums_before.iter().zip(&sums_after))
             .map(|(r, (b, a))| (r.name.clone(), b.rms_m(gate_m), a.rms_m(gate_m)))
             .collect(),
     }
+}
+
+/// Sums over the held-out frames of each run; without held-out frames, over all. Readings of the geometry
+/// `known` are left out.
+fn sums_by_run(
+    problem: &FrameProblem,
+    twin: &SeenTwin,
+    hypothesis: &Hypothesis,
+    known: &[Missing],
+) -> Vec<Sums> {
+    let is_counted = |f: usize| problem.options.held_out_every == 0 || problem.is_held_out(f);
+    let mut samples = compare(twin, problem.runs, &problem.pixels, hypothesis, problem.gate_m());
+    let posed = PosedTwin::new(twin, problem.runs, hypothesis);
+    samples.retain(|s| !known.iter().any(|m| m.covers(&posed.parts[s.run], &s.sample.measured())));
+    let mut all: Vec<Sums> = problem.runs.iter().map(|_| Sums::default()).collect();
+    for c in patch_means(twin, &posed.parts, &samples, |_, f| is_counted(f)).0 {
+        let area = c.pixels as f64
+            * (c.seen.depth_m / problem.runs[c.seen.run].frames[c.seen.frame].intrinsics.fx).powi(2);
+        let sum = &mut all[c.seen.run];
+        sum.square += area * c.residual_m.powi(2);
+        sum.floor += area * c.variance_m2;
+        sum.area += area;
+    }
+    for s in samples.iter().filter(|s| is_counted(s.frame)) {
+        if matches!(s.sample, Sample::Conflict { .. }) {
+            all[s.run].conflict += s.area_m2 / stride2(problem, s);
+        }
+    }
+    all
 }
 
 /// Sampled pixels stand for a square of the stride; patches count each pixel once.

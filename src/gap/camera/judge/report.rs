@@ -1,11 +1,11 @@
-//! The report of a diagnosis by frames, in the layout of that by motion.
+//! The report of a diagnosis by frames, in the layout of a diagnosis by motion.
 
 use serde_json::{Value, json};
 
 use crate::{
     camera::{
         judge::{
-            diagnosis::{FrameDiagnosis, Place},
+            diagnosis::{FrameDiagnosis, OutstandingPart},
             finding::{CAMERA, CameraFinding},
         },
         model::twin::SeenTwin,
@@ -60,7 +60,7 @@ fn finding(twin: &SeenTwin, f: &CameraFinding) -> Value {
     value
 }
 
-fn place(p: &Place) -> Value {
+fn place(p: &OutstandingPart) -> Value {
     json!({
         "joint": p.part,
         "variable": "surface",
@@ -73,15 +73,18 @@ fn place(p: &Place) -> Value {
 
 /// Positions of all joints in a run.
 fn positions(twin: &SeenTwin, d: &FrameDiagnosis, run: usize) -> Value {
-    let of = |j: usize| (twin.joints[j].name.clone(), json!(d.after.position(&d.twin, run, j)));
-    Value::Object((0..twin.joints.len()).map(of).collect())
+    let mut positions = serde_json::Map::new();
+    for (j, joint) in twin.joints.iter().enumerate() {
+        positions.insert(joint.name.clone(), json!(d.after.position(&d.twin, run, j)));
+    }
+    Value::Object(positions)
 }
 
 /// A report by motion and one by frames in one: findings, places and exports of both; the gap of the frames
 /// stands under `frames_gap`.
 #[must_use]
 pub fn merged(mut motion: Value, frames: &Value) -> Value {
-    // What was found anywhere counts before what was not, as among joints.
+    // Findings count before their absence, as among joints.
     const ORDER: [&str; 5] = ["unknown", "ambiguous", "named", "insufficient", "none"];
     let verdicts = [&motion["verdict"], &frames["verdict"]].map(|v| v.as_str().unwrap_or("none").to_owned());
     let verdict = ORDER.into_iter().find(|v| verdicts.iter().any(|w| w == v)).unwrap_or("none");

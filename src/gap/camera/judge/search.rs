@@ -2,11 +2,11 @@
 
 use crate::camera::fit::{linear::Linear, problem::FrameProblem, reduced::Reduced};
 
-/// Gain of evidence that each further effect must bring, in nats.
+/// Least gain of evidence by each further effect, in nats.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 const NATS: f64 = 12.0;
-/// Trials that are combined in pairs.
+/// Trials combined in pairs.
 const PAIRED: usize = 8;
 /// Most effects together.
 const MOST: usize = 3;
@@ -17,18 +17,8 @@ pub(super) fn search(
     linear: &Linear,
     reduced: &[Reduced],
 ) -> (Vec<usize>, Vec<(Vec<usize>, f64)>) {
-    let ranked = |sets: Vec<Vec<usize>>| {
-        let mut all: Vec<(Vec<usize>, f64)> = sets
-            .into_iter()
-            .map(|s| {
-                let evidence = problem.evidence(linear, reduced, &s);
-                (s, evidence)
-            })
-            .collect();
-        all.sort_by(|a, b| b.1.total_cmp(&a.1));
-        all
-    };
-    let singles = ranked((0..problem.trials.len()).map(|t| vec![t]).collect());
+    let singles = (0..problem.trials.len()).map(|t| vec![t]).collect();
+    let singles = ranked(problem, linear, reduced, singles);
     let mut set = Vec::new();
     let mut evidence = problem.evidence(linear, reduced, &[]);
     let mut rivals = singles.clone();
@@ -61,9 +51,25 @@ pub(super) fn search(
         let mut unique = grown;
         unique.sort();
         unique.dedup();
-        level = ranked(unique);
+        level = ranked(problem, linear, reduced, unique);
     }
     (set, rivals)
+}
+
+/// Sets with their evidence, nats, best first.
+fn ranked(
+    problem: &FrameProblem,
+    linear: &Linear,
+    reduced: &[Reduced],
+    sets: Vec<Vec<usize>>,
+) -> Vec<(Vec<usize>, f64)> {
+    let mut all: Vec<(Vec<usize>, f64)> = Vec::with_capacity(sets.len());
+    for set in sets {
+        let evidence = problem.evidence(linear, reduced, &set);
+        all.push((set, evidence));
+    }
+    all.sort_by(|a, b| b.1.total_cmp(&a.1));
+    all
 }
 
 /// Whether no two trials are ways of the same effect at one joint.

@@ -1,4 +1,4 @@
-//! Which effects explain the residuals: sets of trials, judged by their evidence. See docs/method.md 15.7.
+//! Effects to explain the residuals: sets of trials, judged by their evidence. See docs/method.md 15.7.
 
 use crate::camera::{
     fit::{
@@ -14,7 +14,7 @@ use crate::camera::{
     },
 };
 
-/// Effects that are followed then.
+/// Effects followed then.
 const FOLLOWED: usize = 5;
 /// Rounds of selection and advance.
 const ROUNDS: usize = 3;
@@ -29,9 +29,9 @@ pub struct Selected {
     pub linear: Linear,
     /// The systems of all variance components.
     pub reduced: Vec<Reduced>,
-    /// What was chosen; an empty set where nothing was.
+    /// The chosen trials; an empty set where there are none.
     pub chosen: Chosen,
-    /// Sets of the same size that were tried, with their evidence, best first.
+    /// Tried sets of the same size, with their evidence, best first.
     pub rivals: Vec<(Vec<usize>, f64)>,
 }
 
@@ -51,13 +51,13 @@ pub fn select(problem: &FrameProblem, mut state: State) -> Option<Selected> {
         follow(problem, &mut state, set, &VarianceComponents::middle(&problem.scales), FAR_STEPS);
         rounds(problem, state, &null, set.clone()).filter(|s| !s.chosen.set.is_empty())
     });
-    let cost = |s: &Selected| mean_cost(problem, &s.state.hypothesis);
-    let best = followed.map(|s| (cost(&s), s)).min_by(|a, b| a.0.total_cmp(&b.0));
+    let best =
+        followed.map(|s| (mean_cost(problem, &s.state.hypothesis), s)).min_by(|a, b| a.0.total_cmp(&b.0));
     let before = mean_cost(problem, &null.hypothesis);
     Some(best.filter(|b| b.0 < before).map_or(first, |b| b.1))
 }
 
-/// Whether the twin errs more than in the middle of what is looked for, with the effects chosen.
+/// Whether the twin errs more than in the middle of the searched range, with the effects chosen.
 fn is_doubtful(problem: &FrameProblem, selected: &Selected) -> bool {
     selected.chosen.solution.components.surface_m > VarianceComponents::middle(&problem.scales).surface_m
 }
@@ -74,7 +74,7 @@ fn rounds(problem: &FrameProblem, mut state: State, null: &State, mut set: Vec<u
         let reduced = problem.reduce_all(&mut linear, &around);
         let (mut next, rivals) = search(problem, &linear, &reduced);
         if round == ROUNDS {
-            // The last round judges what the state has.
+            // The last round judges the effects in the state.
             next.clone_from(&set);
         }
         let chosen = problem.judge(&linear, &reduced, &next)?;

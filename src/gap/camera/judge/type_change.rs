@@ -1,4 +1,4 @@
-//! A joint that the frames give another type.
+//! A joint with another type in the frames.
 
 use nalgebra::{DVector, Point3, Unit, Vector3};
 
@@ -11,7 +11,7 @@ use crate::{
         },
         model::{
             interval::estimate,
-            parameter::{Parameter, normals_of},
+            parameter::{HypothesisParameter, normals_of},
             twin::SeenMotion,
         },
     },
@@ -22,14 +22,14 @@ use numeric::statistics::HALF_WIDTH_95;
 /// Index in reports, behind the catalogue.
 const INDEX: usize = 100;
 
-/// A joint that was given another type.
+/// A joint with another type.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TypeChange {
     /// Joint.
     pub joint: usize,
     /// Type in the twin.
     pub from: SeenMotion,
-    /// Type that explains the frames.
+    /// Type found in the frames.
     pub to: SeenMotion,
     /// Axis in the joint frame.
     pub axis: Unit<Vector3<f64>>,
@@ -39,8 +39,19 @@ pub struct TypeChange {
     pub cost: [f64; 2],
 }
 
+/// Half the width of the 95 % interval of a linear combination of the trials' parameters; `weight` is the
+/// factor of each.
+fn half_width(problem: &FrameProblem, freed: &Selected, weight: impl Fn(HypothesisParameter) -> f64) -> f64 {
+    let mut weights = DVector::zeros(freed.chosen.solution.values.len());
+    let columns = freed.chosen.set.iter().flat_map(|&t| &problem.trials[t].columns);
+    for (w, c) in weights.iter_mut().skip(problem.nuisance.len()).zip(columns) {
+        *w = weight(c.parameter);
+    }
+    HALF_WIDTH_95 * weights.dot(&(&freed.chosen.solution.covariance * &weights)).max(0.0).sqrt()
+}
+
 impl TypeChange {
-    /// Trials that free the law of the joint: its axis, and the pitch of a screw.
+    /// Trials to free the law of the joint: its axis, and the pitch of a screw.
     #[must_use]
     pub fn free(&self, problem: &FrameProblem) -> Vec<usize> {
         let of =
@@ -49,48 +60,36 @@ impl TypeChange {
         of("axis_offset").into_iter().chain(pitch).collect()
     }
 
-    /// As a finding, its law and intervals those of a selection in which the law was free.
+    /// As a finding, with the law and intervals of a selection with a free law.
     #[must_use]
     pub fn finding(&self, problem: &FrameProblem, freed: &Selected) -> CameraFinding {
         let law = freed.state.hypothesis.laws[self.joint];
         let normals = normals_of(&law.axis);
-        let spread = |of: &dyn Fn(Parameter) -> f64| {
-            let mut weights = DVector::zeros(freed.chosen.solution.values.len());
-            let columns = freed.chosen.set.iter().flat_map(|&t| &problem.trials[t].columns);
-            for (w, c) in weights.iter_mut().skip(problem.nuisance.len()).zip(columns) {
-                *w = of(c.parameter);
-            }
-            HALF_WIDTH_95 * weights.dot(&(&freed.chosen.solution.covariance * &weights)).max(0.0).sqrt()
-        };
         let joint = self.joint;
-        // A turn about one normal moves the axis along the other.
-        let turned = |k: usize| {
-            spread(&|p| match p {
-                Parameter::AxisTurn(j, n) if j == joint => normals[n].cross(&law.axis)[k],
+        let mut parameters = Vec::new();
+        for (k, name) in ["axis_x", "axis_y", "axis_z"].into_iter().enumerate() {
+            let half = half_width(problem, freed, |p| match p {
+                // A turn about one normal moves the axis along the other.
+                HypothesisParameter::AxisTurn(j, n) if j == joint => normals[n].cross(&law.axis)[k],
                 _ => 0.0,
-            })
-        };
-        let shifted = |k: usize| {
-            spread(&|p| match p {
-                Parameter::AxisShift(j, n) if j == joint => normals[n][k],
-                _ => 0.0,
-            })
-        };
-        let mut parameters: Vec<_> = ["axis_x", "axis_y", "axis_z"]
-            .iter()
-            .enumerate()
-            .map(|(k, n)| estimate(n, law.axis[k], "1", turned(k)))
-            .collect();
+            });
+            parameters.push(estimate(name, law.axis[k], "1", half));
+        }
         if self.to.turns() {
             // The point of the axis next to the part's center: there turns of the axis do not move it.
             let center = problem.twin.parts[problem.twin.joints[joint].child].center;
             let point = law.point + law.axis.into_inner() * law.axis.dot(&(center - law.point));
-            parameters.extend(
-                ["x", "y", "z"].iter().enumerate().map(|(k, n)| estimate(n, point[k], "m", shifted(k))),
-            );
+            for (k, name) in ["x", "y", "z"].into_iter().enumerate() {
+                let half = half_width(problem, freed, |p| match p {
+                    HypothesisParameter::AxisShift(j, n) if j == joint => normals[n][k],
+                    _ => 0.0,
+                });
+                parameters.push(estimate(name, point[k], "m", half));
+            }
         }
         if let SeenMotion::Screw { pitch_m_per_rad } = law.kind {
-            let half = spread(&|p| f64::from(u8::from(p == Parameter::Pitch(joint))));
+            let half =
+                half_width(problem, freed, |p| f64::from(u8::from(p == HypothesisParameter::Pitch(joint))));
             parameters.push(estimate("pitch", pitch_m_per_rad, "m/rad", half));
         }
         let finding = Finding {

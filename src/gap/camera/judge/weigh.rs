@@ -56,12 +56,12 @@ pub(super) fn findings_of(
             },
         ));
     }
-    // What is missed most comes first.
+    // The largest loss of evidence comes first.
     findings.sort_by(|a, b| a.0.total_cmp(&b.0));
     findings.into_iter().map(|f| f.1).collect()
 }
 
-/// Weight of a trial against those that could stand in its place, and their names.
+/// Weight of a trial against its rivals, and their names.
 fn weigh(
     problem: &FrameProblem,
     selected: &Selected,
@@ -71,7 +71,7 @@ fn weigh(
     let name = |t: usize| (problem.trials[t].name, problem.trials[t].joint);
     let mut best: Vec<((&'static str, Option<usize>), f64)> = Vec::new();
     for t in 0..problem.trials.len() {
-        // What is chosen already cannot stand in another's place.
+        // A chosen trial cannot stand in another's place.
         if chosen.set.contains(&t) && t != trial {
             continue;
         }
@@ -92,9 +92,10 @@ fn weigh(
     others.sort_by(|a, b| b.1.total_cmp(&a.1));
     let weights: Vec<f64> = others.iter().map(|b| share(b.1)).collect();
     others.truncate(rivals_in_doubt(own, &weights));
-    let in_words = |((effect, joint), evidence): ((&str, Option<usize>), f64)| {
+    let mut rivals = Vec::with_capacity(others.len());
+    for ((effect, joint), evidence) in others {
         let joint = joint.map_or(String::new(), |j| format!(" of {}", problem.twin.joints[j].name));
-        (format!("{effect}{joint}"), share(evidence))
-    };
-    (own, others.into_iter().map(in_words).collect())
+        rivals.push((format!("{effect}{joint}"), share(evidence)));
+    }
+    (own, rivals)
 }

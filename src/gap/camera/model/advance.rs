@@ -3,77 +3,87 @@
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use crate::camera::model::{
-    hypothesis::{Hypothesis, Law},
-    parameter::{Parameter, component, normals_of},
+    hypothesis::{Hypothesis, MotionLaw},
+    parameter::{HypothesisParameter, component, normals_of},
     small_motion::small_motion,
     twin::{SeenMotion, SeenTwin},
 };
 use geometry::Pose;
 
 /// Adds increments to a hypothesis. All are taken about the poses before the first.
-pub fn advance(hypothesis: &mut Hypothesis, twin: &SeenTwin, steps: &[(Parameter, f64)]) {
-    // The steps of a solution hold together only about the state that it was solved at.
+pub fn advance(hypothesis: &mut Hypothesis, twin: &SeenTwin, steps: &[(HypothesisParameter, f64)]) {
+    // The steps of a solution hold together only about its own state.
     let start = hypothesis.clone();
     let poses: Vec<_> = (0..start.positions.len()).map(|r| start.poses(twin, r)).collect();
     for &(parameter, x) in steps {
         match parameter {
-            Parameter::Root(run, k) => {
+            HypothesisParameter::Root(run, k) => {
                 let by = about(&poses[run].0[0], twin.parts[0].center, k, x);
                 hypothesis.world_from_root[run] = by * hypothesis.world_from_root[run];
             }
-            Parameter::Position(run, joint) => hypothesis.positions[run][joint] += x,
-            Parameter::EncoderBias(joint) => hypothesis.positions.iter_mut().for_each(|p| p[joint] += x),
-            Parameter::EncoderScale(joint) => {
+            HypothesisParameter::Position(run, joint) => hypothesis.positions[run][joint] += x,
+            HypothesisParameter::EncoderBias(joint) => {
+                hypothesis.positions.iter_mut().for_each(|p| p[joint] += x)
+            }
+            HypothesisParameter::EncoderScale(joint) => {
                 hypothesis.positions.iter_mut().for_each(|p| p[joint] *= 1.0 + x)
             }
-            Parameter::Extrinsic(k) => hypothesis.camera.reported_from_true *= component_motion(k, x),
-            Parameter::DepthScale => hypothesis.camera.scale += x,
-            Parameter::DepthBias => hypothesis.camera.bias_m += x,
-            Parameter::Delay => hypothesis.camera.delay_s += x,
-            Parameter::AxisTurn(joint, _)
-            | Parameter::AxisShift(joint, _)
-            | Parameter::Frame(joint, _)
-            | Parameter::Pitch(joint) => {
+            HypothesisParameter::Extrinsic(k) => {
+                hypothesis.camera.reported_from_true *= component_motion(k, x)
+            }
+            HypothesisParameter::DepthScale => hypothesis.camera.scale += x,
+            HypothesisParameter::DepthBias => hypothesis.camera.bias_m += x,
+            HypothesisParameter::Delay => hypothesis.camera.delay_s += x,
+            HypothesisParameter::AxisTurn(joint, _)
+            | HypothesisParameter::AxisShift(joint, _)
+            | HypothesisParameter::Frame(joint, _)
+            | HypothesisParameter::Pitch(joint) => {
                 let center = twin.parts[twin.joints[joint].child].center;
                 advance_law(&mut hypothesis.laws[joint], &start.laws[joint], &center, parameter, x);
             }
-            Parameter::Extra(run, joint, k) => {
+            HypothesisParameter::Extra(run, joint, k) => {
                 let child = twin.joints[joint].child;
                 let frame = &poses[run].1[joint];
                 let center = frame.inverse_transform_point(&(poses[run].0[child] * twin.parts[child].center));
                 let by = about(&Pose::identity(), center, k, x);
                 hypothesis.extra[run][joint] = by * hypothesis.extra[run][joint];
             }
-            // Meshes stay: the placement only takes up what a reconstruction got wrong.
-            Parameter::Mesh(..) => {}
+            // Meshes stay: the placement only takes up errors of a reconstruction.
+            HypothesisParameter::Mesh(..) => {}
         }
     }
 }
 
-/// Adds an increment to the law of a joint; `center` is that of its child, directions are those of the law at
-/// the start of the step.
-fn advance_law(law: &mut Law, start: &Law, center: &Point3<f64>, parameter: Parameter, x: f64) {
+/// Adds an increment to the law of a joint; `center` is the child's center, directions are those of the law
+/// at the start of the step.
+fn advance_law(
+    law: &mut MotionLaw,
+    start: &MotionLaw,
+    center: &Point3<f64>,
+    parameter: HypothesisParameter,
+    x: f64,
+) {
     let [u, v] = normals_of(&start.axis);
     match parameter {
-        Parameter::AxisTurn(_, k) => {
+        HypothesisParameter::AxisTurn(_, k) => {
             // About the point next to the child, where turning and shifting an axis mix least.
             let pivot = start.point + start.axis.into_inner() * start.axis.dot(&(center - start.point));
             let turn = UnitQuaternion::from_scaled_axis([u, v][k] * x);
             law.axis = turn * law.axis;
             law.point = pivot + turn * (law.point - pivot);
         }
-        Parameter::AxisShift(_, k) => law.point += [u, v][k] * x,
-        Parameter::Frame(_, k) => {
+        HypothesisParameter::AxisShift(_, k) => law.point += [u, v][k] * x,
+        HypothesisParameter::Frame(_, k) => {
             let e = [u, v, start.axis.into_inner(), u, v][k] * x;
             law.frame *= if k < 3 {
                 Pose::from_parts(e.into(), UnitQuaternion::identity())
             } else {
                 let r = UnitQuaternion::from_scaled_axis(e);
-                // Turned about the axis' point, which stays.
+                // Turned about the axis' point, at rest.
                 Pose::from_parts((start.point.coords - r * start.point.coords).into(), r)
             };
         }
-        Parameter::Pitch(_) if law.kind.turns() => {
+        HypothesisParameter::Pitch(_) if law.kind.turns() => {
             let before =
                 if let SeenMotion::Screw { pitch_m_per_rad } = law.kind { pitch_m_per_rad } else { 0.0 };
             law.kind = SeenMotion::Screw { pitch_m_per_rad: before + x };
@@ -89,7 +99,7 @@ fn component_motion(k: usize, x: f64) -> Pose {
     if turns { small_motion(&zero, &(e * x)) } else { small_motion(&(e * x), &zero) }
 }
 
-/// A shift or turn by one component of a frame, turns about a point of that frame.
+/// A shift or turn by one component of a frame, turns about a point of the frame.
 fn about(frame: &Pose, center: Point3<f64>, k: usize, x: f64) -> Pose {
     let (e, turns) = component(k);
     let e = frame.rotation * e * x;

@@ -1,13 +1,13 @@
-//! How far joints and their errors move what is seen.
+//! Motion of the surface by joints and their errors.
 
 use crate::camera::model::{hypothesis::Hypothesis, twin::SeenTwin};
 
-/// Standard deviations of a joint within which an effect counts as the twin's own error.
+/// Standard deviations of a joint's own error; an effect within them counts as that error.
 ///
 /// chosen: 99.7 % of a normal distribution
 const SIGMAS: f64 = 3.0;
 
-/// What a twin's own errors can move of what is seen, meters: of the parts behind a joint, or of everything
+/// Motion of the surface by a twin's own errors, meters: of the parts behind a joint, or of everything
 /// (`None`).
 #[must_use]
 pub fn made_m(twin: &SeenTwin, joint: Option<usize>) -> f64 {
@@ -16,31 +16,35 @@ pub fn made_m(twin: &SeenTwin, joint: Option<usize>) -> f64 {
     (SIGMAS * e.place_m.hypot(e.axis_rad * twin.parts[twin.joints[j].child].radius_m)).max(twin.own.surface_m)
 }
 
-/// How far two hypotheses put a joint's child apart, in the run where that is farthest, meters.
+/// Largest distance between the places of a joint's child under two hypotheses over the runs, meters.
 #[must_use]
 pub fn apart_m(joint: usize, one: (&SeenTwin, &Hypothesis), other: (&SeenTwin, &Hypothesis)) -> f64 {
     let child = one.0.joints[joint].child;
     let part = &one.0.parts[child];
-    let of = |r: usize| {
+    let mut largest_m = 0.0f64;
+    for r in 0..one.1.positions.len() {
         let [a, b] = [one, other].map(|(twin, hypothesis)| hypothesis.poses(twin, r).0[child]);
         let apart = (a * part.center - b * part.center).norm();
-        // A part that turns in place moves at its rim.
-        apart.hypot(a.rotation.angle_to(&b.rotation) * part.radius_m)
-    };
-    (0..one.1.positions.len()).map(of).fold(0.0, f64::max)
+        // A part turning in place moves at its rim.
+        largest_m = largest_m.max(apart.hypot(a.rotation.angle_to(&b.rotation) * part.radius_m));
+    }
+    largest_m
 }
 
-/// Joints that stand at one place in all runs, with the way of their child between the runs, meters: below
-/// `least_m`.
+/// Joints at one place in all runs, with the way of their child between the runs, meters: below `least_m`.
 #[must_use]
 pub fn still(twin: &SeenTwin, hypothesis: &Hypothesis, least_m: f64) -> Vec<(usize, f64)> {
-    let way = |j: usize| {
+    let mut still = Vec::new();
+    for (j, joint) in twin.joints.iter().enumerate() {
         let at = (0..hypothesis.positions.len()).map(|r| hypothesis.position(twin, r, j));
         let (low, high) = at.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), q| (l.min(q), h.max(q)));
-        let lever = if twin.joints[j].kind.turns() { twin.parts[twin.joints[j].child].radius_m } else { 1.0 };
-        (high - low).max(0.0) * lever
-    };
-    (0..twin.joints.len()).map(|j| (j, way(j))).filter(|(_, m)| *m < least_m).collect()
+        let lever = if joint.kind.turns() { twin.parts[joint.child].radius_m } else { 1.0 };
+        let way_m = (high - low).max(0.0) * lever;
+        if way_m < least_m {
+            still.push((j, way_m));
+        }
+    }
+    still
 }
 
 #[cfg(test)]

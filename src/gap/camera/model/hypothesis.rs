@@ -1,4 +1,4 @@
-//! A twin, its joint positions and its camera, with what may be wrong with them.
+//! A twin, its joint positions and its camera, with their assumed errors.
 
 use nalgebra::{Point3, Unit, Vector3};
 
@@ -7,7 +7,7 @@ use geometry::{Pose, Screw};
 
 /// The motion law of a joint, as a hypothesis has it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Law {
+pub struct MotionLaw {
     /// How it moves.
     pub kind: SeenMotion,
     /// Direction in the joint frame.
@@ -18,7 +18,12 @@ pub struct Law {
     pub frame: Pose,
 }
 
-impl Law {
+impl MotionLaw {
+    /// The law of a joint as the twin has it.
+    fn of_joint(joint: &SeenJoint) -> Self {
+        Self { kind: joint.kind, axis: joint.axis, point: joint.point, frame: Pose::identity() }
+    }
+
     /// Motion of the child for a position; identity at 0.
     #[must_use]
     pub fn motion(&self, position: f64) -> Pose {
@@ -31,7 +36,7 @@ impl Law {
     }
 }
 
-/// What may be wrong with the camera.
+/// Errors of the camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraErrors {
     /// True optical frame in the reported one.
@@ -50,14 +55,14 @@ impl Default for CameraErrors {
     }
 }
 
-/// A twin, its joint positions and its camera, with what is believed to be wrong.
+/// A twin, its joint positions and its camera, with their assumed errors.
 #[derive(Clone, Debug)]
 pub struct Hypothesis {
     /// Motion law of every joint.
-    pub laws: Vec<Law>,
+    pub laws: Vec<MotionLaw>,
     /// Position of every joint in every run, rad or m.
     pub positions: Vec<Vec<f64>>,
-    /// Further motion of a joint's child in a run that the law does not have, in the joint frame.
+    /// Further motion of a joint's child in a run beyond the law, in the joint frame.
     pub extra: Vec<Vec<Pose>>,
     /// Root frame in the world of each run.
     pub world_from_root: Vec<Pose>,
@@ -69,9 +74,8 @@ impl Hypothesis {
     /// The twin as it is, every joint at 0.
     #[must_use]
     pub fn of(twin: &SeenTwin, runs: usize) -> Self {
-        let law = |j: &SeenJoint| Law { kind: j.kind, axis: j.axis, point: j.point, frame: Pose::identity() };
         Self {
-            laws: twin.joints.iter().map(law).collect(),
+            laws: twin.joints.iter().map(MotionLaw::of_joint).collect(),
             positions: vec![vec![0.0; twin.joints.len()]; runs],
             extra: vec![vec![Pose::identity(); twin.joints.len()]; runs],
             world_from_root: vec![Pose::identity(); runs],
@@ -79,7 +83,7 @@ impl Hypothesis {
         }
     }
 
-    /// Position of a joint in a run; that of a joint that follows comes from the one that leads.
+    /// Position of a joint in a run; a mimic joint gets it from its leader.
     #[must_use]
     pub fn position(&self, twin: &SeenTwin, run: usize, joint: usize) -> f64 {
         match twin.joints[joint].mimic {

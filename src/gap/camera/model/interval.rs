@@ -1,4 +1,4 @@
-//! Estimates with intervals that hold the truth with 95 %.
+//! Estimates with 95 % intervals.
 
 use crate::judge::finding::ParameterEstimate;
 

@@ -1,4 +1,4 @@
-//! A region of geometry that the object has and the twin lacks.
+//! A region of missing geometry of the twin.
 
 use std::collections::BTreeSet;
 
@@ -8,20 +8,20 @@ use nalgebra::Point3;
 /// PatchMean of a grid in a part's frame.
 pub type Voxel = [i32; 3];
 
-/// A region of geometry that the twin lacks.
+/// A region of missing geometry of the twin.
 #[derive(Clone, Debug)]
 pub struct Missing {
-    /// Part that it moves with.
+    /// Part it moves with.
     pub part: usize,
     /// Box in the part's frame, meters.
     pub bounds: [[f64; 3]; 2],
-    /// Area, as the frame sees it that sees most, square meters.
+    /// Area in the frame with the largest one, square meters.
     pub area_m2: f64,
     /// 95 % interval of the sides of the box.
     pub bounds_interval: [[(f64, f64); 3]; 2],
     /// 95 % interval of the area.
     pub area_interval: (f64, f64),
-    /// Voxels that it fills.
+    /// Its voxels.
     pub voxels: BTreeSet<Voxel>,
     /// Side of a voxel, meters.
     pub voxel_m: f64,

@@ -1,4 +1,4 @@
-//! The twin, what may be wrong with it or with the camera, and how that moves what is seen.
+//! The twin, errors of it and of the camera, and their motion of the surface.
 
 pub mod advance;
 pub mod displacement;

@@ -1,9 +1,9 @@
-//! Errors that a twin has of itself, because it was reconstructed.
+//! Errors of a twin itself, as it was reconstructed.
 
-/// How well a twin is known; all zero for one that is taken as exact.
+/// Accuracy of a twin; all zero for an exact one.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OwnErrors {
-    /// Root mean square by which its surfaces in different states miss each other, meters.
+    /// Root mean square distance of its surfaces in different states, meters.
     pub surface_m: f64,
     /// Of its joints, in their order; none where they are exact.
     pub joints: Vec<JointError>,

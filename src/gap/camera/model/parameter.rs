@@ -1,10 +1,10 @@
-//! The numbers of a hypothesis that may change.
+//! The free numbers of a hypothesis.
 
 use nalgebra::{Unit, Vector3};
 
-/// A number of a hypothesis that may change. Angles rad, lengths m.
+/// A free number of a hypothesis. Angles rad, lengths m.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
-pub enum Parameter {
+pub enum HypothesisParameter {
     /// Placement of the root in a run: 0 to 2 shift, 3 to 5 turn about the object's center.
     Root(usize, usize),
     /// Position of a joint in a run.
@@ -37,7 +37,7 @@ pub enum Parameter {
     EncoderBias(usize),
 }
 
-impl Parameter {
+impl HypothesisParameter {
     /// Whether it is an angle of a joint's axis, frame or child.
     #[must_use]
     pub fn is_turn(&self) -> bool {
@@ -49,7 +49,7 @@ impl Parameter {
 #[must_use]
 pub fn normals_of(axis: &Unit<Vector3<f64>>) -> [Vector3<f64>; 2] {
     let a = axis.into_inner();
-    // The unit vector least along the axis, so that the product is far from zero.
+    // The unit vector least along the axis: the product is far from zero.
     let k = a.iamin();
     let e = Vector3::from_fn(|i, _| if i == k { 1.0 } else { 0.0 });
     let u = a.cross(&e).normalize();

@@ -1,18 +1,18 @@
-//! How the surface that is seen moves with the parameters of a hypothesis. See docs/method.md (15.7).
+//! Motion of the seen surface with the parameters of a hypothesis. See docs/method.md (15.7).
 
 use nalgebra::{Point3, Vector3};
 
 use crate::camera::{
     model::{
         hypothesis::Hypothesis,
-        parameter::{Parameter, component, normals_of},
+        parameter::{HypothesisParameter, component, normals_of},
         twin::{SeenMotion, SeenTwin},
     },
     record::frames::FrameRun,
 };
 use geometry::Pose;
 
-/// Poses under a hypothesis that derivatives are taken at.
+/// Poses under a hypothesis, for derivatives at them.
 pub struct PosedTwin<'a> {
     /// Twin.
     pub twin: &'a SeenTwin,
@@ -26,9 +26,17 @@ pub struct PosedTwin<'a> {
     pub frames: Vec<Vec<Pose>>,
 }
 
+/// Velocity of a surface point with a shift or turn of a frame by one component; turns are about `center` in
+/// the same frame.
+fn twist_velocity(frame: &Pose, center: Point3<f64>, k: usize, seen: &SurfacePoint) -> Vector3<f64> {
+    let (e, turns) = component(k);
+    let e = frame.rotation * e;
+    if turns { e.cross(&(seen.point - frame * center)) } else { e }
+}
+
 /// A point of the surface as a frame sees it.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen {
+pub struct SurfacePoint {
     /// Run.
     pub run: usize,
     /// Frame in the run.
@@ -58,12 +66,12 @@ impl<'a> PosedTwin<'a> {
     /// Derivative of the predicted reading at a surface point, across the surface, meters a unit of the
     /// parameter.
     #[must_use]
-    pub fn derivative(&self, parameter: Parameter, seen: &Seen) -> f64 {
+    pub fn derivative(&self, parameter: HypothesisParameter, seen: &SurfacePoint) -> f64 {
         // (15.7)
         match parameter {
-            Parameter::DepthScale => seen.slant * seen.depth_m,
-            Parameter::DepthBias => seen.slant,
-            Parameter::Extrinsic(_) | Parameter::Delay => {
+            HypothesisParameter::DepthScale => seen.slant * seen.depth_m,
+            HypothesisParameter::DepthBias => seen.slant,
+            HypothesisParameter::Extrinsic(_) | HypothesisParameter::Delay => {
                 seen.normal.dot(&self.camera_velocity(parameter, seen))
             }
             _ => seen.normal.dot(&self.surface_velocity(parameter, seen)),
@@ -71,11 +79,11 @@ impl<'a> PosedTwin<'a> {
     }
 
     /// How the surface moves in the world, seen from the camera, as the camera's errors change.
-    fn camera_velocity(&self, parameter: Parameter, seen: &Seen) -> Vector3<f64> {
+    fn camera_velocity(&self, parameter: HypothesisParameter, seen: &SurfacePoint) -> Vector3<f64> {
         let hypothesis = &self.hypothesis.camera;
         let in_true = seen.camera.inverse_transform_point(&seen.point);
         let (frame, point, t, w) = match parameter {
-            Parameter::Delay => {
+            HypothesisParameter::Delay => {
                 let Some([t, w]) = self.runs[seen.run].velocities.get(seen.frame) else {
                     return Vector3::zeros();
                 };
@@ -83,7 +91,7 @@ impl<'a> PosedTwin<'a> {
                 let reported = seen.camera * hypothesis.reported_from_true.inverse();
                 (reported, hypothesis.reported_from_true * in_true, *t, *w)
             }
-            Parameter::Extrinsic(k) => {
+            HypothesisParameter::Extrinsic(k) => {
                 let (e, turns) = component(k);
                 (
                     seen.camera,
@@ -94,61 +102,57 @@ impl<'a> PosedTwin<'a> {
             }
             _ => return Vector3::zeros(),
         };
-        // A camera that moves one way sees the surface move the other.
+        // A camera moving one way sees the surface move the other.
         -(frame.rotation * (t + w.cross(&point.coords)))
     }
 
     /// How the surface point moves in the world with a parameter.
-    fn surface_velocity(&self, parameter: Parameter, seen: &Seen) -> Vector3<f64> {
-        let zero = Vector3::zeros();
-        let twist = |pose: &Pose, center: Point3<f64>, k: usize| {
-            let (e, turns) = component(k);
-            let e = pose.rotation * e;
-            if turns { e.cross(&(seen.point - pose * center)) } else { e }
-        };
+    fn surface_velocity(&self, parameter: HypothesisParameter, seen: &SurfacePoint) -> Vector3<f64> {
         match parameter {
-            Parameter::Root(run, k) if run == seen.run => {
-                twist(&self.parts[run][0], self.twin.parts[0].center, k)
+            HypothesisParameter::Root(run, k) if run == seen.run => {
+                twist_velocity(&self.parts[run][0], self.twin.parts[0].center, k, seen)
             }
-            Parameter::Mesh(part, k) if part == seen.part => {
-                twist(&self.parts[seen.run][part], self.twin.parts[part].center, k)
+            HypothesisParameter::Mesh(part, k) if part == seen.part => {
+                twist_velocity(&self.parts[seen.run][part], self.twin.parts[part].center, k, seen)
             }
-            Parameter::Position(run, joint) if run == seen.run => self.joint_velocity(joint, seen),
-            Parameter::EncoderBias(joint) => self.joint_velocity(joint, seen),
-            Parameter::EncoderScale(joint) => {
+            HypothesisParameter::Position(run, joint) if run == seen.run => self.joint_velocity(joint, seen),
+            HypothesisParameter::EncoderBias(joint) => self.joint_velocity(joint, seen),
+            HypothesisParameter::EncoderScale(joint) => {
                 self.joint_velocity(joint, seen) * self.hypothesis.positions[seen.run][joint]
             }
-            Parameter::Extra(run, joint, k) if run == seen.run && self.twin.carries(joint, seen.part) => {
+            HypothesisParameter::Extra(run, joint, k)
+                if run == seen.run && self.twin.carries(joint, seen.part) =>
+            {
                 let center = self.parts[run][self.twin.joints[joint].child]
                     * self.twin.parts[self.twin.joints[joint].child].center;
                 let frame = &self.frames[run][joint];
-                twist(frame, frame.inverse_transform_point(&center), k)
+                twist_velocity(frame, frame.inverse_transform_point(&center), k, seen)
             }
-            Parameter::AxisTurn(joint, k) | Parameter::AxisShift(joint, k)
+            HypothesisParameter::AxisTurn(joint, k) | HypothesisParameter::AxisShift(joint, k)
                 if self.twin.carries(joint, seen.part) =>
             {
-                self.axis_velocity(joint, k, matches!(parameter, Parameter::AxisTurn(..)), seen)
+                self.axis_velocity(joint, k, matches!(parameter, HypothesisParameter::AxisTurn(..)), seen)
             }
-            Parameter::Frame(joint, k) if self.twin.carries(joint, seen.part) => {
+            HypothesisParameter::Frame(joint, k) if self.twin.carries(joint, seen.part) => {
                 let law = &self.hypothesis.laws[joint];
                 let frame = &self.frames[seen.run][joint];
                 let [u, v] = normals_of(&law.axis);
                 let e = frame.rotation * [u, v, law.axis.into_inner(), u, v][k];
                 if k < 3 { e } else { e.cross(&(seen.point - frame * law.point)) }
             }
-            Parameter::Pitch(joint)
+            HypothesisParameter::Pitch(joint)
                 if self.twin.carries(joint, seen.part) && self.hypothesis.laws[joint].kind.turns() =>
             {
                 let axis =
                     self.frames[seen.run][joint].rotation * self.hypothesis.laws[joint].axis.into_inner();
                 axis * self.hypothesis.position(self.twin, seen.run, joint)
             }
-            _ => zero,
+            _ => Vector3::zeros(),
         }
     }
 
-    /// Velocity of a surface point with the position of a joint, and of those that follow it.
-    fn joint_velocity(&self, joint: usize, seen: &Seen) -> Vector3<f64> {
+    /// Velocity of a surface point with the position of a joint and its followers.
+    fn joint_velocity(&self, joint: usize, seen: &SurfacePoint) -> Vector3<f64> {
         let mut sum = Vector3::zeros();
         for (j, spec) in self.twin.joints.iter().enumerate() {
             let rate = match spec.mimic {
@@ -175,7 +179,7 @@ impl<'a> PosedTwin<'a> {
 
     /// Velocity with a turn or shift of the axis, the child at position 0 unchanged: with `M` the joint's
     /// motion and `D` the small motion of the line, the child moves by `D M D^-1 M^-1`.
-    fn axis_velocity(&self, joint: usize, k: usize, turns: bool, seen: &Seen) -> Vector3<f64> {
+    fn axis_velocity(&self, joint: usize, k: usize, turns: bool, seen: &SurfacePoint) -> Vector3<f64> {
         let law = &self.hypothesis.laws[joint];
         let frame = self.frames[seen.run][joint] * self.hypothesis.extra[seen.run][joint];
         let motion = law.motion(self.hypothesis.position(self.twin, seen.run, joint));

@@ -1,4 +1,4 @@
-//! The lengths that gates and priors are multiples of: the object's size, the range, the noise there.
+//! The lengths behind all gates and priors: the object's size, the range, the noise there.
 //! See docs/method.md (15.1).
 
 use super::twin::SeenTwin;
@@ -9,29 +9,29 @@ use numeric::statistics::median;
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 pub const MISPLACED: f64 = 0.03;
-/// One standard deviation of what a camera may be off, as a share of its range: in depth, in the place of its
-/// mount, in radians.
+/// One standard deviation of a camera's errors, as a share of its range: in depth, in the place of its mount,
+/// in radians.
 ///
-/// chosen: the depth accuracy that data sheets of stereo cameras state, 2 % of the range; a mount is
-/// calibrated by that depth.
+/// chosen: the depth accuracy of stereo cameras by their data sheets, 2 % of the range; a mount is calibrated
+/// by this depth.
 pub const MISCALIBRATED: f64 = 0.02;
-/// Standard deviations of what effects may move that a residual may have and still belong to the surface.
+/// Largest residual of a reading on the surface, in standard deviations of the motion by effects.
 ///
 /// chosen: a round number; 95 % of a normal distribution
 pub const GATE: f64 = 2.0;
 /// Least lever of a turn, as a share of the object's size: a part without a mesh has none.
 ///
-/// chosen: such a part is smaller than the gate, which is 0.06 of the object and more
+/// chosen: such a part is smaller than the gate, 0.06 of the object and more
 const LEAST_LEVER: f64 = 0.02;
 
-/// What the twin and the recordings set. Lengths in meters.
+/// Scales of the twin and the recordings. Lengths in meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scales {
     /// Half the diagonal of the largest part.
     pub radius_m: f64,
     /// Median distance from the cameras to the root.
     pub range_m: f64,
-    /// Standard deviation of a depth reading at that range, of the noisiest recording.
+    /// Standard deviation of a depth reading at this range, of the noisiest recording.
     pub reading_m: f64,
     /// Least error of the twin's surface.
     pub accuracy_m: f64,
@@ -52,13 +52,13 @@ impl Scales {
         Self { radius_m: twin.radius_m(), range_m, reading_m, accuracy_m }
     }
 
-    /// Residuals beyond this are conflicts: twice what effects of the joints and of the camera may move.
+    /// Residuals beyond this are conflicts: twice the motion by effects of the joints and of the camera.
     #[must_use]
     pub fn gate_m(&self) -> f64 {
         GATE * (MISPLACED * self.radius_m).hypot(MISCALIBRATED * self.range_m)
     }
 
-    /// Lever by which a turn of a part moves its surface.
+    /// Lever of a turn of a part at its surface.
     #[must_use]
     pub fn lever_m(&self, twin: &SeenTwin, part: usize) -> f64 {
         twin.parts[part].radius_m.max(LEAST_LEVER * self.radius_m)

@@ -12,7 +12,7 @@ use geometry::Pose;
 use model::{JointType, Tree};
 use surface::{TriangleMesh, merge};
 
-/// What a tree does not hold of a joint.
+/// Facts of a joint missing in a tree.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointFacts {
     /// Lowest and highest position.
@@ -27,14 +27,33 @@ pub enum SeenTwinError {
     /// No mesh at all.
     #[error("no link of the twin has a visual mesh (.ply or .obj): frames can only be compared with meshes")]
     NoMesh,
-    /// A joint that follows follows one that is not there.
+    /// A mimic joint with an unknown leader.
     #[error("joint '{joint}' mimics '{leader}', which is not a moving joint of the twin")]
     Mimic {
         /// The joint.
         joint: String,
-        /// Whom it follows.
+        /// Its leader.
         leader: String,
     },
+}
+
+impl SeenPart {
+    /// The part of links tied by fixed joints, with the pose of each in the frame of the first.
+    fn merged(tree: &Tree, links: &[(usize, Pose)], joint: Option<usize>) -> Self {
+        let meshes: Vec<TriangleMesh> =
+            links.iter().map(|(l, pose)| tree.links[*l].visual.transformed(pose)).collect();
+        let mesh = merge(&meshes.iter().collect::<Vec<_>>());
+        let (low, high) = mesh.bounds().unwrap_or_default();
+        let low: Point3<f64> = low.cast();
+        let high: Point3<f64> = high.cast();
+        Self {
+            name: tree.links[links[0].0].name.clone(),
+            mesh,
+            joint,
+            center: nalgebra::center(&low, &high),
+            radius_m: 0.5 * (high - low).norm(),
+        }
+    }
 }
 
 impl SeenTwin {
@@ -95,21 +114,8 @@ impl SeenTwin {
             })?;
             joints[j].mimic = Some((leader, m.multiplier, m.offset));
         }
-        let part = |(k, links): (usize, &Vec<(usize, Pose)>)| {
-            let meshes: Vec<TriangleMesh> =
-                links.iter().map(|(l, pose)| tree.links[*l].visual.transformed(pose)).collect();
-            let mesh = merge(&meshes.iter().collect::<Vec<_>>());
-            let (low, high) = mesh.bounds().unwrap_or_default();
-            let (low, high): (Point3<f64>, Point3<f64>) = (low.cast(), high.cast());
-            SeenPart {
-                name: tree.links[links[0].0].name.clone(),
-                mesh,
-                joint: carriers[k],
-                center: nalgebra::center(&low, &high),
-                radius_m: 0.5 * (high - low).norm(),
-            }
-        };
-        let parts: Vec<SeenPart> = members.iter().enumerate().map(part).collect();
+        let parts: Vec<SeenPart> =
+            members.iter().zip(carriers).map(|(links, joint)| SeenPart::merged(tree, links, joint)).collect();
         if parts.iter().all(|p| p.mesh.is_empty()) {
             return Err(SeenTwinError::NoMesh);
         }

@@ -1,10 +1,10 @@
-//! Effects that a camera can show: what they change, with which priors, and how they are reported.
+//! Effects visible to a camera: their parameters, priors and reports.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::{
     camera::{
-        model::{hypothesis::Hypothesis, parameter::Parameter, scales::Scales, twin::SeenTwin},
+        model::{hypothesis::Hypothesis, parameter::HypothesisParameter, scales::Scales, twin::SeenTwin},
         record::frames::FrameRun,
     },
     judge::finding::ParameterEstimate,
@@ -15,7 +15,7 @@ use numeric::statistics::{CHI_SQUARE_95, HALF_WIDTH_95};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Column {
     /// Parameter.
-    pub parameter: Parameter,
+    pub parameter: HypothesisParameter,
     /// One standard deviation of the prior about zero.
     pub prior: f64,
     /// Whether the prior is over the size of the errors of the twin, and so a multiple of their size.
@@ -23,28 +23,28 @@ pub struct Column {
 }
 
 impl Column {
-    /// Standard deviation of the prior, for a twin whose surface errs by a standard deviation.
+    /// Standard deviation of the prior, for a twin with a given standard deviation of its surface.
     #[must_use]
     pub fn deviation(&self, twin_m: f64) -> f64 {
         if self.of_twin { self.prior * twin_m } else { self.prior }
     }
 }
 
-/// Log odds of effects that fit every state by itself.
+/// Log odds of effects with a fit for every state.
 ///
 /// tuned: made objects (tests/gap_frames.rs)
 pub const STATEWISE: f64 = -8.0;
 
-/// One way in which an effect may act.
+/// One possible action of an effect.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trial {
     /// Index of the effect in the catalogue.
     pub effect: usize,
     /// Name of the effect.
     pub name: &'static str,
-    /// Joint that it belongs to; `None` for the camera.
+    /// Its joint; `None` for the camera.
     pub joint: Option<usize>,
-    /// What it changes.
+    /// Its parameters.
     pub columns: Vec<Column>,
     /// Logarithm of its odds before any frame is seen.
     pub log_odds: f64,
@@ -84,7 +84,7 @@ impl Fitted<'_> {
         self.linear(name, unit, &DVector::from_fn(self.values.len(), |i, _| f64::from(u8::from(i == k))))
     }
 
-    /// Columns that are turns, or those that are not.
+    /// Columns of turns, or the others.
     #[must_use]
     pub fn columns(&self, turns: bool) -> Vec<usize> {
         let columns = self.trial.columns.iter().enumerate();
@@ -103,7 +103,7 @@ impl Fitted<'_> {
         let own =
             DMatrix::from_fn(columns.len(), columns.len(), |i, j| self.covariance[(columns[i], columns[j])]);
         let vector = DVector::from_fn(columns.len(), |i, _| self.values[columns[i]]);
-        // A vector whose interval holds zero has no least length.
+        // A vector with zero in its interval has no least length.
         let squares = own.cholesky().map_or(0.0, |c| vector.dot(&c.solve(&vector)));
         let zero = squares < CHI_SQUARE_95[columns.len().min(CHI_SQUARE_95.len()) - 1];
         estimate.interval.0 = if zero { 0.0 } else { estimate.interval.0.max(0.0) };
@@ -111,38 +111,38 @@ impl Fitted<'_> {
     }
 }
 
-/// An effect that a camera can show. One file in `effects/` each, which holds every fact about it.
+/// An effect visible to a camera. One file in `effects/` each, with every fact about it.
 pub struct CameraEffect {
     /// Name in reports.
     pub name: &'static str,
-    /// The ways in which it may act on a twin and its recordings: joint and columns.
+    /// Its possible actions on a twin and its recordings: joint and columns.
     pub trials: fn(&SeenTwin, &[FrameRun], &Scales) -> Vec<(Option<usize>, Vec<Column>)>,
-    /// Logarithm of its odds before any frame is seen: 0 but for effects that fit every state by itself,
-    /// which must explain more than a law that holds in all states.
+    /// Logarithm of its odds before any frame is seen: 0 but for effects with a fit for every state, as these
+    /// must explain more than a law for all states.
     pub log_odds: f64,
     /// Parameters as a report names them.
     pub reported: fn(&Fitted) -> Vec<ParameterEstimate>,
-    /// The types of the joint in the twin and in the frames, for an effect that changes it.
+    /// The types of the joint in the twin and in the frames, for a change of type.
     pub types: Option<[&'static str; 2]>,
-    /// What becomes of it in a URDF.
+    /// Its form in a URDF.
     pub in_urdf: &'static str,
-    /// The recording that would distinguish it from what resembles it.
+    /// The recording to distinguish it from similar effects.
     pub experiment: &'static str,
 }
 
 /// A column.
 #[must_use]
-pub fn column(parameter: Parameter, prior: f64) -> Column {
+pub fn column(parameter: HypothesisParameter, prior: f64) -> Column {
     Column { parameter, prior, of_twin: false }
 }
 
-/// A column of an error without name that is as large as those of the twin's surface.
+/// A column of an error without name, as large as those of the twin's surface.
 #[must_use]
-pub fn twin_column(parameter: Parameter, share: f64) -> Column {
+pub fn twin_column(parameter: HypothesisParameter, share: f64) -> Column {
     Column { parameter, prior: share, of_twin: true }
 }
 
-/// Joints that move by themselves.
+/// Joints with a motion of their own.
 pub fn free_joints(twin: &SeenTwin) -> impl Iterator<Item = usize> + '_ {
     (0..twin.joints.len()).filter(|&j| twin.joints[j].mimic.is_none())
 }

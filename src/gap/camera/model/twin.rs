@@ -45,7 +45,7 @@ pub struct SeenPart {
     pub name: String,
     /// Visual meshes in the frame of the first link.
     pub mesh: TriangleMesh,
-    /// Joint that carries it; `None` for the root.
+    /// Joint below it; `None` for the root.
     pub joint: Option<usize>,
     /// Center of its box, part frame.
     pub center: Point3<f64>,
@@ -58,9 +58,9 @@ pub struct SeenPart {
 pub struct SeenJoint {
     /// Name.
     pub name: String,
-    /// Part that carries it.
+    /// Carrying part.
     pub parent: usize,
-    /// Part that it moves.
+    /// Moved part.
     pub child: usize,
     /// Joint frame in the parent part's frame at position 0.
     pub parent_from_joint: Pose,
@@ -72,16 +72,16 @@ pub struct SeenJoint {
     pub point: Point3<f64>,
     /// Lowest and highest position, where the twin has limits.
     pub limit: Option<(f64, f64)>,
-    /// Joint that it follows: index, factor, offset.
+    /// Leading joint: index, factor, offset.
     pub mimic: Option<(usize, f64, f64)>,
 }
 
-/// A twin as cameras see it. Parts stand behind the parts that carry them.
+/// A twin as cameras see it. Parts stand behind their carriers.
 #[derive(Clone, Debug)]
 pub struct SeenTwin {
     /// Parts; the first is the root.
     pub parts: Vec<SeenPart>,
-    /// Joints, each before those that its child carries.
+    /// Joints, each before those its child carries.
     pub joints: Vec<SeenJoint>,
     /// How well it is known itself.
     pub own: OwnErrors,

@@ -17,7 +17,7 @@ pub struct FrameRun {
     /// Velocity of the camera at each frame in its optical frame: translation, m/s, and rotation, rad/s;
     /// empty where the poses do not give them.
     pub velocities: Vec<[Vector3<f64>; 2]>,
-    /// Joint positions that came with the recording, by name, rad or m.
+    /// Joint positions recorded beside the frames, by name, rad or m.
     pub positions: BTreeMap<String, f64>,
     /// Depth noise of the recording.
     pub noise: NoiseConfig,
@@ -29,7 +29,7 @@ pub fn coarse(frame: &RgbdFrame, step: usize) -> RgbdFrame {
     let k = &frame.intrinsics;
     let width = k.width / step;
     let height = k.height / step;
-    // The middle of each block, so that coarse pixels look along the rays of fine ones.
+    // The middle of each block: coarse pixels look along the rays of fine ones.
     let off = (step - 1) / 2;
     let center = |c: f64| (c - off as f64) / step as f64;
     let intrinsics = Intrinsics {

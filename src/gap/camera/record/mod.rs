@@ -1,4 +1,4 @@
-//! What was recorded, and which of it is compared.
+//! The recorded frames, and their compared pixels.
 
 pub mod frames;
 pub mod options;

@@ -1,10 +1,9 @@
-//! What a diagnosis by frames may take for granted.
+//! Assumptions of a diagnosis by frames.
 
-/// What a diagnosis by frames may take for granted.
+/// Assumptions of a diagnosis by frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameOptions {
-    /// Least error of the twin's surface and joints, meters; what the frames show beyond it is found with the
-    /// effects.
+    /// Least error of the twin's surface and joints, meters; larger errors are found with the effects.
     pub accuracy_m: f64,
     /// A frame of every so many is left to the proof.
     pub held_out_every: usize,

@@ -1,16 +1,16 @@
-//! Which pixels of the frames are compared.
+//! The compared pixels of the frames.
 
 use rayon::prelude::*;
 
 use crate::camera::record::frames::FrameRun;
 use capture::pixel_weights;
 
-/// Pixels of the object that are looked at in a frame, about.
+/// Compared pixels of the object in a frame, about.
 const SAMPLES: usize = 2500;
 /// Pixels within this many of an outline are not compared.
 pub const BORDER: usize = 2;
 
-/// What does not change from hypothesis to hypothesis: usable pixels of every frame.
+/// Constant over all hypotheses: usable pixels of every frame.
 pub struct Pixels {
     /// Sampled pixel indices with a reading on the object, by run and frame.
     pub object: Vec<Vec<Vec<usize>>>,
@@ -59,12 +59,12 @@ fn choose(frame: &capture::RgbdFrame, run: &FrameRun) -> (Vec<usize>, Vec<usize>
     let grid = (0..h).step_by(stride).flat_map(|y| (0..w).step_by(stride).map(move |x| y * w + x));
     let object = grid.clone().filter(|&i| usable(i)).collect();
     // Without a mask no pixel is known to be off the object.
-    let off = |i: usize| frame.mask.is_some() && around(i, w, h).all(|n| !frame.is_object(n));
-    let empty = grid.filter(|&i| off(i)).collect();
+    let off = grid.filter(|_| frame.mask.is_some());
+    let empty = off.filter(|&i| around(i, w, h).all(|n| !frame.is_object(n))).collect();
     (object, empty, stride)
 }
 
-/// Pixels about a pixel that a border reaches.
+/// Pixels about a pixel within the border.
 pub fn around(i: usize, w: usize, h: usize) -> impl Iterator<Item = usize> {
     let x = i % w;
     let y = i / w;

@@ -16,13 +16,13 @@ use crate::{
     twin_tree::TwinTree,
 };
 
-/// Most sweeps over the joints for the friction that holds some of them.
+/// Most sweeps over the joints for their friction.
 const MAX_SWEEPS: usize = 50;
-/// Change of a velocity, as a share of the largest, that ends them.
+/// Change of a velocity, as a share of the largest, to end them.
 /// chosen: well above the rounding of a double.
 const SETTLED: f64 = 1e-12;
 
-/// One joint with what is looked up once for many steps.
+/// One joint, looked up once for many steps.
 struct Driven<'a> {
     model: &'a JointModel,
     acting: Acting<'a>,
@@ -30,6 +30,18 @@ struct Driven<'a> {
     gain: f64,
     /// Added inertia.
     added: f64,
+}
+
+impl<'a> Driven<'a> {
+    fn of(model: &'a JointModel, catalogue: &'a Catalogue) -> Self {
+        Self {
+            model,
+            acting: Acting::of(model, catalogue),
+            sensor: model.sensor(catalogue),
+            gain: model.scalar(catalogue, Place::Gain).map_or(1.0, |(x, _)| x),
+            added: model.scalar(catalogue, Place::Inertia).map_or(0.0, |(x, _)| x),
+        }
+    }
 }
 
 /// Joints of a tree under their models.
@@ -40,7 +52,7 @@ pub struct Dynamics<'a> {
     driven: Vec<Driven<'a>>,
 }
 
-/// What a step is under, by joint.
+/// Inputs of a step, by joint.
 pub struct Inputs<'a> {
     /// Mean signal over the step.
     pub signal: &'a [f64],
@@ -59,17 +71,7 @@ impl<'a> Dynamics<'a> {
         models: &'a [JointModel],
         catalogue: &'a Catalogue,
     ) -> Self {
-        let one = |model: &'a JointModel| {
-            let scalar = |place, neutral| model.scalar(catalogue, place).map_or(neutral, |(x, _)| x);
-            Driven {
-                model,
-                acting: Acting::of(model, catalogue),
-                sensor: model.sensor(catalogue),
-                gain: scalar(Place::Gain, 1.0),
-                added: scalar(Place::Inertia, 0.0),
-            }
-        };
-        Self { tree, joints, driven: models.iter().map(one).collect() }
+        Self { tree, joints, driven: models.iter().map(|m| Driven::of(m, catalogue)).collect() }
     }
 
     /// How the position of each joint is measured.
@@ -85,14 +87,14 @@ impl<'a> Dynamics<'a> {
         drift(q, v);
     }
 
-    /// The tree's vector of what the joints have.
+    /// The tree's vector of the joints' values.
     fn spread(&self, own: &[f64]) -> Vec<f64> {
         let mut all = vec![0.0; self.tree.joints.len()];
         self.joints.iter().zip(own).for_each(|(j, x)| all[*j] = *x);
         all
     }
 
-    /// Mass matrix over the joints, with what is added to it.
+    /// Mass matrix over the joints, with the added inertias.
     fn mass(&self, position: &[f64]) -> DMatrix<f64> {
         let n = self.joints.len();
         let zero = vec![0.0; position.len()];
@@ -111,9 +113,9 @@ impl<'a> Dynamics<'a> {
         mass
     }
 
-    /// (14.7) for several joints: `M` is implicit in the damping, and friction takes each joint to the
-    /// velocity that it settles to, or acts at its bound. Coriolis efforts are those of the mean velocity,
-    /// which a first pass gives: those of the velocity before would feed or eat energy.
+    /// (14.7) for several joints: `M` is implicit in the damping, and friction takes each joint to its
+    /// settled velocity, or acts at its bound. Coriolis efforts are those of the mean velocity from a first
+    /// pass: those of the velocity before would feed or eat energy.
     fn kick(&self, q: &[f64], v: &mut [f64], h: f64, inputs: &Inputs) {
         let position = self.spread(q);
         let mass = self.mass(&position);
@@ -123,20 +125,13 @@ impl<'a> Dynamics<'a> {
             let rest =
                 self.tree.inverse_dynamics(&position, &self.spread(&mean), &vec![0.0; position.len()], true);
             after.copy_from_slice(v);
-            self.kicked(q, &mut after, (h, &rest), &mass, inputs);
+            self.kicked(q, &mut after, h, &rest, &mass, inputs);
         }
         v.copy_from_slice(&after);
     }
 
     /// Changes velocities over `h` seconds, where the tree takes the efforts `rest` without accelerating.
-    fn kicked(
-        &self,
-        q: &[f64],
-        v: &mut [f64],
-        (h, rest): (f64, &[f64]),
-        mass: &DMatrix<f64>,
-        inputs: &Inputs,
-    ) {
+    fn kicked(&self, q: &[f64], v: &mut [f64], h: f64, rest: &[f64], mass: &DMatrix<f64>, inputs: &Inputs) {
         let n = v.len();
         let mut matrix = mass.clone();
         let mut total = DVector::zeros(n);
@@ -190,8 +185,8 @@ impl<'a> Dynamics<'a> {
         self.settle(v, &kicks, &inverse, &(bound * h), h);
     }
 
-    /// The velocities after efforts that would change them by `kicks`, with friction of at most `bound`,
-    /// N m s or N s: Gauss and Seidel's sweeps over the joints (Jean 1999).
+    /// The velocities after `kicks` by the efforts, with friction of at most `bound`, N m s or N s: Gauss and
+    /// Seidel's sweeps over the joints (Jean 1999).
     fn settle(
         &self,
         v: &mut [f64],

@@ -1,4 +1,4 @@
-//! Joints of a chain that were recorded together, prepared, and what their models predict of them.
+//! Joints of a chain with a common recording, prepared, and the predictions of their models.
 
 use crate::{
     fit::{
@@ -49,7 +49,7 @@ impl<'t, 'c> Joints<'t, 'c> {
         (0..self.windows()).map(|w| own.iter().map(|s| s[w]).collect()).collect()
     }
 
-    /// What drives each joint: by joint, by log.
+    /// Drive of each joint: by joint, by log.
     #[must_use]
     pub fn drives(&self, models: &[JointModel]) -> Vec<Vec<Drive>> {
         self.problems.iter().zip(models).map(|(p, m)| p.drives(m)).collect()

@@ -2,9 +2,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::fit::jackknife::effective_count;
+
 /// Normal equations of one window.
 #[derive(Clone, Debug)]
-pub struct Block {
+pub struct MultibodyBlock {
     /// Sum of its squared residuals.
     pub cost: f64,
     start: DMatrix<f64>,
@@ -14,7 +16,7 @@ pub struct Block {
     gradient: DVector<f64>,
 }
 
-impl Block {
+impl MultibodyBlock {
     /// Of residuals and their derivatives by the prediction's start state, then by its parameters, columns.
     #[must_use]
     pub fn of(residual: &DVector<f64>, by: &DMatrix<f64>, states: usize) -> Self {
@@ -31,8 +33,8 @@ impl Block {
         }
     }
 
-    /// What the window knows of the parameters and wants of them, its start state free; and the inverse of
-    /// what it knows of that.
+    /// Hessian and gradient of the parameters from the window, its start state free; and the inverse of the
+    /// start state's part.
     fn reduced(&self, damping: f64) -> (DMatrix<f64>, DVector<f64>, DMatrix<f64>) {
         let mut start = self.start.clone();
         for i in 0..start.nrows() {
@@ -47,7 +49,7 @@ impl Block {
 }
 
 /// A step of the parameters, and of the start state of each window.
-pub struct Step {
+pub struct MultibodyStep {
     /// Parameters.
     pub parameters: DVector<f64>,
     /// States.
@@ -56,7 +58,7 @@ pub struct Step {
 
 /// The step of Gauss and Newton, damped after Marquardt; `frozen` parameters stay.
 #[must_use]
-pub fn step(blocks: &[Block], frozen: &[bool], damping: f64) -> Option<Step> {
+pub fn step(blocks: &[MultibodyBlock], frozen: &[bool], damping: f64) -> Option<MultibodyStep> {
     let n = frozen.len();
     let mut known = DMatrix::zeros(n, n);
     let mut wanted = DVector::zeros(n);
@@ -82,14 +84,14 @@ pub fn step(blocks: &[Block], frozen: &[bool], damping: f64) -> Option<Step> {
         .zip(&inverses)
         .map(|(b, inverse)| inverse * (&b.start_gradient - &b.cross * &parameters))
         .collect();
-    Some(Step { parameters, states })
+    Some(MultibodyStep { parameters, states })
 }
 
-/// Covariance of the parameters, and the number of windows that each rests on. Residuals of a window are as
-/// good as `share` of their number; where parameters move more from window to window than that says, the
-/// windows have the say (Liang and Zeger 1986).
+/// Covariance of the parameters, and the number of windows behind each. Residuals of a window are as good as
+/// `share` of their number; where parameters move more from window to window, the windows decide (Liang and
+/// Zeger 1986).
 #[must_use]
-pub fn covariance(blocks: &[Block], frozen: &[bool], share: f64) -> (DMatrix<f64>, Vec<f64>) {
+pub fn covariance(blocks: &[MultibodyBlock], frozen: &[bool], share: f64) -> (DMatrix<f64>, Vec<f64>) {
     let n = frozen.len();
     let reduced: Vec<_> = blocks.iter().map(|b| b.reduced(0.0)).collect();
     let mut known = reduced.iter().fold(DMatrix::zeros(n, n), |sum, (h, ..)| sum + h);
@@ -115,6 +117,5 @@ pub fn covariance(blocks: &[Block], frozen: &[bool], share: f64) -> (DMatrix<f64
     let covariance = DMatrix::from_fn(n, n, |i, j| {
         if frozen[i] || frozen[j] { 0.0 } else { inverse[(i, j)] / share * wider[i] * wider[j] }
     });
-    let of = |(sum, squares): &(f64, f64)| if *squares > 0.0 { sum * sum / squares } else { 1.0 };
-    (covariance, shares.iter().map(of).collect())
+    (covariance, shares.iter().map(|(sum, squares)| effective_count(*sum, *squares)).collect())
 }

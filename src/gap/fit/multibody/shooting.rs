@@ -9,7 +9,7 @@ use crate::{
         damping,
         multibody::{
             joints::Joints,
-            normal::{Block, covariance, step},
+            normal::{MultibodyBlock, covariance, step},
         },
         problem::Problem,
         rollout::Start,
@@ -22,30 +22,30 @@ use crate::{
     record::drive::Drive,
 };
 
-/// Step of a difference quotient, as a share of what a parameter or state typically is.
-/// chosen: rounding over it and its square are both far below what a window shows.
+/// Step of a difference quotient, as a share of the typical size of a parameter or state.
+/// chosen: rounding over it and its square are both far below the resolution of a window.
 const DIFFERENCE: f64 = 1e-4;
 /// How long a fit goes on.
 #[derive(Clone, Copy, Debug)]
-pub struct Pace {
+pub struct MultibodyPace {
     /// The size of the residuals is estimated anew between them.
     rounds: usize,
     /// Most steps of a round.
     steps: usize,
 }
 
-impl Pace {
+impl MultibodyPace {
     /// To the end.
     pub const THOROUGH: Self = Self { rounds: 3, steps: 8 };
-    /// From near its end, far enough to see what an effect is worth.
+    /// From near its end, far enough to see the value of an effect.
     pub const TRIAL: Self = Self { rounds: 1, steps: 3 };
 }
 
-/// Share of the cost that a step must gain to be followed by another one.
-/// chosen: far below what a parameter's deviation costs among some hundred independent numbers.
+/// Least gain of a step before another one, as a share of the cost.
+/// chosen: far below the cost of a parameter's deviation among some hundred independent numbers.
 const ENOUGH: f64 = 1e-4;
 
-/// Models of the joints with all that was fitted beside them.
+/// Models of the joints with their fitted states and errors.
 #[derive(Clone, Debug)]
 pub struct MultibodyFit {
     /// Model of each joint.
@@ -58,7 +58,7 @@ pub struct MultibodyFit {
     pub twice_likelihood: f64,
     /// Covariance of the free parameters of all joints, one after the other.
     pub covariance: DMatrix<f64>,
-    /// Number of windows that each rests on.
+    /// Number of windows behind each.
     pub witnesses: Vec<f64>,
 }
 
@@ -69,10 +69,10 @@ pub fn fit(
     models: &[JointModel],
     starts: Option<&[Vec<Start>]>,
     free: Free,
-    pace: Pace,
+    pace: MultibodyPace,
 ) -> MultibodyFit {
     let starts = starts.map_or_else(|| joints.starts(models), <[Vec<Start>]>::to_vec);
-    let mut at = At { models: models.to_vec(), starts };
+    let mut at = FitState { models: models.to_vec(), starts };
     let frozen: Vec<bool> = models
         .iter()
         // The lag comes from the joints by themselves.
@@ -87,52 +87,60 @@ pub fn fit(
     let share = joints.problems[0].weighing.share();
     let (covariance, witnesses) = covariance(&blocks, &frozen, share);
     // Two of the independent numbers of a window go to a start state.
-    let free = |p: &Problem| (p.independent() - 2.0 * p.windows.len() as f64).max(1.0);
-    let twice_likelihood =
-        joints.problems.iter().zip(&size).map(|(p, size)| -2.0 * free(p) * size.ln()).sum();
-    let At { models, starts } = at;
+    let free = joints.problems.iter().map(|p| (p.independent() - 2.0 * p.windows.len() as f64).max(1.0));
+    let twice_likelihood = free.zip(&size).map(|(free, size)| -2.0 * free * size.ln()).sum();
+    let FitState { models, starts } = at;
     MultibodyFit { models, starts, size, twice_likelihood, covariance, witnesses }
 }
 
 /// Root mean square residuals of windows under models, by window and joint, with the best start states.
 #[must_use]
 pub fn window_sizes(joints: &Joints, models: &[JointModel]) -> Vec<Vec<f64>> {
-    let fitted = fit(joints, models, None, Free::Starts, Pace::THOROUGH);
+    let fitted = fit(joints, models, None, Free::Starts, MultibodyPace::THOROUGH);
     let drives = joints.drives(models);
     let n = models.len();
-    let one = |w: usize| {
-        let residuals = joints.residuals(models, &drives, w, &fitted.starts[w]);
-        let square = |i: usize| residuals.iter().skip(i).step_by(n).map(|r| r * r).sum::<f64>();
-        let samples = (residuals.len() / n).max(1) as f64;
-        (0..n).map(|i| (square(i) / samples).sqrt()).collect()
-    };
-    (0..joints.windows()).into_par_iter().map(one).collect()
+    (0..joints.windows())
+        .into_par_iter()
+        .map(|w| rms_by_joint(&joints.residuals(models, &drives, w, &fitted.starts[w]), n))
+        .collect()
+}
+
+/// Root mean square residual of each of `n` joints; `residuals` hold all joints of a sample, then the next.
+fn rms_by_joint(residuals: &[f64], n: usize) -> Vec<f64> {
+    let samples = (residuals.len() / n).max(1) as f64;
+    let mut all = Vec::with_capacity(n);
+    for i in 0..n {
+        let square = residuals.iter().skip(i).step_by(n).map(|r| r * r).sum::<f64>();
+        all.push((square / samples).sqrt());
+    }
+    all
 }
 
 /// Where a fit stands.
 #[derive(Clone)]
-struct At {
+struct FitState {
     models: Vec<JointModel>,
     starts: Vec<Vec<Start>>,
 }
 
 /// Root mean square residual of each joint, not below its noise.
-fn sizes(joints: &Joints, at: &At) -> Vec<f64> {
+fn sizes(joints: &Joints, at: &FitState) -> Vec<f64> {
     let drives = joints.drives(&at.models);
     let n = at.models.len();
     let all: Vec<Vec<f64>> = (0..joints.windows())
         .into_par_iter()
         .map(|w| joints.residuals(&at.models, &drives, w, &at.starts[w]))
         .collect();
-    let size = |i: usize| {
-        let own = || all.iter().flat_map(|r| r.iter().skip(i).step_by(n));
-        let (sum, count) = own().fold((0.0, 0.0), |(sum, count), r| (sum + r * r, count + 1.0));
-        f64::sqrt(sum / f64::max(count, 1.0)).max(joints.problems[i].noise_floor())
-    };
-    (0..n).map(size).collect()
+    let mut sizes = Vec::with_capacity(n);
+    for i in 0..n {
+        let own = all.iter().flat_map(|r| r.iter().skip(i).step_by(n));
+        let (sum, count) = own.fold((0.0, 0.0), |(sum, count), r| (sum + r * r, count + 1.0));
+        sizes.push(f64::sqrt(sum / f64::max(count, 1.0)).max(joints.problems[i].noise_floor()));
+    }
+    sizes
 }
 
-fn iterate(joints: &Joints, at: &mut At, size: &[f64], frozen: &[bool], steps: usize) {
+fn iterate(joints: &Joints, at: &mut FitState, size: &[f64], frozen: &[bool], steps: usize) {
     let mut damping = damping::LEAST_RISEN;
     let mut now = blocks(joints, at, size, frozen);
     for _ in 0..steps {
@@ -160,56 +168,67 @@ fn iterate(joints: &Joints, at: &mut At, size: &[f64], frozen: &[bool], steps: u
 }
 
 /// Models and start states after a step, within their bounds.
-fn moved_by(joints: &Joints, at: &At, parameters: &DVector<f64>, states: &[DVector<f64>]) -> At {
+fn moved_by(joints: &Joints, at: &FitState, parameters: &DVector<f64>, states: &[DVector<f64>]) -> FitState {
     let mut first = 0;
-    let mut model = |(problem, model): (&Problem, &JointModel)| {
+    let mut models = Vec::with_capacity(at.models.len());
+    for (problem, model) in joints.problems.iter().zip(&at.models) {
         let own = parameters.rows(first, model.free()).into_owned();
         first += model.free();
-        moved(problem, model, &own)
-    };
-    let models = joints.problems.iter().zip(&at.models).map(&mut model).collect();
-    let one = |(i, s): (usize, &Start), d: &DVector<f64>| Start {
-        position: s.position + d[2 * i],
-        velocity: s.velocity + d[2 * i + 1],
-        ..*s
-    };
-    let of =
-        |(starts, d): (&Vec<Start>, &DVector<f64>)| starts.iter().enumerate().map(|s| one(s, d)).collect();
-    At { models, starts: at.starts.iter().zip(states).map(of).collect() }
+        models.push(moved(problem, model, &own));
+    }
+    let mut starts = at.starts.clone();
+    for (starts, step) in starts.iter_mut().zip(states) {
+        for (i, start) in starts.iter_mut().enumerate() {
+            start.position += step[2 * i];
+            start.velocity += step[2 * i + 1];
+        }
+    }
+    FitState { models, starts }
 }
 
-/// Residual, in units of its size, of a rollout that left all bounds.
-/// chosen: larger than any of one that did not; its square over a recording is still a number.
+/// Residual, in units of its size, of a rollout out of all bounds.
+/// chosen: larger than any residual of another rollout; its square over a recording is still a number.
 const LOST: f64 = 1e100;
 
 /// Residuals of a window in units of their size.
 fn scaled(
     joints: &Joints,
-    (models, drives): (&[JointModel], &[Vec<Drive>]),
+    models: &[JointModel],
+    drives: &[Vec<Drive>],
     starts: &[Start],
     size: &[f64],
     window: usize,
 ) -> DVector<f64> {
-    let residuals = joints.residuals(models, drives, window, starts);
-    let one = |(k, r): (usize, &f64)| {
-        let x = r / size[k % size.len()];
-        if x.is_finite() { x.clamp(-LOST, LOST) } else { LOST }
-    };
-    DVector::from_iterator(residuals.len(), residuals.iter().enumerate().map(one))
+    let mut residuals = joints.residuals(models, drives, window, starts);
+    for (k, r) in residuals.iter_mut().enumerate() {
+        let x = *r / size[k % size.len()];
+        *r = if x.is_finite() { x.clamp(-LOST, LOST) } else { LOST };
+    }
+    DVector::from_vec(residuals)
 }
 
-fn costs(joints: &Joints, at: &At, size: &[f64]) -> Vec<f64> {
+fn costs(joints: &Joints, at: &FitState, size: &[f64]) -> Vec<f64> {
     let drives = joints.drives(&at.models);
-    let one = |w: usize| scaled(joints, (&at.models, &drives), &at.starts[w], size, w).norm_squared();
-    (0..joints.windows()).into_par_iter().map(one).collect()
+    (0..joints.windows())
+        .into_par_iter()
+        .map(|w| scaled(joints, &at.models, &drives, &at.starts[w], size, w).norm_squared())
+        .collect()
+}
+
+/// Models with one parameter moved, for a difference quotient.
+struct MovedParameter {
+    /// Index among the free parameters of all joints.
+    column: usize,
+    models: Vec<JointModel>,
+    /// Their drives.
+    drives: Vec<Vec<Drive>>,
+    step: f64,
 }
 
 /// Normal equations of all windows; `frozen` parameters have columns of zeros.
-fn blocks(joints: &Joints, at: &At, size: &[f64], frozen: &[bool]) -> Vec<Block> {
+fn blocks(joints: &Joints, at: &FitState, size: &[f64], frozen: &[bool]) -> Vec<MultibodyBlock> {
     let drives = joints.drives(&at.models);
-    let n = at.models.len();
     let free: usize = at.models.iter().map(JointModel::free).sum();
-    // Models beside this one, each with one parameter moved, and what drives them.
     let mut beside = Vec::with_capacity(free);
     let mut column = 0;
     for (i, model) in at.models.iter().enumerate() {
@@ -223,34 +242,48 @@ fn blocks(joints: &Joints, at: &At, size: &[f64], frozen: &[bool]) -> Vec<Block>
             let mut models = at.models.clone();
             models[i] = model.with_parameters(&parameters);
             let drives = joints.drives(&models);
-            beside.push((first + p, models, drives, step));
+            beside.push(MovedParameter { column: first + p, models, drives, step });
         }
     }
-    let one = |w: usize| {
-        let residual = scaled(joints, (&at.models, &drives), &at.starts[w], size, w);
-        let mut by = DMatrix::zeros(residual.len(), 2 * n + free);
-        let quotient = |other: &DVector<f64>, step: f64| (&residual - other) / step;
-        for i in 0..n {
-            let coverage = &joints.problems[i].coverage;
-            for (k, scale) in [coverage.travel, coverage.speed.1].into_iter().enumerate() {
-                let step = DIFFERENCE * scale.max(1e-9);
-                let mut starts = at.starts[w].clone();
-                let state = if k == 0 { &mut starts[i].position } else { &mut starts[i].velocity };
-                *state += step;
-                let other = scaled(joints, (&at.models, &drives), &starts, size, w);
-                by.set_column(2 * i + k, &quotient(&other, step));
-            }
-        }
-        for (p, models, drives, step) in &beside {
-            let other = scaled(joints, (models, drives), &at.starts[w], size, w);
-            by.set_column(2 * n + p, &quotient(&other, *step));
-        }
-        Block::of(&residual, &by, 2 * n)
-    };
-    (0..joints.windows()).into_par_iter().map(one).collect()
+    (0..joints.windows())
+        .into_par_iter()
+        .map(|w| window_block(joints, at, &drives, &beside, size, free, w))
+        .collect()
 }
 
-/// What each free parameter of a model typically is.
+/// Normal equations of a window; `free` is the number of parameters of all joints.
+fn window_block(
+    joints: &Joints,
+    at: &FitState,
+    drives: &[Vec<Drive>],
+    beside: &[MovedParameter],
+    size: &[f64],
+    free: usize,
+    window: usize,
+) -> MultibodyBlock {
+    let n = at.models.len();
+    let own_starts = &at.starts[window];
+    let residual = scaled(joints, &at.models, drives, own_starts, size, window);
+    let mut by = DMatrix::zeros(residual.len(), 2 * n + free);
+    for i in 0..n {
+        let coverage = &joints.problems[i].coverage;
+        for (k, scale) in [coverage.travel, coverage.speed.1].into_iter().enumerate() {
+            let step = DIFFERENCE * scale.max(1e-9);
+            let mut starts = own_starts.clone();
+            let state = if k == 0 { &mut starts[i].position } else { &mut starts[i].velocity };
+            *state += step;
+            let other = scaled(joints, &at.models, drives, &starts, size, window);
+            by.set_column(2 * i + k, &((&residual - other) / step));
+        }
+    }
+    for moved in beside {
+        let other = scaled(joints, &moved.models, &moved.drives, own_starts, size, window);
+        by.set_column(2 * n + moved.column, &((&residual - other) / moved.step));
+    }
+    MultibodyBlock::of(&residual, &by, 2 * n)
+}
+
+/// Typical size of each free parameter of a model.
 fn scales(problem: &Problem, model: &JointModel) -> Vec<f64> {
     let coverage = &problem.coverage;
     let of_terms = model.terms.iter().flat_map(|t| {
@@ -262,11 +295,11 @@ fn scales(problem: &Problem, model: &JointModel) -> Vec<f64> {
     std::iter::once(coverage.interval_s).chain(of_terms).chain(of_actuator.into_iter().flatten()).collect()
 }
 
-/// What a number typically is, as a share of what it is where it makes the motion alone.
+/// Typical size of a number, as a share of its size in a motion made by it alone.
 /// chosen: several act together.
 const TYPICAL: f64 = 0.1;
 
-/// [`TYPICAL`] of what a number of a dimension is where it makes the motion alone.
+/// [`TYPICAL`] of a number's size, by its dimension, in a motion made by it alone.
 fn typical(dimension: Dimension, coverage: &Coverage) -> f64 {
     let effort = coverage.effort_rms.max(1e-9);
     let way = coverage.travel.max(1e-9);

@@ -7,8 +7,8 @@ use crate::{
         multibody::{
             dynamics::{Dynamics, Inputs},
             joints::Joints,
-            normal::{Block, covariance, step},
-            shooting::{Pace, fit, window_sizes},
+            normal::{MultibodyBlock, covariance, step},
+            shooting::{MultibodyPace, fit, window_sizes},
         },
         problem::Problem,
         rollout::{Rollout, roll},
@@ -190,7 +190,7 @@ fn a_friction_of_one_joint_is_not_found_at_the_other() {
     let problems = [problem(0), problem(1)];
     let joints = Joints::new(&tree, vec![0, 1], &[&problems[0], &problems[1]]).unwrap();
     let begun = [0, 1].map(|i| with(&effects, &plants[i], &[("coulomb_friction", &[0.06])]));
-    let fitted = fit(&joints, &begun, None, Free::All, Pace::THOROUGH);
+    let fitted = fit(&joints, &begun, None, Free::All, MultibodyPace::THOROUGH);
     let [own, other] = [0, 1].map(|i| fitted.models[i].terms[0].p[0]);
     assert!((own - 0.12).abs() < 0.004 && other < 0.004, "{own} {other}");
     let mean = |models: &[JointModel]| window_sizes(&joints, models).iter().map(|w| w[0] + w[1]).sum::<f64>();
@@ -206,7 +206,7 @@ fn windows_with_states_of_their_own_give_the_parameters_of_plain_least_squares()
     let of = |window: usize, state: f64| {
         let y = DVector::from_iterator(4, (0..4).map(|k| state + 3.0 * x[k] + noise[window][k]));
         let by = DMatrix::from_fn(4, 2, |k, c| if c == 0 { 1.0 } else { x[k] });
-        Block::of(&y, &by, 1)
+        MultibodyBlock::of(&y, &by, 1)
     };
     let blocks = [of(0, 1.0), of(1, -2.0)];
     let found = step(&blocks, &[false], 0.0).unwrap();
@@ -223,7 +223,7 @@ fn windows_with_states_of_their_own_give_the_parameters_of_plain_least_squares()
     // At the optimum, a unit variance of white residuals, halved where half of them count.
     let at = |w: usize| {
         let y = DVector::from_iterator(4, (0..4).map(|k| noise[w][k]));
-        Block::of(&y, &DMatrix::from_fn(4, 2, |k, c| if c == 0 { 1.0 } else { x[k] }), 1)
+        MultibodyBlock::of(&y, &DMatrix::from_fn(4, 2, |k, c| if c == 0 { 1.0 } else { x[k] }), 1)
     };
     let (wide, witnesses) = covariance(&[at(0), at(1)], &[false], 0.5);
     assert!((wide[(0, 0)] - 2.0 / below).abs() < 1e-9, "{wide}");

@@ -1,7 +1,7 @@
 //! Coulomb friction with another bound each way.
 
 use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
-use crate::model::format::{Expression, Format, Nearest};
+use crate::model::format::{Expression, Format, NearestEffect};
 use crate::model::plant::Plant;
 
 /// See the module.
@@ -28,7 +28,7 @@ impl Effect for AsymmetricFriction {
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
-        // By the direction that friction acts against, since a joint at rest has no sign of the velocity.
+        // By the direction against the friction, since a joint at rest has no sign of the velocity.
         let side = usize::from(at.direction < 0.0);
         out.value = p[side];
         out.p[side] = 1.0;
@@ -39,12 +39,12 @@ impl Effect for AsymmetricFriction {
     }
 
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
-        // One bound both ways, and where a constant effort can be had, one that makes up the difference.
-        let mean = Nearest::effect("coulomb_friction", vec![0.5 * (p[0] + p[1])]);
+        // One bound both ways, and in formats with a constant effort, one to make up the difference.
+        let mean = NearestEffect::effect("coulomb_friction", vec![0.5 * (p[0] + p[1])]);
         match format {
             Format::Mjcf => Expression::Approximated(vec![
                 mean,
-                Nearest::effect("constant_bias", vec![0.5 * (p[1] - p[0])]),
+                NearestEffect::effect("constant_bias", vec![0.5 * (p[1] - p[0])]),
             ]),
             Format::Sdf | Format::Usd => Expression::Approximated(vec![mean]),
             Format::Urdf => Expression::NotExpressible,

@@ -1,7 +1,6 @@
-//! Gravity that the twin does not have, from a tilted axis or another center of mass: `effort = s sin(q) + c
-//! cos(q)`.
+//! Gravity missing in the twin, from a tilted axis or another center of mass: `effort = s sin(q) + c cos(q)`.
 
-use crate::model::format::{Expression, Format, JointNumbers, Nearest};
+use crate::model::format::{Expression, Format, JointNumbers, NearestEffect};
 use crate::model::plant::Plant;
 use crate::{
     model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude},
@@ -23,7 +22,7 @@ const SPEC: Spec = Spec {
     experiment: "turn through 90 degrees or more, at rest in several positions",
 };
 
-/// Share of the load of a flat axis that a turn is still found for.
+/// Largest share of the load of a flat axis with a turn to be found.
 /// chosen: at the load itself the derivative by the turn is zero, and rounding leaves no turn.
 const FLAT: f64 = 1.0 - 1e-6;
 
@@ -61,7 +60,7 @@ impl Effect for AxisTilt {
                 let share = FLAT * plant.most_load / amplitude;
                 let nearest =
                     vec![plant.load.sine - share * wanted[0], plant.load.cosine - share * wanted[1]];
-                Expression::Approximated(vec![Nearest::own(nearest)])
+                Expression::Approximated(vec![NearestEffect::own(nearest)])
             }
         }
     }

@@ -1,18 +1,18 @@
-//! Play between the joint and what measures it: the recorded position follows within half a gap either side.
+//! Play between the joint and its sensor: the recorded position follows within half a gap either side.
 
 use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
 
 /// Least gap in deviations of the position's noise: one within the noise cannot be seen.
 /// chosen: many reversals show a little less than one deviation.
 const LEAST_NOISES: f64 = 0.7;
-/// Largest gap that is looked for, as a share of the range.
+/// Largest searched gap, as a share of the range.
 /// chosen: a larger one leaves no motion to explain.
 const LARGEST: f64 = 0.15;
-/// First gap that is looked for, as a share of the range, and the ratio of two.
+/// First searched gap, as a share of the range, and the ratio of two.
 /// chosen: from any encoder's step on, and fine enough for a fit to follow.
 const FIRST: f64 = 3e-4;
 const RATIO: f64 = 1.6;
-/// Largest gap that a fit may reach, as a share of the range.
+/// Largest gap of a fit, as a share of the range.
 /// chosen: twice [`LARGEST`].
 const BOUND: f64 = 0.3;
 
@@ -37,8 +37,10 @@ impl Effect for Backlash {
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let range = coverage.position.1 - coverage.position.0;
-        let fit = |g: &f64| *g > LEAST_NOISES * coverage.position_noise && *g < LARGEST * range;
-        (0..14).map(|i| FIRST * range * RATIO.powi(i)).filter(fit).map(|g| vec![g]).collect()
+        let gaps = (0..14).map(|i| FIRST * range * RATIO.powi(i));
+        gaps.filter(|g| *g > LEAST_NOISES * coverage.position_noise && *g < LARGEST * range)
+            .map(|g| vec![g])
+            .collect()
     }
 
     fn bounds(&self, _index: usize, coverage: &Coverage) -> (f64, f64) {

@@ -5,8 +5,8 @@ use crate::{
     trig::sin_cos,
 };
 
-/// Least and largest number of periods over the range that a fit may reach.
-/// chosen: a little beyond those that are looked for, from two to a hundred.
+/// Least and largest number of periods over the range for a fit.
+/// chosen: a little beyond the searched ones, from two to a hundred.
 const PERIODS: [f64; 2] = [1.5, 110.0];
 
 /// See the module.
@@ -48,7 +48,7 @@ impl Effect for Cogging {
 
     fn shapes(&self, coverage: &Coverage) -> Vec<Vec<f64>> {
         let range = coverage.position.1 - coverage.position.0;
-        // From two periods to a hundred over the range, which a run away widens, a third of a period apart at
+        // From two periods to a hundred over the range, wide after a run away, a third of a period apart at
         // its ends.
         (0..295).map(|i| vec![0.0, 0.0, (2.0 + f64::from(i) / 3.0) * std::f64::consts::TAU / range]).collect()
     }

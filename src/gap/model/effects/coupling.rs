@@ -5,7 +5,7 @@ use crate::model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Re
 /// See the module.
 #[derive(Debug)]
 pub(super) struct Coupling {
-    /// Index of the other joint, among those that the log holds beside this one.
+    /// Index of the other joint, among the log's joints beside this one.
     pub other: usize,
 }
 

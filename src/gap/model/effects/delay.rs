@@ -4,11 +4,11 @@ use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, 
 use crate::model::format::{Expression, Format, JointNumbers};
 use crate::model::plant::Plant;
 
-/// Delays that are looked for, in sample intervals.
+/// Searched delays, in sample intervals.
 /// chosen: a fit follows from one to the next.
 const DELAYS: [f64; 10] = [0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0];
-/// Largest delay that a fit may reach, in sample intervals.
-/// chosen: three times those that are looked for.
+/// Largest delay of a fit, in sample intervals.
+/// chosen: three times the searched ones.
 const LARGEST: f64 = 60.0;
 
 /// See the module.

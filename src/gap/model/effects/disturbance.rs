@@ -1,5 +1,4 @@
-//! A push that happened once: `effort = D exp(-((t - t0) / w)^2 / 2)`. It belongs to a recording and is never
-//! exported.
+//! A single push: `effort = D exp(-((t - t0) / w)^2 / 2)`. It belongs to a recording and is never exported.
 
 use crate::model::effect::{
     At, Coverage, Dimension, Effect, Extent, Parameter, Place, RUN_SPACING_S, Response, Spec, amplitude,
@@ -27,11 +26,11 @@ const SPEC: Spec = Spec {
 /// Widths from the middle beyond which nothing is left.
 /// chosen: 3.7e-6 of the effort.
 const REACH: f64 = 5.0;
-/// Widths of pushes that are looked for, and the time between two starts, seconds.
-/// chosen: starts lie less than two widths apart, so that a push between two of them still shows.
+/// Searched widths of pushes, and the time between two starts, seconds.
+/// chosen: starts lie less than two widths apart: a push between two of them still shows.
 const PUSHES_S: [(f64, f64); 2] = [(0.06, 0.1), (0.2, 0.25)];
 /// Least and largest width of a push, seconds.
-/// chosen: a few samples, and what is no push any more.
+/// chosen: a few samples, and a width beyond any push.
 const WIDTHS_S: [f64; 2] = [0.01, 1.0];
 
 impl Effect for Disturbance {

@@ -1,4 +1,4 @@
-//! The recorded position is the true one plus an offset. Only loads that depend on the position show it.
+//! The recorded position is the true one plus an offset. Only loads depending on the position show it.
 
 use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, amplitude};
 use crate::model::format::{Expression, Format, JointNumbers};

@@ -9,7 +9,7 @@ pub(super) struct EncoderScale;
 const PARAMETERS: &[Parameter] = &[ratio("scale")];
 
 /// Largest ratio of a recorded to a true position, and one over the smallest.
-/// chosen: the next whole ratio of a gear or a belt; what lies beyond is a unit, not a scale.
+/// chosen: the next whole ratio of a gear or a belt; a larger one is a unit, not a scale.
 const LARGEST: f64 = 2.0;
 
 const SPEC: Spec = Spec {
@@ -30,7 +30,7 @@ impl Effect for EncoderScale {
     }
 
     fn indistinguishable(&self, coverage: &Coverage) -> Option<&'static str> {
-        // Without a load that depends on the position, a gain of the effort is the same.
+        // Under a load independent of the position, a gain of the effort is the same.
         (!coverage.has_load_slope).then_some("torque_gain")
     }
 }

@@ -1,11 +1,11 @@
 //! A soft stop: beyond `l` the joint is pushed back by `k` times the way past it, `c` times the speed and a
-//! share of what else drives it into the stop, never pulled. The share is that of a rigid stop behind a soft
-//! one: under a steady effort the joint sinks in less than `k` alone would let it.
+//! share of the other efforts into the stop, never pulled. The share is that of a rigid stop behind a soft
+//! one: under a steady effort the joint sinks in less than under `k` alone.
 
 use crate::model::effect::{
     At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape,
 };
-use crate::model::format::{Expression, Format, JointNumbers, Nearest, Stop};
+use crate::model::format::{Expression, Format, JointNumbers, NearestEffect, Stop};
 use crate::model::plant::Plant;
 
 /// See the module.
@@ -30,17 +30,17 @@ const SPEC: Spec = Spec {
     experiment: "touch the stop twice or more, slowly and fast",
 };
 
-/// Rate of a stop that counts as rigid, 1/s: the fastest that the steps of a rollout resolve.
+/// Rate of a rigid stop, 1/s: the fastest within the resolution of a rollout's steps.
 /// derived: one over a step of 5 ms.
 const STIFF_RATE: f64 = 200.0;
-/// Largest share of the other efforts that a stop takes off.
-/// derived: the largest impedance that MuJoCo takes (mjMAXIMP).
+/// Largest share of the other efforts taken off by a stop.
+/// derived: MuJoCo's largest impedance (mjMAXIMP).
 pub const MAX_IMPEDANCE: f64 = 0.9999;
 /// How far inside the covered range a contact is looked for, as shares of it.
 /// chosen: a fit follows from one to the next.
 const DEPTHS: [f64; 9] = [0.003, 0.008, 0.015, 0.03, 0.05, 0.08, 0.12, 0.17, 0.23];
-/// Rates, 1/s, and impedances that a fit is started again from: the cost has several minima over them, and a
-/// fit ends in the one that it starts near.
+/// Rates, 1/s, and impedances for further starts of a fit: the cost has several minima over them, and a fit
+/// ends in the one near its start.
 /// chosen: from a soft stop to one of half [`STIFF_RATE`].
 const RESTARTS: [(f64, f64); 5] = [(12.0, 0.0), (35.0, 0.0), (90.0, 0.0), (35.0, 0.9), (90.0, 0.9)];
 /// Damping of such a start over inertia and rate.
@@ -59,7 +59,7 @@ impl Effect for EndStop {
             return;
         }
         let push = p[0] * depth + p[1] * side * at.v + p[3] * side * at.load;
-        // The contact's damping would hold a joint that leaves; a stop never pulls.
+        // The contact's damping would hold a leaving joint; a stop never pulls.
         if push < 0.0 {
             return;
         }
@@ -82,7 +82,7 @@ impl Effect for EndStop {
     }
 
     fn bounds(&self, index: usize, coverage: &Coverage) -> (f64, f64) {
-        // The stiffest stop that the step of the rollout resolves, critically damped.
+        // The stiffest stop within the resolution of the rollout's step, critically damped.
         match index {
             0 => (0.0, coverage.inertia * STIFF_RATE * STIFF_RATE),
             1 => (0.0, coverage.inertia * 2.0 * STIFF_RATE),
@@ -92,10 +92,12 @@ impl Effect for EndStop {
     }
 
     fn restarts(&self, p: &[f64], coverage: &Coverage) -> Vec<Vec<f64>> {
-        let at_rate = |(rate, impedance): (f64, f64)| {
-            vec![coverage.inertia * rate * rate, DAMPING * coverage.inertia * rate, p[2], impedance]
-        };
-        RESTARTS.into_iter().map(at_rate).collect()
+        let mut starts = Vec::with_capacity(RESTARTS.len());
+        for (rate, impedance) in RESTARTS {
+            let stiffness = coverage.inertia * rate * rate;
+            starts.push(vec![stiffness, DAMPING * coverage.inertia * rate, p[2], impedance]);
+        }
+        starts
     }
 
     fn is_upper(&self) -> bool {
@@ -110,12 +112,12 @@ impl Effect for EndStop {
         match format {
             Format::Mjcf => Expression::Native,
             // Without the share of a rigid stop behind the soft one.
-            Format::Sdf => Expression::Approximated(vec![Nearest::own(vec![p[0], p[1], p[2], 0.0])]),
-            // A limit, which is as stiff as the rollout resolves.
+            Format::Sdf => Expression::Approximated(vec![NearestEffect::own(vec![p[0], p[1], p[2], 0.0])]),
+            // A limit, as stiff as the rollout resolves.
             Format::Usd => {
                 let stiffness = plant.inertia * STIFF_RATE * STIFF_RATE;
                 let damping = plant.inertia * STIFF_RATE;
-                Expression::Approximated(vec![Nearest::own(vec![stiffness, damping, p[2], 0.0])])
+                Expression::Approximated(vec![NearestEffect::own(vec![stiffness, damping, p[2], 0.0])])
             }
             Format::Urdf => Expression::NotExpressible,
         }

@@ -1,9 +1,9 @@
-//! A spring that hardens: `effort = -k x - h x^3` with `x = q - r`.
+//! A hardening spring: `effort = -k x - h x^3` with `x = q - r`.
 
 use crate::model::effect::{
     At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape,
 };
-use crate::model::format::{Expression, Format, JointNumbers, Nearest, Spring};
+use crate::model::format::{Expression, Format, JointNumbers, NearestEffect, Spring};
 use crate::model::plant::Plant;
 
 /// See the module.
@@ -58,9 +58,10 @@ impl Effect for HardeningSpring {
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
         match format {
             Format::Mjcf => Expression::Native,
-            Format::Sdf | Format::Usd if p[0] > 0.0 => {
-                Expression::Approximated(vec![Nearest::effect("spring_return", vec![p[0], p[0] * p[2]])])
-            }
+            Format::Sdf | Format::Usd if p[0] > 0.0 => Expression::Approximated(vec![NearestEffect::effect(
+                "spring_return",
+                vec![p[0], p[0] * p[2]],
+            )]),
             _ => Expression::NotExpressible,
         }
     }

@@ -4,7 +4,7 @@ use crate::model::effect::{Coverage, Dimension, Effect, Parameter, Place, Spec, 
 use crate::model::format::{Expression, Format, JointNumbers};
 use crate::model::plant::Plant;
 
-/// Most of the twin's inertia that may be taken away, as a share.
+/// Largest loss of the twin's inertia, as a share.
 /// chosen: a tenth stays; without inertia there is no motion to integrate.
 const MOST_TAKEN: f64 = 0.9;
 

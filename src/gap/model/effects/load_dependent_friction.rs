@@ -1,9 +1,9 @@
-//! Friction in proportion to the effort that the joint carries: `|friction| <= mu |u|`.
+//! Friction in proportion to the joint's effort: `|friction| <= mu |u|`.
 
 use crate::model::effect::{At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
 
 /// Largest share of the load.
-/// chosen: near 1, from which on no effort could ever move the joint.
+/// chosen: near 1, where no effort could ever move the joint.
 const LARGEST: f64 = 0.95;
 
 /// See the module.

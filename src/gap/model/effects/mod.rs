@@ -25,7 +25,7 @@ mod viscous_friction;
 
 use super::effect::Effect;
 
-/// Every effect that is looked for at a joint that `others` other moving joints were recorded beside.
+/// Every effect sought at a joint with `others` other moving joints in the recording.
 #[must_use]
 pub fn catalogue(others: usize) -> Vec<Box<dyn Effect>> {
     let mut effects: Vec<Box<dyn Effect>> = vec![

@@ -1,4 +1,4 @@
-//! Drag that grows with the square of the speed: `effort = -c v |v|`.
+//! Drag growing with the square of the speed: `effort = -c v |v|`.
 
 use crate::model::effect::{At, Dimension, Effect, Parameter, Place, Response, Spec, amplitude};
 use crate::model::format::{Expression, Format, JointNumbers};

@@ -31,7 +31,7 @@ impl Effect for SpringReturn {
     }
 
     fn respond(&self, at: &At, p: &[f64], out: &mut Response) {
-        // Offset and stiffness enter linearly, so that screening needs no grid of rest positions.
+        // Offset and stiffness enter linearly: screening needs no grid of rest positions.
         out.value = p[1] - p[0] * at.q;
         out.q = -p[0];
         out.p[0] = -at.q;

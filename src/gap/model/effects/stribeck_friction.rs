@@ -1,9 +1,9 @@
-//! Friction that falls with speed from breakaway to sliding: `F + D exp(-(v / s)^2)`.
+//! Friction falling with speed from breakaway to sliding: `F + D exp(-(v / s)^2)`.
 
 use crate::model::effect::{
     At, Coverage, Dimension, Effect, Parameter, Place, Response, Spec, amplitude, shape,
 };
-use crate::model::format::{Expression, Format, JointNumbers, Nearest};
+use crate::model::format::{Expression, Format, JointNumbers, NearestEffect};
 use crate::model::plant::Plant;
 
 /// See the module.
@@ -24,10 +24,10 @@ const SPEC: Spec = Spec {
     experiment: "pull slowly until it breaks loose, several times, then slide at two speeds",
 };
 
-/// Stribeck velocity of a breakaway that is gone at once, rad/s or m/s.
+/// Stribeck velocity of a breakaway gone at once, rad/s or m/s.
 /// chosen: below the resolution of any rollout.
 const AT_ONCE: f64 = 1e-9;
-/// Stribeck velocities that are looked for, as shares of the top speed.
+/// Searched Stribeck velocities, as shares of the top speed.
 /// chosen: a fit follows from one to the next.
 const SPEEDS: [f64; 4] = [0.01, 0.03, 0.08, 0.2];
 /// Least Stribeck velocity of a fit, as a share of the top speed.
@@ -68,9 +68,9 @@ impl Effect for StribeckFriction {
     fn in_format(&self, format: Format, p: &[f64], _plant: &Plant) -> Expression {
         match format {
             Format::Urdf => Expression::NotExpressible,
-            // PhysX has the breakaway too, which is gone as soon as the joint slides.
-            Format::Usd => Expression::Approximated(vec![Nearest::own(vec![p[0], p[1], AT_ONCE])]),
-            _ => Expression::Approximated(vec![Nearest::effect("coulomb_friction", vec![p[0]])]),
+            // PhysX has the breakaway too, gone as soon as the joint slides.
+            Format::Usd => Expression::Approximated(vec![NearestEffect::own(vec![p[0], p[1], AT_ONCE])]),
+            _ => Expression::Approximated(vec![NearestEffect::effect("coulomb_friction", vec![p[0]])]),
         }
     }
 

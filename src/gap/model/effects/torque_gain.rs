@@ -1,4 +1,4 @@
-//! The effort that acts is `g` times the recorded one.
+//! The acting effort is `g` times the recorded one.
 
 use crate::model::effect::{Coverage, Effect, LARGEST_RATIO, Parameter, Place, Spec, ratio};
 use crate::model::format::{Expression, Format, JointNumbers};
@@ -28,7 +28,7 @@ impl Effect for TorqueGain {
     }
 
     fn indistinguishable(&self, coverage: &Coverage) -> Option<&'static str> {
-        // Without a load that depends on the position, a scale of the position is the same.
+        // Under a load independent of the position, a scale of the position is the same.
         (!coverage.has_load_slope).then_some("encoder_scale")
     }
 

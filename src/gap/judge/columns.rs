@@ -1,0 +1,31 @@
+//! Columns of a score test over one window.
+
+/// Columns over one window, scored together.
+pub struct Columns {
+    /// Efforts by column and sample.
+    pub effort: Vec<Vec<f64>>,
+    /// Changes of the measurement by column and sample; empty where there are none.
+    pub direct: Vec<Vec<f64>>,
+    /// Columns with other values than zero.
+    pub active: Vec<bool>,
+}
+
+impl Columns {
+    /// So many columns.
+    #[must_use]
+    pub fn new(count: usize) -> Self {
+        Self { effort: vec![Vec::new(); count], direct: Vec::new(), active: vec![false; count] }
+    }
+
+    /// Zero over a window of so many samples.
+    pub fn clear(&mut self, len: usize) {
+        for (effort, active) in self.effort.iter_mut().zip(&mut self.active) {
+            // Only written columns are cleared: most local shapes reach few windows.
+            if *active || effort.len() != len {
+                effort.clear();
+                effort.resize(len, 0.0);
+            }
+            *active = false;
+        }
+    }
+}
