@@ -9,7 +9,7 @@ use super::{
     ConvexConfig, ConvexSolid, Hidden,
     cover::{Wanted, cover},
     hidden::{fronts, hidden_walls},
-    pieces::{Piece, Seen, seen},
+    pieces::{Piece, SeenSurface, seen},
 };
 use crate::{ShellInertia, TriangleMesh, inertia::plates_inertia, keep_components, simplify};
 
@@ -31,7 +31,7 @@ pub fn few_triangles(mesh: &TriangleMesh, config: &ConvexConfig) -> TriangleMesh
 
 /// A seen surface with the walls behind it: what collides and what weighs.
 pub struct Walls {
-    seen: Seen,
+    seen: SeenSurface,
     assumed: TriangleMesh,
     bounds: Option<(Point3<f64>, Point3<f64>)>,
     wall_m: f64,
