@@ -116,7 +116,7 @@ mod tests {
 
     fn bays_of(mesh: &TriangleMesh) -> Vec<usize> {
         let up = vec![Vector3::z(); mesh.vertices.len()];
-        let of = |rim: &Vec<u32>| bays(mesh, rim, &up, 1.0).into_iter().map(|(_, sides)| sides);
+        let of = |rim: &Vec<u32>| bays(mesh, rim, &up, 1.0).into_iter().map(|bay| bay.sides);
         border_loops(mesh).unwrap().iter().flat_map(of).collect()
     }
 
