@@ -204,7 +204,7 @@ impl<'a> Eye<'a> {
         {
             return None;
         }
-        let pixel = k.pixel_at((u, v))?;
+        let pixel = k.pixel_at(u, v)?;
         let model = f64::from(depth_m[pixel]);
         let measured = f64::from(frame.depth_m[pixel]);
         // Readings scatter more than the depth of the model: three times its slack.
