@@ -30,8 +30,9 @@ pub(super) fn read(path: &Path) -> Result<Truth, EvaluateError> {
         .map_err(|source| EvaluateError::Json { path: path.to_owned(), source })?;
     let transforms = file.joints();
     let folder = path.parent().unwrap_or(Path::new("."));
-    let has_meshes = |folder: &&Path| folder.join("start/start_static_rotate.ply").is_file();
-    let meshes = [Some(folder), folder.parent()].into_iter().flatten().find(has_meshes).unwrap_or(folder);
+    let mut folders = [Some(folder), folder.parent()].into_iter().flatten();
+    let with_meshes = folders.find(|folder| folder.join("start/start_static_rotate.ply").is_file());
+    let meshes = with_meshes.unwrap_or(folder);
     let static_meshes = read_both(meshes, "_static")?;
     let mut parts = vec![TruePart { index: 0, name: "static".into(), joint: None, meshes: static_meshes }];
     for (k, transform) in transforms.iter().enumerate() {

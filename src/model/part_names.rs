@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{ArticulatedModel, JointKind};
+use super::{ArticulatedModel, JointKind, names::is_word};
 
 /// An axis is level, or upright, within this sine or cosine. chosen: about 17 deg.
 const SQUARE: f64 = 0.3;
@@ -45,9 +45,8 @@ pub fn named(mut model: ArticulatedModel, names: PartNames, prefix: &str) -> Art
         ),
         PartNames::Semantic => semantic(&model),
     };
-    let behind = |names: Vec<String>| names.into_iter().map(|n| format!("{prefix}{n}")).collect::<Vec<_>>();
-    let links = behind(links);
-    let joints = behind(joints);
+    let [links, joints] = [links, joints]
+        .map(|names: Vec<String>| names.into_iter().map(|n| format!("{prefix}{n}")).collect::<Vec<_>>());
     let old = model.links.iter().map(|l| &l.name).chain(model.joints.iter().map(|j| &j.name));
     let new: BTreeMap<String, String> = old.cloned().zip(links.iter().chain(&joints).cloned()).collect();
     model.links.iter_mut().zip(links).for_each(|(link, name)| link.name = name);
@@ -68,7 +67,6 @@ pub fn named(mut model: ArticulatedModel, names: PartNames, prefix: &str) -> Art
 
 /// A text with whole words replaced.
 fn replaced(text: &str, words: &BTreeMap<String, String>) -> String {
-    let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
     while !rest.is_empty() {

@@ -183,8 +183,11 @@ fn overlaps(fixed: &[ConvexSolid], moving: &[ConvexSolid], fixed_from_moving: &P
     })
 }
 
-/// Whether two boxes (lower and upper corners) come closer than a gap.
-fn boxes_meet(a: &(Point3<f64>, Point3<f64>), b: &(Point3<f64>, Point3<f64>), gap_m: f64) -> bool {
+/// Lower and upper corner of a box.
+type Corners = (Point3<f64>, Point3<f64>);
+
+/// Whether two boxes come closer than a gap.
+fn boxes_meet(a: &Corners, b: &Corners, gap_m: f64) -> bool {
     (0..3).all(|k| a.0[k] <= b.1[k] + gap_m && b.0[k] <= a.1[k] + gap_m)
 }
 
@@ -222,7 +225,7 @@ fn carved(solid: ConvexSolid, paths: &[[Path; 2]], grazed_m: f64, config: &Conve
 }
 
 /// A solid at the poses of its path, with its bounds.
-struct Path(Vec<(ConvexSolid, (Point3<f64>, Point3<f64>))>);
+struct Path(Vec<(ConvexSolid, Corners)>);
 
 impl Path {
     fn of(solid: &ConvexSolid, poses: &[Pose]) -> Self {

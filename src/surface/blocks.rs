@@ -52,8 +52,8 @@ pub(super) fn sight(tiles: &DepthTiles, camera: &RowCamera, ranges: &[Range<usiz
         return Sight::Nothing;
     }
     let whole = (0..2).all(|k| low[k] >= 1.0 && high[k] <= size[k] - 1.0);
-    let pixel = |k: usize, at: f32| at.clamp(0.0, size[k] - 1.0) as usize;
-    let covered = [0, 1].map(|k| [pixel(k, low[k] - 1.0), pixel(k, high[k] + 1.0)]);
+    let covered =
+        [0, 1].map(|k| [low[k] - 1.0, high[k] + 1.0].map(|at| at.clamp(0.0, size[k] - 1.0) as usize));
     if DepthTiles::count(covered) > MOST_TILES {
         return Sight::Mixed;
     }

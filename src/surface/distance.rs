@@ -106,8 +106,12 @@ pub fn signed_distance<T>(
     if let Some(free) = free.filter(|f| f.dims != dims) {
         return Err(DistanceError::FreeSpaceShape { free: free.dims, nodes: dims });
     }
-    let finite = |i: &u32| mesh.vertices.get(*i as usize).is_some_and(|p| p.iter().all(|c| c.is_finite()));
-    if let Some(triangle) = mesh.triangles.iter().position(|t| !t.iter().all(finite)) {
+    let is_finite: Vec<bool> = mesh.vertices.iter().map(|p| p.iter().all(|c| c.is_finite())).collect();
+    let bad = mesh
+        .triangles
+        .iter()
+        .position(|t| !t.iter().all(|i| is_finite.get(*i as usize).copied().unwrap_or_default()));
+    if let Some(triangle) = bad {
         return Err(DistanceError::BadTriangle { triangle });
     }
     // Pseudo-normals need triangles with common vertices.

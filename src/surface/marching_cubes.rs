@@ -140,11 +140,8 @@ fn layer_triangles(
         std::mem::swap(&mut below, &mut above);
         layers[z + 1].fill(firsts[z + 1], &mut above);
         for y in 0..ny - 1 {
-            let row = |dy: usize, dz: usize| &flags[(z + dz) * plane + (y + dy) * nx..][..nx];
-            let r0 = row(0, 0);
-            let r1 = row(1, 0);
-            let r2 = row(0, 1);
-            let r3 = row(1, 1);
+            let [r0, r1, r2, r3] = [(y, z), (y + 1, z), (y, z + 1), (y + 1, z + 1)]
+                .map(|(y, z)| &flags[z * plane + y * nx..][..nx]);
             let column = |x: usize| r0[x] | r1[x] << 1 | r2[x] << 2 | r3[x] << 3;
             let mut left = column(0);
             for x in 0..nx - 1 {

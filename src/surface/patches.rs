@@ -69,11 +69,11 @@ pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
             let center = sums.center / sums.area;
             for &n in &neighbors[t] {
                 let n = n as usize;
-                let turned = |normal: &Vector3<f64>| normals[n].dot(normal) < MIN_COSINE * normals[n].norm();
+                let least = MIN_COSINE * normals[n].norm();
                 // Against the first triangle as well: around a cylinder small turns would add up.
+                let is_turned = normals[n].dot(&normal) < least || normals[n].dot(&first) < least;
                 if !taken[n]
-                    && !turned(&normal)
-                    && !turned(&first)
+                    && !is_turned
                     && corners[n].iter().all(|p| (p.coords - center).dot(&normal).abs() <= tolerance_m)
                 {
                     taken[n] = true;

@@ -48,11 +48,11 @@ impl RowCamera {
         origin: &Point3<f64>,
         spacing_m: f64,
     ) -> Self {
-        let step = |axis: Vector3<f64>| camera_from_grid * (axis * spacing_m);
+        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
         Self {
             intrinsics: *intrinsics,
             origin: (camera_from_grid * origin).coords,
-            steps: [step(Vector3::x()), step(Vector3::y()), step(Vector3::z())],
+            steps: axes.map(|axis| camera_from_grid * (axis * spacing_m)),
             focal: [intrinsics.fx as f32, intrinsics.fy as f32],
             // Half a pixel more: truncation gives the pixel with the nearest center.
             center: [intrinsics.cx as f32 + 0.5, intrinsics.cy as f32 + 0.5],

@@ -97,9 +97,11 @@ impl<'a> Rim<'a> {
     /// The points within a window before or behind a point, from it on.
     fn window(&self, k: usize, forward: bool) -> impl Iterator<Item = usize> {
         let n = self.points.len();
-        let far = move |j: usize| if forward { self.along(k, j) } else { self.along(j, k) };
-        let step = move |i: usize| if forward { (k + i) % n } else { (k + n - i) % n };
-        (0..n).map(step).take_while(move |&j| far(j) <= WINDOW * self.voxel_m)
+        let points = (0..n).map(move |i| if forward { (k + i) % n } else { (k + n - i) % n });
+        points.take_while(move |&j| {
+            let length_m = if forward { self.along(k, j) } else { self.along(j, k) };
+            length_m <= WINDOW * self.voxel_m
+        })
     }
 
     /// Length of the rim from one point forward to another, less than all of it.

@@ -32,7 +32,6 @@ const MIN_AREA: f32 = 0.1;
 pub(super) fn straighten(mesh: &TriangleMesh, voxel_m: f64, readings: &Readings<'_>) -> TriangleMesh {
     let Some(loops) = border_loops(mesh) else { return mesh.clone() };
     let normals: Vec<Vector3<f64>> = vertex_normals(mesh).iter().map(|n| n.cast()).collect();
-    let within = |v: u32, d: Vector3<f64>| d - normals[v as usize] * normals[v as usize].dot(&d);
     let mut moves = vec![Vector3::zeros(); mesh.vertices.len()];
     let mut passes = vec![0_u8; mesh.vertices.len()];
     loops.iter().flatten().for_each(|&v| passes[v as usize] = passes[v as usize].saturating_add(1));
@@ -51,7 +50,7 @@ pub(super) fn straighten(mesh: &TriangleMesh, voxel_m: f64, readings: &Readings<
             if passes[v as usize] == 1 {
                 // A vertex without an end in the readings follows as far as ends are looked for.
                 let most_m = if counts[k] { MAX_MOVE } else { SEARCH[1] } * voxel_m;
-                let d = within(v, place - points[k]);
+                let d = tangential(&(place - points[k]), &normals[v as usize]);
                 moves[v as usize] = drawn[k] + d * (most_m / d.norm()).min(1.0);
             }
         }
@@ -69,10 +68,15 @@ pub(super) fn straighten(mesh: &TriangleMesh, voxel_m: f64, readings: &Readings<
         for &v in &inner {
             let around = neighbors.at(v);
             let sum: Vector3<f64> = around.iter().map(|&n| moves[n as usize]).sum();
-            moves[v as usize] = within(v, sum / around.len() as f64);
+            moves[v as usize] = tangential(&(sum / around.len() as f64), &normals[v as usize]);
         }
     }
     moved(mesh, moves)
+}
+
+/// A vector without its part along a unit normal.
+fn tangential(d: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
+    d - normal * normal.dot(d)
 }
 
 /// The mesh with its vertices moved, less where a triangle would turn or shrink too much.

@@ -326,12 +326,14 @@ fn frame(seen: &SeenSurface) -> Vec<Vector3<f64>> {
     for _ in 0..2 {
         let across = |n: &Vector3<f64>| axes.iter().fold(*n, |n, a| n - a * a.dot(&n));
         let best = (0..areas.len()).max_by(|&i, &j| {
-            let weight = |k: usize| areas[k] * across(&seen.faces[k]).norm_squared();
-            weight(i).total_cmp(&weight(j)).then(j.cmp(&i))
+            let [a, b] = [i, j].map(|k| areas[k] * across(&seen.faces[k]).norm_squared());
+            a.total_cmp(&b).then(j.cmp(&i))
         });
         let direction = best.and_then(|k| across(&seen.faces[k]).try_normalize(1e-6));
-        let any = || [Vector3::x(), Vector3::y()].iter().find_map(|d| across(d).try_normalize(0.5));
-        axes.extend(direction.or_else(any));
+        axes.extend(
+            direction
+                .or_else(|| [Vector3::x(), Vector3::y()].iter().find_map(|d| across(d).try_normalize(0.5))),
+        );
     }
     if let [x, y] = axes[..] {
         axes.push(x.cross(&y));

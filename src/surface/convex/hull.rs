@@ -73,8 +73,10 @@ fn jittered(points: &[Point3<f64>], by_m: f64) -> Vec<Point3<f64>> {
     // The generalised golden ratio of three dimensions (Roberts 2018).
     // derived: the real root of x^4 = x + 1, and powers of one over it
     const STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_3];
-    let steps = |i: usize| Vector3::from(STEPS.map(|s| 2.0 * (s * (i + 1) as f64).fract() - 1.0));
-    points.iter().enumerate().map(|(i, p)| p + by_m * steps(i)).collect()
+    let numbered = points.iter().zip(1_u32..);
+    numbered
+        .map(|(p, i)| p + by_m * Vector3::from(STEPS.map(|s| 2.0 * (s * f64::from(i)).fract() - 1.0)))
+        .collect()
 }
 
 /// The point farthest outside any face, among those not `joined` yet, after its distance.

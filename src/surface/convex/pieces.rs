@@ -71,12 +71,10 @@ impl Piece {
 
 /// The corners of a convex polygon cut at a plane (Sutherland and Hodgman 1974).
 fn clipped(polygon: &[Vector3<f64>], normal: &Vector3<f64>, offset_m: f64) -> Vec<Vector3<f64>> {
-    let height = |p: &Vector3<f64>| normal.dot(p) - offset_m;
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (k, a) in polygon.iter().enumerate() {
         let b = &polygon[(k + 1) % polygon.len()];
-        let da = height(a);
-        let db = height(b);
+        let [da, db] = [a, b].map(|p| normal.dot(p) - offset_m);
         if da <= 0.0 {
             kept.push(*a);
         }

@@ -48,9 +48,7 @@ impl Raster {
         let (lower, upper) = all.fold(start, |(lo, hi), p| (lo.inf(&p), hi.sup(&p)));
         let side = upper - lower;
         let cell_m = (side.max() / CELLS).max(min_cell_m);
-        let size = |x: f64| ((x / cell_m).ceil() as usize).max(1);
-        let columns = size(side.x);
-        let rows = size(side.y);
+        let [columns, rows] = [side.x, side.y].map(|length| ((length / cell_m).ceil() as usize).max(1));
         let mut raster = Self {
             direction,
             lower,
@@ -121,8 +119,9 @@ impl Raster {
                 last = Some(k);
             }
         }
-        let count = |cells: &[bool]| cells.iter().filter(|c| **c).count() as f64;
-        let any = count(&closed) > MIN_CLOSED * count(&self.filled);
+        let [closed_count, filled_count] =
+            [&closed, &self.filled].map(|cells| cells.iter().filter(|c| **c).count() as f64);
+        let any = closed_count > MIN_CLOSED * filled_count;
         closed.iter_mut().zip(&self.filled).for_each(|(c, f)| *c &= !f);
         self.closed = closed;
         any

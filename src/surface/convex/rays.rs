@@ -85,9 +85,8 @@ impl RayFacet {
             return None;
         }
         let p = origin + direction * s;
-        let inside =
-            |k: usize| (corners[(k + 1) % 3] - corners[k]).cross(&(p - corners[k])).dot(normal) >= -1e-15;
-        (0..3).all(inside).then_some(s)
+        let mut sides = (0..3).map(|k| (corners[(k + 1) % 3] - corners[k]).cross(&(p - corners[k])));
+        sides.all(|turn| turn.dot(normal) >= -1e-15).then_some(s)
     }
 }
 
@@ -97,9 +96,7 @@ fn cells_of(
     upper: &Vector3<f64>,
     side_m: f64,
 ) -> impl Iterator<Item = [i64; 3]> + use<> {
-    let at = |v: &Vector3<f64>| [0, 1, 2].map(|k| (v[k] / side_m).floor() as i64);
-    let lo = at(lower);
-    let hi = at(upper);
+    let [lo, hi] = [lower, upper].map(|v| [0, 1, 2].map(|k| (v[k] / side_m).floor() as i64));
     (lo[0]..=hi[0])
         .flat_map(move |x| (lo[1]..=hi[1]).flat_map(move |y| (lo[2]..=hi[2]).map(move |z| [x, y, z])))
 }

@@ -33,11 +33,12 @@ struct Distances {
 
 impl SampleColumns {
     pub(super) fn of<'a>(samples: impl Iterator<Item = &'a Sample>) -> Self {
-        let room = || Vec::with_capacity(samples.size_hint().0);
-        let axes = || [room(), room(), room()];
-        let areas_m2 = room();
-        let faces = Vec::new();
-        let mut columns = Self { places: axes(), normals: axes(), areas_m2, faces };
+        let mut columns = Self {
+            places: Default::default(),
+            normals: Default::default(),
+            areas_m2: Vec::new(),
+            faces: Vec::new(),
+        };
         for sample in samples {
             for k in 0..3 {
                 columns.places[k].push(sample.place[k]);

@@ -52,11 +52,10 @@ impl Walls {
         hidden: Option<Hidden<'_>>,
         config: &ConvexConfig,
     ) -> Self {
-        let goes_on = |p: &Point3<f64>| hidden.is_some_and(|hidden| hidden(p));
         // Of noise, two standard deviations are within the tolerance where one is half of it.
         let flat_m = FLAT * config.tolerance_m;
         let sizes = [flat_m, wall_m, config.min_thickness_m, config.gap_m];
-        let (mut seen, patches) = seen(mesh, others, sizes, &goes_on);
+        let (mut seen, patches) = seen(mesh, others, sizes, &|p| hidden.is_some_and(|hidden| hidden(p)));
         let walls = hidden.map_or_else(Vec::new, |h| hidden_walls(mesh, &patches, wall_m, h, config));
         let assumed = fronts(&walls);
         seen.pieces.extend(walls.into_iter().map(|wall| wall.piece));

@@ -190,10 +190,9 @@ impl ConvexSolid {
     /// Its axes: the normal of its largest face, the longest side of this face, and across both.
     #[must_use]
     pub fn axes(&self) -> Matrix3<f64> {
-        let area = |f: &Vec<u32>| self.twice_area(f).norm();
-        let Some(face) = self.faces.iter().max_by(|a, b| area(a).total_cmp(&area(b))) else {
-            return Matrix3::identity();
-        };
+        let largest =
+            self.faces.iter().max_by(|a, b| self.twice_area(a).norm().total_cmp(&self.twice_area(b).norm()));
+        let Some(face) = largest else { return Matrix3::identity() };
         let Some(plane) = self.plane(face) else { return Matrix3::identity() };
         let at = |k: usize| self.vertices[face[k % face.len()] as usize];
         let sides = (0..face.len()).map(|k| at(k + 1) - at(k));

@@ -152,8 +152,8 @@ impl LiveMesh {
                     // Single precision leaves a vertex beside its edge.
                     if (v - n as f64).abs() < 1e-3 { n } else { (other.max(0.0) as usize).min(last) }
                 });
-                let color = |n: nalgebra::Vector3<usize>| colors[grid.index(n.x, n.y, n.z)];
-                match [color(near), color(far)].into_iter().find(|c| c[3] > 0) {
+                let ends = [near, far].map(|n| colors[grid.index(n.x, n.y, n.z)]);
+                match ends.into_iter().find(|c| c[3] > 0) {
                     Some([r, g, b, _]) => [r, g, b],
                     None => GRAY,
                 }

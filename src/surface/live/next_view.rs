@@ -57,8 +57,8 @@ pub(super) fn gain_m2(region: &Region, world_from_camera: &Pose) -> f64 {
     let mut area_m2 = 0.0;
     for v in 0..RAYS {
         for u in 0..RAYS {
-            let at = |i: usize| (i as f64 + 0.5) * pixel - half;
-            let ray = world_from_camera * Vector3::new(at(u), at(v), 1.0);
+            let [x, y] = [u, v].map(|i| (i as f64 + 0.5) * pixel - half);
+            let ray = world_from_camera * Vector3::new(x, y, 1.0);
             if let Some((Cell::Unknown, depth_m)) = region.first_met(&eye, &ray) {
                 area_m2 += (pixel * depth_m).powi(2);
             }
