@@ -1,8 +1,8 @@
 //! Layered YAML configuration with the origin of every value.
 //!
 //! Layers, later wins: [`Config::default`], a preset of `launch_configs/`, a file, `--set` and flags. Every
-//! layer holds differences only. Values are merged as YAML and turned into a [`Config`] once, so an unknown key
-//! is refused with its place and the nearest valid key. There are no environment variables.
+//! layer holds differences only. Values are merged as YAML and turned into a [`Config`] once, so an unknown
+//! key is refused with its place and the nearest valid key. There are no environment variables.
 //!
 //! Each group belongs to the layer with its use, also the only home of its defaults. Every key is serialized
 //! (no `skip_serializing_if`): the serialized default is the list of valid keys.

@@ -13,7 +13,8 @@ pub(crate) fn hint(key: &str, valid: &[String]) -> String {
     }
 }
 
-/// Edit distance of two keys. A right key in the wrong group, or without one, is nearer than by its whole path.
+/// Edit distance of two keys. A right key in the wrong group, or without one, is nearer than by its whole
+/// path.
 fn distance(key: &str, candidate: &str) -> usize {
     let of_path = strsim::osa_distance(key, candidate);
     of_path.min(1 + strsim::osa_distance(last(key), last(candidate)))

@@ -14,7 +14,8 @@ pub(crate) const PRESETS: [(&str, &str); 7] = [
     ("paris-depth-multi", include_str!("../../launch_configs/paris-depth-multi.yaml")),
 ];
 
-/// Cost of a preset in accuracy, as measured on rendered recordings (docs/figures.md); `None` for other names.
+/// Cost of a preset in accuracy, as measured on rendered recordings (docs/figures.md); `None` for other
+/// names.
 #[must_use]
 pub fn preset_cost(name: &str) -> Option<&'static str> {
     match name {

@@ -13,7 +13,6 @@ use super::{
     surface_metrics::{chamfer, mean_distance_mm, sample_surface},
     truth::{TrueJoint, TruePart, Truth},
 };
-use geometry::Pose;
 use numeric::random::stage_rng;
 use surface::TriangleMesh;
 
@@ -74,7 +73,8 @@ pub struct MeshRow {
     /// Accuracy: mean distance from the found surface to the true one, millimeters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub accuracy_mm: Option<f64>,
-    /// Completeness: mean distance from the true points seen by some camera to the found surface, millimeters.
+    /// Completeness: mean distance from the true points seen by some camera to the found surface,
+    /// millimeters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seen_mm: Option<f64>,
 }

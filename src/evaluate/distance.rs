@@ -92,7 +92,8 @@ fn build(nodes: &mut Vec<Node>, triangles: &mut [[Point3<f64>; 3]], first: usize
 
 /// Closest point of a triangle (Ericson, Real-Time Collision Detection, 5.1.5).
 fn closest([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> Point3<f64> {
-    // By the region of the point's projection: corner a, corner b, edge ab, corner c, edge ac, edge bc, inside.
+    // By the region of the point's projection: corner a, corner b, edge ab, corner c, edge ac, edge bc,
+    // inside.
     let ab = b - a;
     let ac = c - a;
     let ap = p - a;

@@ -1,8 +1,8 @@
 //! The published metrics in their printed units, over trials (docs/method.md 13).
 //!
 //! The definitions are those of the tables, with one exception: the axis position of parallel lines is their
-//! gap, where a released tool prints zero. As in the tables the true joint type decides about the numbers of a
-//! joint; right types are counted apart from them.
+//! gap, where a released tool prints zero. As in the tables the true joint type decides about the numbers of
+//! a joint; right types are counted apart from them.
 
 use serde::Serialize;
 

@@ -1,5 +1,5 @@
-//! Long arrays of numbers as pieces of raw bytes, for `#[serde(with = "bytes")]`: a format with numbers one by
-//! one would take longer over a volume than its computation saves. Little-endian; a reader holds one piece
+//! Long arrays of numbers as pieces of raw bytes, for `#[serde(with = "bytes")]`: a format with numbers one
+//! by one would take longer over a volume than its computation saves. Little-endian; a reader holds one piece
 //! beside the array.
 
 use std::{fmt, marker::PhantomData};

@@ -141,8 +141,8 @@ impl Grid3<f32> {
         lerp(in_layer(i), in_layer(i + dz), c)
     }
 
-    /// Trilinear value and its gradient per meter (exact derivative of the interpolant; zero along an axis with
-    /// the point outside, where the value is clamped).
+    /// Trilinear value and its gradient per meter (exact derivative of the interpolant; zero along an axis
+    /// with the point outside, where the value is clamped).
     #[must_use]
     pub fn sample_with_gradient(&self, point: &Point3<f64>) -> (f32, Vector3<f32>) {
         let GridCell { base: [x, y, z], fractions: [a, b, c], inside } = cell(self, point);

@@ -310,8 +310,8 @@ impl Joint {
 }
 
 impl ArticulatedModel {
-    /// Position of a joint farthest from its position in state 0, less the latter, radians or meters; 0 without
-    /// states.
+    /// Position of a joint farthest from its position in state 0, less the latter, radians or meters; 0
+    /// without states.
     #[must_use]
     pub fn motion(&self, joint: usize) -> f64 {
         let Some((first, others)) = self.states.split_first() else { return 0.0 };

@@ -1,5 +1,5 @@
-//! Deviations of a joint by its covariance. A parameter known no better than by a guess is not determined. See
-//! docs/method.md 8.7.
+//! Deviations of a joint by its covariance. A parameter known no better than by a guess is not determined.
+//! See docs/method.md 8.7.
 
 use nalgebra::{Matrix3, SMatrix, Unit, Vector3};
 
@@ -32,9 +32,9 @@ pub struct Deviations {
 }
 
 impl Deviations {
-    /// By the covariance of (direction 3, point 3, motion 1) of a joint about or along `axis` of an object with
-    /// the longest side `extent_m`. Of direction and point only components across the axis count: along it a
-    /// direction has no freedom and a line no place.
+    /// By the covariance of (direction 3, point 3, motion 1) of a joint about or along `axis` of an object
+    /// with the longest side `extent_m`. Of direction and point only components across the axis count: along
+    /// it a direction has no freedom and a line no place.
     #[must_use]
     pub fn of(
         covariance: &SMatrix<f64, 7, 7>,

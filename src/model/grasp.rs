@@ -1,5 +1,5 @@
-//! Grasps of a moving part for a parallel gripper: a narrow piece of it between two free slots (docs/method.md
-//! 10.5).
+//! Grasps of a moving part for a parallel gripper: a narrow piece of it between two free slots
+//! (docs/method.md 10.5).
 
 use std::f64::consts::FRAC_PI_4;
 

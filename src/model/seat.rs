@@ -1,8 +1,8 @@
 //! Closed poses: contact of a face of a moving part with its seat on the parent.
 //!
 //! Both surfaces are brought into coordinates of the motion: only one of them changes, the position. Surfaces
-//! in the same cell of the others meet, and the difference of positions is the way left. Where many cells have
-//! the same way left, two faces meet at once. See docs/method.md (10.5).
+//! in the same cell of the others meet, and the difference of positions is the way left. Where many cells
+//! have the same way left, two faces meet at once. See docs/method.md (10.5).
 
 use std::collections::BTreeMap;
 
@@ -172,8 +172,8 @@ impl Ways {
         stands.then(|| Contact { way, std: (square / seat.weight).sqrt(), share: seat.weight / self.leading })
     }
 
-    /// The face about a peak: as far as half as many cells meet at once (noise spreads them), and no more than
-    /// at the peak.
+    /// The face about a peak: as far as half as many cells meet at once (noise spreads them), and no more
+    /// than at the peak.
     fn face<'a>(&'a self, steps: &'a [Step], peak: usize) -> Face<'a> {
         let most = steps[peak].met;
         let holds = |s: &&Step| (0.5 * most..=most).contains(&s.met);

@@ -29,9 +29,9 @@ const FUSED: f64 = 1.25;
 /// derived: half a turn; farther, the other way round is the nearer one
 pub(super) const MAX_TURN_RAD: f64 = std::f64::consts::PI;
 
-/// Makes room: solids of other links near those of a moving link, anywhere between its limits and the observed
-/// positions (nothing can have been in the way there), are cut. The gap is as wide as engines with margins
-/// need: MuJoCo and Bullet throw solids in contact at rest apart.
+/// Makes room: solids of other links near those of a moving link, anywhere between its limits and the
+/// observed positions (nothing can have been in the way there), are cut. The gap is as wide as engines with
+/// margins need: MuJoCo and Bullet throw solids in contact at rest apart.
 pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
     // A part on its seat has surfaces nearer to it than the gap.
     let on_seat = ConvexConfig { gap_m: SEAT_GAP * config.gap_m, ..config.clone() };

@@ -10,8 +10,8 @@ pub struct Lists<T> {
 }
 
 impl<T: Copy + Default + Ord> Lists<T> {
-    /// So many lists, of entries with the number of the list of each; those of a list ascend. Lists are short:
-    /// entries are counted, not sorted.
+    /// So many lists, of entries with the number of the list of each; those of a list ascend. Lists are
+    /// short: entries are counted, not sorted.
     pub fn of(count: usize, entries: impl Iterator<Item = (u32, T)> + Clone) -> Self {
         let mut first = vec![0u32; count + 1];
         entries.clone().for_each(|(list, _)| first[list as usize + 1] += 1);

@@ -32,8 +32,8 @@ pub const CHI_SQUARE_999: [f64; 6] = [10.828, 13.815_51, 16.266, 18.467, 20.515,
 /// derived: the median of chi-square.
 pub const CHI_SQUARE_MEDIAN_6: f64 = 5.35;
 
-/// The sum of so many squared normal numbers, exceeded by chance once in a hundred: the quantile of chi-square
-/// at 99 %.
+/// The sum of so many squared normal numbers, exceeded by chance once in a hundred: the quantile of
+/// chi-square at 99 %.
 pub fn chi_square_99(count: f64) -> f64 {
     chi_square(count, NORMAL_99)
 }

@@ -33,9 +33,9 @@ const LAYERS_PER_TASK: usize = 4;
 /// Where the sign needs a decision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DistanceOptions {
-    /// Enclosed cavities count as inside, as in the method's released code: outside is only space connected to
-    /// the border of the grid or to observed free space. Otherwise a cavity is outside by the winding of its
-    /// own surface.
+    /// Enclosed cavities count as inside, as in the method's released code: outside is only space connected
+    /// to the border of the grid or to observed free space. Otherwise a cavity is outside by the winding of
+    /// its own surface.
     pub solid_cavities: bool,
     /// At the border of an open mesh the side continues its last face up to this many spacings; further away
     /// the node is outside.

@@ -102,8 +102,8 @@ impl Layer {
         layer
     }
 
-    /// Writes the vertex number of each cut edge at its slot; other slots keep their old numbers and are never
-    /// read.
+    /// Writes the vertex number of each cut edge at its slot; other slots keep their old numbers and are
+    /// never read.
     fn fill(&self, first: u32, numbers: &mut [u32]) {
         for (i, &slot) in self.slots.iter().enumerate() {
             numbers[slot as usize] = first + i as u32;
@@ -121,8 +121,8 @@ fn layer_triangles(
 ) -> Vec<[u32; 3]> {
     let [nx, ny, _] = dims;
     let plane = nx * ny;
-    // Place of the vertex number of each edge of a cell: in the upper layer or not, and offset from the cell's
-    // slot.
+    // Place of the vertex number of each edge of a cell: in the upper layer or not, and offset from the
+    // cell's slot.
     let slots: Vec<(bool, usize)> = CUBE_TABLE
         .edges
         .iter()

@@ -112,8 +112,8 @@ impl RowCamera {
         [self.focal[0] * p.x * inverse + self.center[0], self.focal[1] * p.y * inverse + self.center[1]]
     }
 
-    /// Index of the pixel of each of the nodes of a [`Row`] from x on, and their depths, meters. Nodes outside
-    /// the row's range get some pixel of the image.
+    /// Index of the pixel of each of the nodes of a [`Row`] from x on, and their depths, meters. Nodes
+    /// outside the row's range get some pixel of the image.
     #[inline(always)]
     pub(crate) fn pixels(&self, row: &Row, x: usize) -> ([u32; LANES], [f32; LANES]) {
         let width = self.intrinsics.width as u32;

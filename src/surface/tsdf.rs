@@ -15,8 +15,8 @@ use super::{
 use geometry::Grid3;
 
 /// Layers of one task, and rows of it: all views are added to these before the next rows.
-/// derived: sums of so many rows of 224 nodes and their pixels are less than a cache of 1 MB; other sizes were
-/// not tried
+/// derived: sums of so many rows of 224 nodes and their pixels are less than a cache of 1 MB; other sizes
+/// were not tried
 const LAYERS: usize = 8;
 const LINES: usize = 16;
 
@@ -43,8 +43,8 @@ impl TsdfVolume {
         }
     }
 
-    /// Fuses views into an empty volume by all views of a node, and once more near the surface by the views of
-    /// its side (3.4): those of the other side of a thin panel would push it outwards.
+    /// Fuses views into an empty volume by all views of a node, and once more near the surface by the views
+    /// of its side (3.4): those of the other side of a thin panel would push it outwards.
     pub fn fuse(&mut self, views: &[TsdfView]) {
         self.integrate(views);
         self.face(views);
@@ -180,7 +180,8 @@ impl TsdfVolume {
         &self.weights
     }
 
-    /// Mean color at a point in the world, interpolated between the colored nodes; `None` where there is none.
+    /// Mean color at a point in the world, interpolated between the colored nodes; `None` where there is
+    /// none.
     #[must_use]
     pub fn color_at(&self, point: &Point3<f64>) -> Option<[u8; 3]> {
         let grid = &self.sums;

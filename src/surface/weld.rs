@@ -41,8 +41,9 @@ pub fn merge(meshes: &[&TriangleMesh]) -> TriangleMesh {
     all
 }
 
-/// The mesh with vertices of the same cell of a lattice of the given spacing (0: same position exactly) joined
-/// at the first of them, without triangles of fewer than three corners then, and without unused vertices.
+/// The mesh with vertices of the same cell of a lattice of the given spacing (0: same position exactly)
+/// joined at the first of them, without triangles of fewer than three corners then, and without unused
+/// vertices.
 #[must_use]
 pub fn weld(mesh: &TriangleMesh, spacing_m: f32) -> TriangleMesh {
     let representative = representatives(&mesh.vertices, spacing_m);

@@ -29,8 +29,8 @@ pub enum XmlError {
     Parse(#[from] roxmltree::Error),
 }
 
-/// The text with a valid declaration: `<?xml ...?>` without a version is no XML, and simulators do not look at
-/// it and load such files.
+/// The text with a valid declaration: `<?xml ...?>` without a version is no XML, and simulators do not look
+/// at it and load such files.
 #[must_use]
 pub fn with_declaration(text: &str) -> Cow<'_, str> {
     let after = text.strip_prefix("<?xml ").and_then(|rest| rest.split_once("?>"));

@@ -1,7 +1,7 @@
 //! YAML texts checked before they are read.
 //!
-//! The reader scans a list within lists in time quadratic in the depth, before it refuses the depth: 200 kB of
-//! brackets cost minutes (measured). Its own scanner, stopped in time, finds the depth in linear time and
+//! The reader scans a list within lists in time quadratic in the depth, before it refuses the depth: 200 kB
+//! of brackets cost minutes (measured). Its own scanner, stopped in time, finds the depth in linear time and
 //! agrees with it about brackets.
 
 use std::mem::MaybeUninit;

@@ -9,8 +9,8 @@ use capture::{NoiseConfig, RgbdFrame};
 use geometry::Pose;
 
 /// A rim is looked for from here within the surface to there beyond it, voxels.
-/// chosen: marching cubes want eight known corners: a surface ends up to two voxels before its readings, and a
-/// node is known up to one beyond them
+/// chosen: marching cubes want eight known corners: a surface ends up to two voxels before its readings, and
+/// a node is known up to one beyond them
 pub(super) const SEARCH: [f64; 2] = [-1.5, 3.0];
 /// Steps of that, voxels.
 /// chosen: finer than half a pixel of usual recordings

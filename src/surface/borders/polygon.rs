@@ -6,8 +6,8 @@ use nalgebra::Point2;
 const MAX_CORNERS: usize = 256;
 
 /// Triangles of a simple counter-clockwise polygon by its corners' indices, without sides between two corners
-/// with `is_taken`. `None` where sides cross or there is no such cut. Of all cuts it is the one with the least
-/// sum of longest side squared per area (dynamic programming, Klincsek 1980). Its triangles turn as the
+/// with `is_taken`. `None` where sides cross or there is no such cut. Of all cuts it is the one with the
+/// least sum of longest side squared per area (dynamic programming, Klincsek 1980). Its triangles turn as the
 /// polygon does, and cover it once.
 pub(super) fn triangulate(
     corners: &[Point2<f64>],

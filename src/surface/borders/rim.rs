@@ -72,8 +72,8 @@ impl<'a> Rim<'a> {
         Some(places)
     }
 
-    /// Points with the greatest change of the rim's direction, from a window before to a window behind, and by
-    /// enough.
+    /// Points with the greatest change of the rim's direction, from a window before to a window behind, and
+    /// by enough.
     fn corners(&self) -> Vec<usize> {
         let n = self.points.len();
         let cosines: Vec<f64> = (0..n).map(|k| self.turn_cosine(k)).collect();

@@ -52,8 +52,8 @@ pub(super) fn drop_hanging(sheet: &mut Sheet) {
     }
 }
 
-/// Takes off the triangles with a corner outside every disk: a disk lies on the surface around a vertex, up to
-/// the border, and is one voxel or more in radius. This is the opening of mathematical morphology.
+/// Takes off the triangles with a corner outside every disk: a disk lies on the surface around a vertex, up
+/// to the border, and is one voxel or more in radius. This is the opening of mathematical morphology.
 pub(super) fn drop_teeth(sheet: &mut Sheet, voxel_m: f64) {
     let Some(loops) = border_loops(&sheet.mesh) else { return };
     let kept: Vec<bool> = {

@@ -1,5 +1,5 @@
-//! A surface covered by few convex solids: cells are cut in two where a cut takes most of the error away, then
-//! the pair with the least added error is joined until they are few enough.
+//! A surface covered by few convex solids: cells are cut in two where a cut takes most of the error away,
+//! then the pair with the least added error is joined until they are few enough.
 
 use std::sync::Arc;
 

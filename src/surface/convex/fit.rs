@@ -21,8 +21,8 @@ const OFFSET_SHARES: [f64; 5] = [0.3, 0.5, 0.7, 0.9, 1.0];
 const NEXT_SHARE: f64 = 0.1;
 
 /// The error per area of a distance between a solid and the surface: about the base-two logarithm of one plus
-/// its square in tolerances. So a fitting place counts more than many almost fitting ones, and a place far off
-/// still has a gradient. It is `rho` of docs/method.md (10.2).
+/// its square in tolerances. So a fitting place counts more than many almost fitting ones, and a place far
+/// off still has a gradient. It is `rho` of docs/method.md (10.2).
 #[inline(always)]
 pub(super) fn error(distance_m: f64, tolerance_m: f64) -> f64 {
     let x = 1.0 + (distance_m / tolerance_m).powi(2);

@@ -8,8 +8,8 @@ use super::{ConvexSolid, Plane};
 
 /// Least distance outside a face to count, as a share of the extent. chosen: above the rounding of a double
 const OUTSIDE_SHARE: f64 = 1e-9;
-/// Points are moved by up to this share of the extent, out of common planes: thin faces between corners of one
-/// plane would have any normal. chosen: above rounding, below any tolerance
+/// Points are moved by up to this share of the extent, out of common planes: thin faces between corners of
+/// one plane would have any normal. chosen: above rounding, below any tolerance
 const JITTER_SHARE: f64 = 1e-5;
 /// Flatter sets of points have no hull, as a share of the extent. chosen: ten times [`JITTER_SHARE`]
 const FLAT_SHARE: f64 = 1e-4;

@@ -51,8 +51,8 @@ impl Piece {
         (1..self.front.len().max(1) - 1).map(move |k| ([corner(0), corner(k), corner(k + 1)], self.share_m))
     }
 
-    /// Its parts behind and before a plane. A piece in the plane, give or take `slack_m`, is not cut: its wall
-    /// lies behind the plane, or before it if it looks the other way.
+    /// Its parts behind and before a plane. A piece in the plane, give or take `slack_m`, is not cut: its
+    /// wall lies behind the plane, or before it if it looks the other way.
     pub(super) fn cut(&self, plane: &Plane, slack_m: f64) -> [Option<Self>; 2] {
         let [lo, hi] = self.range(plane);
         let along = -plane.normal.dot(&self.back) / self.back.norm();

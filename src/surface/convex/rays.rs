@@ -46,8 +46,8 @@ impl Facets {
         Self { facets, cells, side_m, reach_m }
     }
 
-    /// Distance along a ray to the first surface where it leaves the object (`leaves`), or where it enters one,
-    /// meters; infinite beyond the reach.
+    /// Distance along a ray to the first surface where it leaves the object (`leaves`), or where it enters
+    /// one, meters; infinite beyond the reach.
     pub(super) fn way_m(&self, origin: &Vector3<f64>, direction: &Vector3<f64>, leaves: bool) -> f64 {
         let end = origin + direction * self.reach_m;
         let near = cells_of(&origin.inf(&end), &origin.sup(&end), self.side_m);

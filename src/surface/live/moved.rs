@@ -34,8 +34,8 @@ impl Moved {
     }
 }
 
-/// Whether a state saw space empty about a point: in its cell, and in the six next to it, as a wrong pose moves
-/// the rim of the seen surface sideways.
+/// Whether a state saw space empty about a point: in its cell, and in the six next to it, as a wrong pose
+/// moves the rim of the seen surface sideways.
 fn is_empty(sight: &SightMap, point: &Point3<f64>) -> bool {
     let Some(at) = cell(point, sight.cell_m()) else { return false };
     if !is_seen_through(sight.of(at)) {

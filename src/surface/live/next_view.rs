@@ -46,8 +46,8 @@ pub(super) fn next_view(region: &Region, sight: &SightMap, all_m2: f64) -> Optio
     best.filter(|b| b.gain_m2 > 0.0 && b.gain_m2 >= LEAST_SHARE * all_m2)
 }
 
-/// Newly seen surface of a camera, as area across its rays, square meters. Unknown space outside of the region
-/// hides nothing.
+/// Newly seen surface of a camera, as area across its rays, square meters. Unknown space outside of the
+/// region hides nothing.
 pub(super) fn gain_m2(region: &Region, world_from_camera: &Pose) -> f64 {
     let eye = Point3::from(world_from_camera.translation.vector);
     let distance_m = (region.focus.point - eye).norm();

@@ -52,8 +52,8 @@ struct FaceSums {
 }
 
 impl FaceSums {
-    /// The patch, of cells so wide; `None` of too few faces. The faces of cells along a slanted plane add up to
-    /// more than its area; as vectors, to its area.
+    /// The patch, of cells so wide; `None` of too few faces. The faces of cells along a slanted plane add up
+    /// to more than its area; as vectors, to its area.
     fn patch(&self, cell_m: f64) -> Option<UnseenPatch> {
         let size = self.faces.norm();
         (size >= LEAST_FACES).then(|| UnseenPatch {
