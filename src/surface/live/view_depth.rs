@@ -7,7 +7,7 @@ use capture::{NoiseConfig, RgbdFrame, pixel_weights};
 use geometry::Pose;
 use numeric::statistics::median;
 
-/// Beyond this depth a reading tells only of empty space before it, meters.
+/// Beyond this depth a reading shows only empty space before it, meters.
 /// chosen: there three standard deviations of a reading are 7 cm, as much as many parts move
 pub(super) const MAX_DEPTH_M: f32 = 3.0;
 /// Every so many pixels count for the median.
