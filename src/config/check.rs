@@ -1,4 +1,4 @@
-//! Values without a use in any run are refused by their key before any work.
+//! Unusable values are refused by their key before any work.
 //!
 //! Groups with rules of their own check themselves; the rest are ranges, listed here.
 
@@ -11,7 +11,7 @@ use field::FieldError;
 const POSITIVE: f64 = 1e-9;
 
 impl Config {
-    /// Refuses values without a use in any run.
+    /// Refuses unusable values.
     ///
     /// # Errors
     /// [`ConfigError::Unusable`] with the key of the first one.

@@ -4,7 +4,7 @@
 //! layer holds differences only. Values are merged as YAML and turned into a [`Config`] once, so an unknown
 //! key is refused with its place and the nearest valid key. There are no environment variables.
 //!
-//! Each group belongs to the layer with its use, also the only home of its defaults. Every key is serialized
+//! Each group belongs to the layer of its code, the only home of its defaults. Every key is serialized
 //! (no `skip_serializing_if`): the serialized default is the list of valid keys.
 //!
 //! ```ignore
@@ -61,7 +61,7 @@ pub struct Config {
     pub articulation: ArticulationConfig,
     /// Joints.
     pub joint: JointConfig,
-    /// Density, thickness, effort: beyond any camera.
+    /// Assumptions no camera measures: density, thickness, effort.
     pub model: ModelConfig,
     /// Visual meshes and textures.
     pub look: LookConfig,

@@ -11,7 +11,7 @@ use super::{
 use geometry::{Grid3, Pose};
 use surface::{ConvexConfig, Hidden, ShellInertia, TriangleMesh, Walls, few_triangles, merge};
 
-/// Assumptions beyond any camera, and settings of the model.
+/// Assumptions no camera measures, and settings of the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ModelConfig {

@@ -84,8 +84,8 @@ pub enum DistanceError {
 
 /// Signed distance in meters, negative inside, at the nodes of `nodes` (its values are not read).
 ///
-/// Nodes marked by `free` are outside by whatever mesh. Parts of the mesh further than 1.5 spacings outside
-/// the grid are ignored. Distances are exact up to rounding within 1.5 spacings of the surface;
+/// Nodes marked by `free` are outside regardless of the mesh. Parts of the mesh further than 1.5 spacings
+/// outside the grid are ignored. Distances are exact up to rounding within 1.5 spacings of the surface;
 /// elsewhere single nodes near the medial axis may be off (on a rough mesh under 1 % of them by more than
 /// 0.01 spacings, at most 0.4). The result does not depend on the number of threads.
 ///

@@ -50,7 +50,7 @@ pub fn parse_xml(text: &str) -> Result<Document<'_>, XmlError> {
 }
 
 /// Refuses elements nested deeper than [`XML_DEPTH`], more than [`XML_ELEMENTS`] of them, and declared
-/// entities. Other texts than XML may pass: the reader refuses them.
+/// entities. Text that is not XML may pass: the reader refuses it.
 ///
 /// # Errors
 /// [`XmlError`] but for [`XmlError::Parse`].

@@ -43,7 +43,7 @@ fn check(text: &str) -> Result<(), YamlError> {
     let mut scanner = Scanner::new(text);
     let mut depth = 0usize;
     for _ in 0..YAML_EVENTS {
-        // A text other than YAML is refused by the reader in better words.
+        // The reader refuses text that is not YAML in better words.
         let Some((kind, line)) = scanner.next() else { return Ok(()) };
         match kind {
             unsafe_sys::YAML_STREAM_END_EVENT => return Ok(()),

@@ -42,7 +42,7 @@ pub struct Readings<'a> {
     pub views: &'a [DepthView<'a>],
     /// Noise of their depth.
     pub noise: NoiseConfig,
-    /// Whether views saw a place without the mesh (frame of the mesh, meters).
+    /// Whether views saw a place empty of the mesh (frame of the mesh, meters).
     pub is_seen_empty: &'a (dyn Fn(&Point3<f64>) -> bool + Sync),
 }
 
