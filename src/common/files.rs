@@ -1,5 +1,5 @@
-//! Files that are read: regular ones, up to a limit. Every file that somebody names is opened here. And small
-//! files that are written whole.
+//! Files to read: regular ones, up to a limit. Every file named by a user is opened here. And small files,
+//! written whole.
 
 use std::{
     fs::{File, Metadata, OpenOptions},
@@ -12,7 +12,7 @@ use crate::limits::FileLimit;
 /// Opens a file to be read. Links are followed; a device, pipe or socket is refused and not waited for.
 ///
 /// # Errors
-/// What the system says, or what the file is.
+/// The system's error, or the kind of the file.
 pub fn open(path: &Path) -> io::Result<File> {
     // Opening alone may do something to a device.
     regular(&std::fs::metadata(path)?)?;
@@ -21,7 +21,7 @@ pub fn open(path: &Path) -> io::Result<File> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::OpenOptionsExt as _;
-        // A pipe that took the file's place since is not waited for.
+        // A pipe now in the file's place is not waited for.
         options.custom_flags(nix::fcntl::OFlag::O_NONBLOCK.bits());
     }
     let file = options.open(path)?;
@@ -46,7 +46,7 @@ fn regular(metadata: &Metadata) -> io::Result<()> {
 /// As [`open`]; a file beyond the limit.
 pub fn read(path: &Path, limit: FileLimit) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    // One byte beyond the limit shows a file that is too large, also one that grows while it is read.
+    // One byte beyond the limit shows a too large file, also one growing while it is read.
     open(path)?.take(limit.bytes + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limit.bytes {
         return Err(io::Error::new(
@@ -60,7 +60,7 @@ pub fn read(path: &Path, limit: FileLimit) -> io::Result<Vec<u8>> {
 /// The whole of a text file.
 ///
 /// # Errors
-/// As [`read`]; what is no UTF-8.
+/// As [`read`]; text other than UTF-8.
 pub fn read_text(path: &Path, limit: FileLimit) -> io::Result<String> {
     String::from_utf8(read(path, limit)?)
         .map_err(|e| io::Error::new(ErrorKind::InvalidData, format!("not UTF-8 text: {e}")))
@@ -70,7 +70,7 @@ pub fn read_text(path: &Path, limit: FileLimit) -> io::Result<String> {
 /// of one.
 ///
 /// # Errors
-/// What the system says.
+/// The system's error.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut part = path.as_os_str().to_owned();
     part.push(".part");
@@ -78,7 +78,7 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     written.inspect_err(|_| drop(std::fs::remove_file(&part)))
 }
 
-/// Most files below a folder that is an input.
+/// Most files below an input folder.
 const MAX_FILES: usize = 100_000;
 
 /// Relative paths, with `/`, of all files below a folder, sorted. Links are followed as files only: one to a

@@ -1,5 +1,4 @@
-//! What all layers share: notes beside results, limits on sizes that come from outside, files that a user
-//! names.
+//! Common to all layers: notes beside results, limits on sizes from outside, files named by a user.
 //!
 //! ```ignore
 //! use common::note::{Note, NoteCode};

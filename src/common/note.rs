@@ -1,4 +1,4 @@
-//! What is said beside a result: a sentence for people, a code for programs (`docs/codes.md`).
+//! Notes beside a result: a sentence for people, a code for programs (`docs/codes.md`).
 
 use std::fmt;
 
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// A note or a warning.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {
-    /// What it is about; it stays the same when the sentence changes.
+    /// Its subject; it stays the same when the sentence changes.
     pub code: NoteCode,
     /// The sentence.
     pub text: String,
@@ -19,7 +19,7 @@ impl Note {
         Self { code, text: text.into() }
     }
 
-    /// The same about one of several, whose name goes before the sentence.
+    /// The same about one of several; its name goes before the sentence.
     #[must_use]
     pub fn about(&self, whom: impl fmt::Display) -> Self {
         Self { code: self.code, text: format!("{whom}: {}", self.text) }
@@ -32,8 +32,8 @@ impl fmt::Display for Note {
     }
 }
 
-/// What puts a twin's parts, joints or shape in question; all else is about the recording, the run, or what
-/// can be used as it is.
+/// Doubts about a twin's parts, joints or shape; all other codes are about the recording, the run, or usable
+/// results.
 const DOUBTS: &[NoteCode] = &[
     NoteCode::PosesContradict,
     NoteCode::PosesFarOff,
@@ -55,7 +55,7 @@ const DOUBTS: &[NoteCode] = &[
     NoteCode::TwinDiffers,
 ];
 
-/// What a user has to know though nobody asked: what became of files, and how the run went on.
+/// Codes of general interest to a user: fate of files, and progress of the run.
 const OF_RUN: &[NoteCode] = &[
     NoteCode::EngineReplaced,
     NoteCode::RecordingGrows,
@@ -73,14 +73,14 @@ const OF_RUN: &[NoteCode] = &[
 
 macro_rules! codes {
     ($($name:ident = $word:literal, $meaning:literal;)*) => {
-        /// What a note or a warning is about.
+        /// Subject of a note or a warning.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
         pub enum NoteCode {
             $(#[doc = $meaning] #[serde(rename = $word)] $name,)*
         }
 
         impl NoteCode {
-            /// All codes, each with its word and what it means.
+            /// All codes, each with its word and its meaning.
             pub const ALL: &[(Self, &str, &str)] = &[$((Self::$name, $word, $meaning),)*];
 
             /// Whether it puts a twin's parts, joints or shape in question.
@@ -89,13 +89,13 @@ macro_rules! codes {
                 DOUBTS.contains(&self)
             }
 
-            /// Whether it is about the user's files or the way of the run, not about what was chosen in it.
+            /// Whether it is about the user's files or the way of the run, not about choices in it.
             #[must_use]
             pub fn is_of_run(self) -> bool {
                 OF_RUN.contains(&self)
             }
 
-            /// The word that stands for it in files and events.
+            /// Its word in files and events.
             #[must_use]
             pub fn word(self) -> &'static str {
                 match self {

@@ -1,6 +1,6 @@
-//! The terms of the neural method that can be left out, one at a time.
+//! The optional terms of the neural method, left out one at a time.
 
-/// Name of every ablation and the settings that make it of the preset `paper`.
+/// Name of every ablation and its settings beside the preset `paper`.
 pub const ABLATIONS: [(&str, &[&str]); 8] = [
     ("visibility", &["articulation.unseen_weight=1"]),
     ("consistency", &["articulation.weights.sdf=0", "articulation.weights.color=0"]),
@@ -9,7 +9,7 @@ pub const ABLATIONS: [(&str, &[&str]); 8] = [
     ("occupancy", &["articulation.weights.occupancy=0"]),
     ("free_space", &["train.empty_weight=0", "train.background=off"]),
     ("surface", &["train.surface_weight=0"]),
-    // Without the published start, the identity, what is left is the registration's.
+    // Without the published start, the identity, the registration's is left.
     ("start", &["run.init=registration", "articulation.refine=true"]),
 ];
 

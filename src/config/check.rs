@@ -1,4 +1,4 @@
-//! What no run can use is refused by its key before any work.
+//! Unusable values are refused by their key before any work.
 //!
 //! Groups with rules of their own check themselves; the rest are ranges, listed here.
 
@@ -7,11 +7,11 @@ use articulate::TrainerError;
 use capture::CaptureError;
 use field::FieldError;
 
-/// Smallest value of what must be positive. chosen: above zero, below any value that means something
+/// Smallest positive value. chosen: above zero, below any meaningful value
 const POSITIVE: f64 = 1e-9;
 
 impl Config {
-    /// Refuses values that no run can use.
+    /// Refuses unusable values.
     ///
     /// # Errors
     /// [`ConfigError::Unusable`] with the key of the first one.
@@ -23,21 +23,13 @@ impl Config {
                 --features onnx`";
             return Err(unusable("matching.onnx", reason));
         }
-        // Groups with rules of their own say what is wrong; here it gets its key.
+        // Groups with rules of their own give the reason; here it gets its key.
         self.capture.check().map_err(|error| match error {
             CaptureError::Setting { key, reason } => unusable(key, reason),
             other => unusable("capture", other),
         })?;
-        let of_fields = |group: &'static str| {
-            move |error| match error {
-                FieldError::Config { key, value, low, high } => {
-                    outside(&format!("{group}.{key}"), value, low, high)
-                }
-                other => unusable(group, other),
-            }
-        };
-        self.train.validate().map_err(of_fields("train"))?;
-        self.radiance.validate().map_err(of_fields("radiance"))?;
+        self.train.validate().map_err(|error| unusable_field("train", error))?;
+        self.radiance.validate().map_err(|error| unusable_field("radiance", error))?;
         if cfg!(not(feature = "gpu")) && self.run.engine == Engine::Gpu {
             let reason =
                 "this binary was built without GPU support: build it with `--features gpu`, or give cpu";
@@ -61,6 +53,13 @@ impl Config {
     }
 }
 
+fn unusable_field(group: &str, error: FieldError) -> ConfigError {
+    match error {
+        FieldError::Config { key, value, low, high } => outside(&format!("{group}.{key}"), value, low, high),
+        other => unusable(group, other),
+    }
+}
+
 fn unusable(key: impl Into<String>, reason: impl ToString) -> ConfigError {
     ConfigError::Unusable { key: key.into(), reason: reason.to_string() }
 }
@@ -69,7 +68,7 @@ fn outside(key: &str, value: f64, low: f64, high: f64) -> ConfigError {
     unusable(key, format!("{value}; give {low} to {high}"))
 }
 
-/// Key, value, least and greatest of every number that no group checks itself.
+/// Key, value, least and greatest of every number without a check in its group.
 fn ranges(config: &Config) -> Vec<(&'static str, f64, f64, f64)> {
     [
         capture(config),

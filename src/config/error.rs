@@ -5,13 +5,13 @@ use std::path::PathBuf;
 use super::origins::Origins;
 use common::limits::CONFIG;
 
-/// Why a configuration was refused; every message says where and what to do.
+/// Why a configuration was refused; every message has the place and a remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// No preset has this name.
     #[error("no preset {name:?}; there are: {known}")]
     UnknownPreset {
-        /// What was asked for.
+        /// The given name.
         name: String,
         /// Names of the presets.
         known: String,
@@ -35,7 +35,7 @@ pub enum ConfigError {
     Syntax {
         /// File or option.
         origin: String,
-        /// What is wrong.
+        /// The fault.
         reason: String,
     },
     /// Two objects of one command would get one name.
@@ -54,7 +54,7 @@ pub enum ConfigError {
     /// Not of the form `group.key=value`.
     #[error("--set {text:?}: give group.key=value, for example --set run.seed=3")]
     Assignment {
-        /// What was given.
+        /// The given text.
         text: String,
     },
     /// Nobody reads this key.
@@ -84,9 +84,9 @@ pub enum ConfigError {
         origin: String,
         /// Path of the key.
         key: String,
-        /// What was given.
+        /// The given value.
         value: String,
-        /// What is wrong.
+        /// The fault.
         reason: String,
     },
     /// No run can use the value.
@@ -94,13 +94,13 @@ pub enum ConfigError {
     Unusable {
         /// Path of the key.
         key: String,
-        /// What is wrong and what would be accepted.
+        /// The fault, and accepted values.
         reason: String,
     },
 }
 
 impl ConfigError {
-    /// The same, with the place that an unusable value comes from, where it is known.
+    /// The same, with the origin of an unusable value, where it is known.
     #[must_use]
     pub fn with_origin(self, origins: &Origins) -> Self {
         match self {

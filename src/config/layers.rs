@@ -1,4 +1,4 @@
-//! Merging of layers, and where every value came from.
+//! Merging of layers, and the origin of every value.
 
 use std::{collections::BTreeMap, fmt::Write as _, io::ErrorKind, path::Path};
 
@@ -20,7 +20,7 @@ pub struct Layers {
     origins: BTreeMap<String, String>,
 }
 
-/// A configuration and where its values came from.
+/// A configuration and the origins of its values.
 #[derive(Clone, Debug)]
 pub struct Resolved<T> {
     /// The configuration.
@@ -31,7 +31,7 @@ pub struct Resolved<T> {
 }
 
 impl Layers {
-    /// The lowest layer: the defaults, whose keys are the valid ones.
+    /// The lowest layer: the defaults; their keys are the valid ones.
     ///
     /// # Errors
     /// If they cannot be written as YAML.
@@ -43,7 +43,7 @@ impl Layers {
     /// Adds a preset of `launch_configs/` by name.
     ///
     /// # Errors
-    /// If there is none of that name, or as [`Self::text`].
+    /// If there is none of this name, or as [`Self::text`].
     pub fn preset(&mut self, name: &str) -> Result<(), ConfigError> {
         let (path, text) = preset(name)?;
         self.text(&path, text)
@@ -95,49 +95,52 @@ impl Layers {
         self.assign("--set", key.trim(), value)
     }
 
-    /// Adds the value of an option that stands for a key.
+    /// Adds the value of an option in place of a key.
     ///
     /// # Errors
     /// As [`Self::text`].
     pub fn assign(&mut self, option: &str, key: &str, value: Value) -> Result<(), ConfigError> {
-        let nest = |inner, part: &str| Value::Mapping(Mapping::from_iter([(Value::from(part), inner)]));
         if key.split('.').count() > MAX_DEPTH {
             return Err(ConfigError::Syntax {
                 origin: option.to_owned(),
                 reason: format!("{key} has more than {MAX_DEPTH} parts"),
             });
         }
-        self.add(key.rsplit('.').fold(value, nest), &|_| option.to_owned())
+        let mut layer = value;
+        for part in key.rsplit('.') {
+            layer = Value::Mapping(Mapping::from_iter([(Value::from(part), layer)]));
+        }
+        self.add(layer, &|_| option.to_owned())
     }
 
     /// Turns the merged values into a configuration.
     ///
     /// # Errors
-    /// [`ConfigError::Value`] with key and origin of a value that does not fit.
+    /// [`ConfigError::Value`] with key and origin of an unfit value.
     pub fn resolve<T: Serialize + DeserializeOwned>(self) -> Result<Resolved<T>, ConfigError> {
         // Once, from all layers: an explicit default stays explicit.
         let config: T = serde_norway::from_value(self.merged.clone())
             .map_err(|error| self.culprit::<T>(&error.to_string()))?;
         let values = to_value(&config)?;
-        let origin = |key: String| {
+        let mut origins = BTreeMap::new();
+        for (key, _) in leaves(&values) {
             // A list or an optional group is set as a whole, so its entries have the origin of the whole.
             let origin = nearest_ancestor(&self.origins, &key).map_or("default", String::as_str).to_owned();
-            (key, origin)
-        };
-        let origins = Origins(leaves(&values).into_iter().map(|(key, _)| origin(key)).collect());
-        Ok(Resolved { config, origins, values })
+            origins.insert(key, origin);
+        }
+        Ok(Resolved { config, origins: Origins(origins), values })
     }
 
-    /// Merges a layer; `origin` says where a key of it stands.
+    /// Merges a layer; `origin` gives the place of a key of it.
     fn add(&mut self, layer: Value, origin: &dyn Fn(&str) -> String) -> Result<(), ConfigError> {
         let Self { defaults, merged, origins } = self;
         let valid = || keys(defaults);
         merge(&mut Target { origins, origin, valid: &valid }, "", defaults, merged, layer)
     }
 
-    /// The value that alone makes the defaults unreadable, else the reason without its place.
+    /// The value with which alone the defaults are unreadable, else the reason without its place.
     fn culprit<T: DeserializeOwned>(&self, reason: &str) -> ConfigError {
-        // The parser names no key: each value that was given is tried alone on the defaults.
+        // The parser names no key: each given value is tried alone on the defaults.
         for (key, origin) in &self.origins {
             let Some(value) = get(&self.merged, key) else { continue };
             let mut alone = self.defaults.clone();
@@ -154,7 +157,7 @@ impl Layers {
 }
 
 impl<T> Resolved<T> {
-    /// The configuration as YAML that `--config` takes.
+    /// The configuration as YAML for `--config`.
     ///
     /// # Errors
     /// If it cannot be written as YAML.
@@ -187,7 +190,7 @@ fn syntax(origin: String, error: &YamlError) -> ConfigError {
     ConfigError::Syntax { origin, reason: error.to_string() }
 }
 
-/// What a merge changes and asks on its way down.
+/// State of a merge on its way down.
 struct Target<'a> {
     origins: &'a mut BTreeMap<String, String>,
     origin: &'a dyn Fn(&str) -> String,
@@ -241,28 +244,30 @@ fn merge(
     Ok(())
 }
 
-/// Refuses numbers that are not finite and deep nesting.
+/// Refuses infinite numbers, NaN and deep nesting.
 fn check_leaf(origin: &str, key: &str, value: &Value, depth: usize) -> Result<(), ConfigError> {
-    let refuse = |reason: &str| {
-        Err(ConfigError::Value {
-            origin: origin.to_owned(),
-            key: key.to_owned(),
-            value: show(value),
-            reason: reason.to_owned(),
-        })
+    let reason = match value {
+        _ if depth > MAX_DEPTH => "nested too deeply",
+        // YAML has `.nan` and `.inf`: they pass as any number.
+        Value::Number(n) if n.as_f64().is_some_and(|v| !v.is_finite()) => "not a finite number",
+        Value::Sequence(items) => {
+            return items.iter().try_for_each(|v| check_leaf(origin, key, v, depth + 1));
+        }
+        Value::Tagged(tagged) => return check_leaf(origin, key, &tagged.value, depth + 1),
+        Value::Mapping(map) => {
+            return map.values().try_for_each(|v| check_leaf(origin, key, v, depth + 1));
+        }
+        _ => return Ok(()),
     };
-    match value {
-        _ if depth > MAX_DEPTH => refuse("nested too deeply"),
-        // YAML has `.nan` and `.inf`, which pass as any number.
-        Value::Number(n) if n.as_f64().is_some_and(|v| !v.is_finite()) => refuse("not a finite number"),
-        Value::Sequence(items) => items.iter().try_for_each(|v| check_leaf(origin, key, v, depth + 1)),
-        Value::Tagged(tagged) => check_leaf(origin, key, &tagged.value, depth + 1),
-        Value::Mapping(map) => map.values().try_for_each(|v| check_leaf(origin, key, v, depth + 1)),
-        _ => Ok(()),
-    }
+    Err(ConfigError::Value {
+        origin: origin.to_owned(),
+        key: key.to_owned(),
+        value: show(value),
+        reason: reason.to_owned(),
+    })
 }
 
-/// Paths and values of everything that is not a group, in order.
+/// Paths and values of all leaves, in order.
 fn leaves(value: &Value) -> Vec<(String, &Value)> {
     entries(value).into_iter().filter(|(_, v)| !matches!(v, Value::Mapping(_))).collect()
 }
@@ -320,7 +325,7 @@ fn show(value: &Value) -> String {
             )
         }
         Value::Number(n) if n.is_f64() => match n.as_f64() {
-            // Single precision widens to digits that nobody wrote.
+            // Single precision widens to digits nobody wrote.
             Some(v) if f64::from(v as f32).to_bits() == v.to_bits() => format!("{:?}", v as f32),
             _ => n.to_string(),
         },

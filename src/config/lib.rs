@@ -1,11 +1,11 @@
 //! Layered YAML configuration with the origin of every value.
 //!
 //! Layers, later wins: [`Config::default`], a preset of `launch_configs/`, a file, `--set` and flags. Every
-//! layer holds differences only. Values are merged as YAML and turned into a [`Config`] once, so a key that
-//! nobody reads is refused with its place and the nearest valid key. There are no environment variables.
+//! layer holds differences only. Values are merged as YAML and turned into a [`Config`] once, so an unknown
+//! key is refused with its place and the nearest valid key. There are no environment variables.
 //!
-//! Each group is owned by the layer that uses it, which is also the only home of its defaults. Every key is
-//! serialized (no `skip_serializing_if`): the serialized default is the list of valid keys.
+//! Each group belongs to the layer of its code, the only home of its defaults. Every key is serialized
+//! (no `skip_serializing_if`): the serialized default is the list of valid keys.
 //!
 //! ```ignore
 //! let mut config = config::Config::preset("preview")?;
@@ -39,7 +39,7 @@ use field::{RadianceConfig, TrainConfig};
 use model::ModelConfig;
 use surface::{SurfaceConfig, SurfaceSource};
 
-/// What was asked of a run: one group per layer.
+/// Settings of a run: one group per layer.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
@@ -61,7 +61,7 @@ pub struct Config {
     pub articulation: ArticulationConfig,
     /// Joints.
     pub joint: JointConfig,
-    /// What no camera measures: density, thickness, effort.
+    /// Assumptions no camera measures: density, thickness, effort.
     pub model: ModelConfig,
     /// Visual meshes and textures.
     pub look: LookConfig,
@@ -73,10 +73,10 @@ impl Config {
     /// The settings of a built-in preset, such as `default` or `preview`.
     ///
     /// # Errors
-    /// If there is none of that name.
+    /// If there is none of this name.
     pub fn preset(name: &str) -> Result<Self, ConfigError> {
         let mut layers = Layers::new(&Self::default())?;
-        // By the same way as on the command line, so that both give the same settings.
+        // By the same way as on the command line: both give the same settings.
         layers.preset(name)?;
         Ok(layers.resolve()?.config)
     }

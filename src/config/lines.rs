@@ -9,10 +9,10 @@ pub(crate) fn key_lines(text: &str) -> BTreeMap<String, usize> {
     let mut open: Vec<(usize, String)> = Vec::new();
     for (number, line) in text.lines().enumerate() {
         let content = line.trim_start();
-        // By lines, without a parser: what is missed has the place of the group around it.
+        // By lines, without a parser: a missed key has the place of the group around it.
         let Some(key) = key(content) else { continue };
         let indent = line.len() - content.len();
-        // Block style: what is indented no further than a group ends it.
+        // Block style: a line indented no further than a group ends it.
         while open.last().is_some_and(|(i, _)| *i >= indent) {
             open.pop();
         }

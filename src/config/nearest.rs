@@ -1,21 +1,23 @@
-//! The valid key that a mistyped one was most likely meant to be.
+//! The most likely valid key in place of a mistyped one.
 
 /// Longer keys are no mistyped ones; an edit distance costs the product of both lengths.
 const MAX_KEY: usize = 128;
 
-/// What to try instead of `key`: the nearest of `valid` by edit distance, or where to look.
+/// Advice in place of `key`: the nearest of `valid` by edit distance, or where to look.
 pub(crate) fn hint(key: &str, valid: &[String]) -> String {
-    let distance = |candidate: &str| {
-        // A right key in the wrong group, or without one, is nearer than its whole path suggests.
-        let of_path = strsim::osa_distance(key, candidate);
-        of_path.min(1 + strsim::osa_distance(last(key), last(candidate)))
-    };
     let near = valid.iter().filter(|_| key.len() <= MAX_KEY);
-    match near.map(|v| (distance(v), v)).min() {
-        // Two slips, or a third of a long key; what is farther is no slip.
+    match near.map(|v| (distance(key, v), v)).min() {
+        // Two slips, or a third of a long key; a farther key is no slip.
         Some((d, nearest)) if d <= 2.max(key.len() / 3) => format!("did you mean {nearest}?"),
         _ => "`artitwin config show` lists the valid ones".to_owned(),
     }
+}
+
+/// Edit distance of two keys. A right key in the wrong group, or without one, is nearer than by its whole
+/// path.
+fn distance(key: &str, candidate: &str) -> usize {
+    let of_path = strsim::osa_distance(key, candidate);
+    of_path.min(1 + strsim::osa_distance(last(key), last(candidate)))
 }
 
 fn last(path: &str) -> &str {

@@ -3,7 +3,7 @@
 use super::error::ConfigError;
 
 /// Name and text of every preset.
-// Built in, so that the program needs no files beside it.
+// Built in: the program needs no files beside it.
 pub(crate) const PRESETS: [(&str, &str); 7] = [
     ("default", include_str!("../../launch_configs/default.yaml")),
     ("fields", include_str!("../../launch_configs/fields.yaml")),
@@ -14,7 +14,7 @@ pub(crate) const PRESETS: [(&str, &str); 7] = [
     ("paris-depth-multi", include_str!("../../launch_configs/paris-depth-multi.yaml")),
 ];
 
-/// What a preset costs in accuracy, as measured on rendered recordings (docs/figures.md); nothing for other
+/// Cost of a preset in accuracy, as measured on rendered recordings (docs/figures.md); `None` for other
 /// names.
 #[must_use]
 pub fn preset_cost(name: &str) -> Option<&'static str> {

@@ -4,24 +4,24 @@ use serde::{Deserialize, Serialize};
 
 use super::error::ConfigError;
 
-/// Most parts an object may be asked to have.
+/// Most parts of an object in the settings.
 pub(crate) const MAX_PARTS: usize = 16;
 
 /// Settings of the run as a whole.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RunConfig {
-    /// Name of the preset that the settings started from, for the report.
+    /// Name of the preset at the base of the settings, for the report.
     pub preset: String,
     /// Seed of every random choice.
     pub seed: u64,
     /// Number of rigid parts, the static one included; null: found by evidence.
     pub parts: Option<usize>,
-    /// What trains the fields.
+    /// Engine for the training of fields.
     pub engine: Engine,
-    /// Where the part motions start from.
+    /// Start of the part motions.
     pub init: Init,
-    /// What parts and motions are found by.
+    /// Method for parts and motions.
     pub method: Method,
 }
 
@@ -38,7 +38,7 @@ impl Default for RunConfig {
     }
 }
 
-/// What trains the fields.
+/// Engine for the training of fields.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Engine {
@@ -51,7 +51,7 @@ pub enum Engine {
     Gpu,
 }
 
-/// What parts and motions are found by.
+/// Method for parts and motions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {

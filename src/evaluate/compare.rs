@@ -13,14 +13,13 @@ use super::{
     surface_metrics::{chamfer, mean_distance_mm, sample_surface},
     truth::{TrueJoint, TruePart, Truth},
 };
-use geometry::Pose;
 use numeric::random::stage_rng;
 use surface::TriangleMesh;
 
 /// Expected Chamfer distance (1e-3 m^2) of two samplings of the same surface, per square meter and 10,000
 /// samples (`1000 * 2 A / (pi N)`; docs/method.md 13.2). derived: that formula
 const FLOOR_PER_M2: f64 = 0.0637;
-/// Samples that the constant holds for. derived: that of the published evaluation
+/// Samples of this constant. derived: that of the published evaluation
 const FLOOR_SAMPLES: f64 = 10_000.0;
 /// Every so many of the seen points are measured.
 const SEEN_STRIDE: usize = 4;
@@ -33,7 +32,7 @@ pub struct Evaluation {
     /// Why the run has no twin, if it has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub failed: Option<String>,
-    /// Parts of the true object, the one that stays included.
+    /// Parts of the true object, the static one included.
     pub parts_true: usize,
     /// Parts of the run.
     pub parts_found: usize,
@@ -58,7 +57,7 @@ impl Evaluation {
     }
 }
 
-/// One surface in one state; a number that could not be measured is left out.
+/// One surface in one state; numbers without a measurement are left out.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct MeshRow {
     /// Published Chamfer distance, 1e-3 m^2.
@@ -67,14 +66,14 @@ pub struct MeshRow {
     /// The same between two samplings of the true surface.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cd_floor: Option<f64>,
-    /// What that floor is expected to be: `0.0637 A` for 10,000 samples.
+    /// Expected value of the floor: `0.0637 A` for 10,000 samples.
     pub cd_floor_expected: f64,
     /// Area of the true surface, square meters.
     pub area_m2: f64,
     /// Accuracy: mean distance from the found surface to the true one, millimeters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub accuracy_mm: Option<f64>,
-    /// Completeness: mean distance from the true points that some camera saw to the found surface,
+    /// Completeness: mean distance from the true points seen by some camera to the found surface,
     /// millimeters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seen_mm: Option<f64>,
@@ -99,12 +98,14 @@ pub fn compare(
     let pairs =
         cheapest_pairs(&cost, movable).ok_or(EvaluateError::TooManyParts { count, limit: MAX_PARTS })?;
     let found: BTreeMap<usize, usize> = pairs.into_iter().collect();
-    let row = |(i, (part, joint)): (usize, &(&TruePart, &TrueJoint))| match found.get(&i) {
-        // Part 0 of a run holds its root; the movable ones count from 1.
-        Some(&k) => JointRow::matched(&part.name, joint, run, k + 1, cost[i][k]),
-        None => JointRow::missing(&part.name, joint),
-    };
-    let joints = wanted.iter().enumerate().map(row).collect();
+    let mut joints = Vec::with_capacity(wanted.len());
+    for (i, (part, joint)) in wanted.iter().enumerate() {
+        joints.push(match found.get(&i) {
+            // Part 0 of a run holds its root; the movable ones count from 1.
+            Some(&k) => JointRow::matched(&part.name, joint, run, k + 1, cost[i][k]),
+            None => JointRow::missing(&part.name, joint),
+        });
+    }
 
     let mut surfaces: Vec<(String, Option<&TruePart>, Vec<usize>)> = Vec::new();
     for part in truth.parts.iter().filter(|p| p.joint.is_none()) {
@@ -136,20 +137,20 @@ pub fn compare(
     })
 }
 
-/// Mean displacement of a true part under the motion of every found movable part over all states that run and
-/// truth have, meters.
+/// Mean displacement of a true part under the motion of every found movable part over all states of both run
+/// and truth, meters.
 fn costs(part: &TruePart, joint: &TrueJoint, run: &RunFiles) -> Vec<f64> {
+    // By the effect of the motions on the true part: found shapes need not be good for it.
     let points = &part.meshes[0].vertices;
-    let states = run.states.len();
-    let in_state = |part: usize, (k, motion): (usize, &Pose)| {
-        // By what the motions do to the true part: shapes need not be found well for that.
-        displacement_m(points, motion, &run.motion(part, k + 1)).unwrap_or(f64::MAX)
-    };
-    let over_all = |part: usize| {
-        let all: Vec<f64> = joint.motions().take(states - 1).enumerate().map(|m| in_state(part, m)).collect();
-        all.iter().sum::<f64>() / all.len() as f64
-    };
-    (1..run.parts.len()).map(over_all).collect()
+    let mut costs = Vec::new();
+    for found in 1..run.parts.len() {
+        let motions = joint.motions().take(run.states.len() - 1).enumerate();
+        let displacements: Vec<f64> = motions
+            .map(|(k, m)| displacement_m(points, m, &run.motion(found, k + 1)).unwrap_or(f64::MAX))
+            .collect();
+        costs.push(displacements.iter().sum::<f64>() / displacements.len() as f64);
+    }
+    costs
 }
 
 fn mesh_row(
@@ -163,19 +164,19 @@ fn mesh_row(
     let true_mesh = part.map_or(&truth.whole[state], |p| &p.meshes[state]);
     let stage = format!("evaluate/{key}");
     // A stream for each drawing: the samples of one surface do not depend on those of another.
-    let draw = |mesh: &TriangleMesh, k| {
-        sample_surface(mesh, options.samples, &mut stage_rng(options.seed, &stage, k))
-    };
-    let samples = draw(found, 0);
-    let of_part = |p: &&super::truth::SeenPoint| part.is_none_or(|part| p.part == part.index);
+    let stream = |k: u64| stage_rng(options.seed, &stage, k);
+    let count = options.samples;
+    let samples = sample_surface(found, count, &mut stream(0));
+    let [first, second, third] = [1, 2, 3].map(|k| sample_surface(true_mesh, count, &mut stream(k)));
     // As in the reference tool: first every fourth point, then those of the part.
-    let seen: Vec<Point3<f64>> =
-        truth.seen[state].iter().step_by(SEEN_STRIDE).filter(of_part).map(|p| p.point).collect();
+    let seen = truth.seen[state].iter().step_by(SEEN_STRIDE);
+    let seen = seen.filter(|p| part.is_none_or(|part| p.part == part.index));
+    let seen: Vec<Point3<f64>> = seen.map(|p| p.point).collect();
     let area_m2 = true_mesh.area_m2();
     MeshRow {
-        cd: chamfer(&samples, &draw(true_mesh, 1)),
-        // What sampling alone gives (13.3), measured.
-        cd_floor: chamfer(&draw(true_mesh, 2), &draw(true_mesh, 3)),
+        cd: chamfer(&samples, &first),
+        // The distance by sampling alone (13.3), measured.
+        cd_floor: chamfer(&second, &third),
         cd_floor_expected: FLOOR_PER_M2 * area_m2 * FLOOR_SAMPLES / options.samples as f64,
         area_m2,
         accuracy_mm: mean_distance_mm(&samples, true_mesh),

@@ -2,9 +2,9 @@
 
 use surface::{TriangleMesh, components, drop_unused_vertices, weld};
 
-/// The mesh without the components that have less than `share` times the area of the largest one. The
-/// released evaluation counts triangles of marching cubes, which are alike in size; those of a simplified
-/// mesh are not. Triangles are connected by common vertices; vertices at the same position are one.
+/// The mesh without components of less than `share` times the area of the largest one. The released
+/// evaluation counts triangles of marching cubes, alike in size; those of a simplified mesh are not.
+/// Triangles are connected by common vertices; vertices at the same position are one.
 #[must_use]
 pub(crate) fn large_components(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
     // Textures split vertices at their seams: by position they are one.

@@ -23,7 +23,7 @@ pub(crate) struct MeshDistance {
 }
 
 impl MeshDistance {
-    /// Sorts the triangles of a mesh that has some.
+    /// The tree of a mesh with triangles.
     #[must_use]
     pub(crate) fn new(mesh: &TriangleMesh) -> Self {
         let mut triangles: Vec<_> =
@@ -52,7 +52,7 @@ impl MeshDistance {
             return;
         }
         let mut halves = [index + 1, node.next].map(|i| (self.gap_squared(i, point), i));
-        // The nearer half first: what is found in it mostly spares the other.
+        // The nearer half first: its distance mostly spares the other.
         halves.sort_by(|a, b| a.0.total_cmp(&b.0));
         for (gap, half) in halves {
             if gap < *best {
@@ -80,10 +80,10 @@ fn build(nodes: &mut Vec<Node>, triangles: &mut [[Point3<f64>; 3]], first: usize
     let axis = (upper - lower).imax();
     let middle = triangles.len() / 2;
     let key = |t: &[Point3<f64>; 3]| t.iter().map(|p| p[axis]).sum::<f64>();
-    // At the median: the depth stays logarithmic, whatever the mesh.
+    // At the median: the depth stays logarithmic for any mesh.
     triangles.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)));
     let (left, right) = triangles.split_at_mut(middle);
-    // No leaf after all: the first half follows at once, the second where `next` says.
+    // No leaf after all: the first half follows at once, the second at `next`.
     nodes[index].count = 0;
     build(nodes, left, first);
     nodes[index].next = nodes.len();
@@ -92,8 +92,8 @@ fn build(nodes: &mut Vec<Node>, triangles: &mut [[Point3<f64>; 3]], first: usize
 
 /// Closest point of a triangle (Ericson, Real-Time Collision Detection, 5.1.5).
 fn closest([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> Point3<f64> {
-    // By the region that the point projects to: corner a, corner b,
-    // edge ab, corner c, edge ac, edge bc, inside.
+    // By the region of the point's projection: corner a, corner b, edge ab, corner c, edge ac, edge bc,
+    // inside.
     let ab = b - a;
     let ac = c - a;
     let ap = p - a;

@@ -21,7 +21,7 @@ pub enum EvaluateError {
     Disk {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The folder is no run.
@@ -35,20 +35,20 @@ pub enum EvaluateError {
         /// Number of `.urdf` files in it.
         count: usize,
     },
-    /// A JSON file is not what it should be.
+    /// A JSON file has a wrong form.
     #[error("{path}: {source}")]
     Json {
         /// The file.
         path: PathBuf,
-        /// What the parser said.
+        /// The parser's error.
         source: serde_json::Error,
     },
-    /// A file of the truth or the run says something that cannot be.
+    /// A file of the truth or the run has impossible content.
     #[error("{path}: {problem}")]
     Invalid {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
     /// Matching parts would take too long.
@@ -56,7 +56,7 @@ pub enum EvaluateError {
     TooManyParts {
         /// Parts on the larger side.
         count: usize,
-        /// Most that are matched.
+        /// Most matched parts.
         limit: usize,
     },
     /// The URDF of the run could not be read.

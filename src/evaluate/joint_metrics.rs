@@ -1,4 +1,4 @@
-//! How far a found joint is from the true one.
+//! Errors of a found joint against the true one.
 
 use nalgebra::Point3;
 use serde::Serialize;
@@ -6,8 +6,8 @@ use serde::Serialize;
 use super::{run_files::RunFiles, surface_metrics::mean, truth::TrueJoint};
 use geometry::{Pose, line_distance_m, rotation_angle_rad};
 
-/// One movable part against the truth. Numbers that have no meaning for the true joint's type are left out,
-/// and all of them where the part was not found.
+/// One movable part against the truth. Numbers without a meaning for the true joint's type are left out, and
+/// all of them where the part was not found.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct JointRow {
     /// Name of the true part.
@@ -17,7 +17,7 @@ pub struct JointRow {
     /// Set where no found part was left for this one.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub missing: bool,
-    /// Name of the joint that was matched.
+    /// Name of the matched joint.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub joint: Option<String>,
     /// Type in the file.
@@ -42,13 +42,13 @@ pub struct JointRow {
     /// Prismatic: length of the difference of the translations to state 1, millimeters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion_mm: Option<f64>,
-    /// The same for the states behind the first two that run and truth have, degrees or millimeters.
+    /// The same for the further states of both run and truth, degrees or millimeters.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub further_motions: Vec<f64>,
 }
 
 impl JointRow {
-    /// A part that was not found.
+    /// The row of a part without a match.
     #[must_use]
     pub fn missing(part: &str, truth: &TrueJoint) -> Self {
         Self { part: part.to_owned(), type_true: truth.kind.clone(), missing: true, ..Self::default() }
@@ -59,26 +59,21 @@ impl JointRow {
     pub fn matched(part: &str, truth: &TrueJoint, run: &RunFiles, found: usize, error_m: f64) -> Self {
         let kind = run.kind(found);
         let axis = run.axis(found);
-        // By the true type, as in the tables: a wrong type shows in
-        // `type_right`, not in which numbers there are.
+        // By the true type, as in the tables: a wrong type shows in `type_right`, not in the set of numbers.
         let turns = truth.kind != "prismatic";
-        let motion = |t: &Pose, m: &Pose| {
-            let slide_mm = 1000.0 * (m.translation.vector - t.translation.vector).norm();
-            if turns {
+        let mut motions = Vec::new();
+        for (k, t) in truth.motions().take(run.states.len() - 1).enumerate() {
+            let m = run.motion(found, k + 1);
+            motions.push(if turns {
                 rotation_angle_rad(&(m.rotation * t.rotation.inverse())).to_degrees()
             } else {
-                slide_mm
-            }
-        };
-        let states = truth.motions().take(run.states.len() - 1).enumerate();
-        let motions: Vec<f64> = states.map(|(k, t)| motion(t, &run.motion(found, k + 1))).collect();
-        let angle = |(d, _): &(nalgebra::Unit<nalgebra::Vector3<f64>>, _)| {
-            // docs/method.md (13.1) by atan2: the arccosine loses small angles to rounding.
-            d.cross(&truth.axis).norm().atan2(d.dot(&truth.axis).abs())
-        };
-        let gap = |(d, p): (nalgebra::Unit<nalgebra::Vector3<f64>>, Point3<f64>)| {
-            line_distance_m((&p, &d), (&truth.origin, &truth.axis))
-        };
+                1000.0 * (m.translation.vector - t.translation.vector).norm()
+            });
+        }
+        // docs/method.md (13.1) by atan2: the arccosine loses small angles to rounding.
+        let axis_rad =
+            axis.as_ref().map(|(d, _)| d.cross(&truth.axis).norm().atan2(d.dot(&truth.axis).abs()));
+        let axis_m = axis.map(|(d, p)| line_distance_m(&p, &d, &truth.origin, &truth.axis));
         Self {
             part: part.to_owned(),
             type_true: truth.kind.clone(),
@@ -86,9 +81,9 @@ impl JointRow {
             joint: run.tree.joint_of(run.parts[found][0]).map(|j| j.name.clone()),
             kind: Some(kind.to_owned()),
             type_right: Some(kind == truth.kind),
-            axis_deg: axis.as_ref().map(angle).map(f64::to_degrees),
+            axis_deg: axis_rad.map(f64::to_degrees),
             error_mm: Some(1000.0 * error_m),
-            axis_mm: axis.filter(|_| turns).map(gap).map(|m| 1000.0 * m),
+            axis_mm: axis_m.filter(|_| turns).map(|m| 1000.0 * m),
             motion_deg: turns.then(|| motions[0]),
             motion_mm: (!turns).then(|| motions[0]),
             further_motions: motions[1..].to_vec(),

@@ -1,8 +1,8 @@
-//! Metrics of a finished run against ground truth (docs/method.md 13), from the files that a simulator gets.
+//! Metrics of a finished run against ground truth (docs/method.md 13), from the files for a simulator.
 //!
 //! Beside the published metrics stand plain ones: the joint type is taken from the file and may be wrong,
 //! lines keep their distance also where they are parallel, surfaces are measured in millimeters, and each
-//! Chamfer distance comes with the floor that sampling alone gives.
+//! Chamfer distance comes with its floor by sampling alone.
 //!
 //! ```ignore
 //! use evaluate::EvaluateOptions;
@@ -36,7 +36,7 @@ pub use run_files::RunFiles;
 pub use trial_table::{TrialCost, TrialTable};
 pub use truth::Truth;
 
-/// Share of the largest component below which the published evaluation drops components.
+/// Least share of a component in the largest one, as in the published evaluation.
 /// derived: the published one
 pub const PUBLISHED_MIN_COMPONENT: f64 = 0.1;
 
@@ -61,7 +61,7 @@ impl Default for EvaluateOptions {
 /// The truth in a folder: a `truth.json`, or a published dataset's `trans.json`.
 ///
 /// # Errors
-/// A file that is missing or damaged, named in the error.
+/// A missing or damaged file, named in the error.
 pub fn read_truth(folder: &Path) -> Result<Truth, EvaluateError> {
     match published_truth::find(folder).filter(|_| !folder.join("truth.json").exists()) {
         Some(path) => published_truth::read(&path),
@@ -73,8 +73,8 @@ pub fn read_truth(folder: &Path) -> Result<Truth, EvaluateError> {
 /// or a published dataset with its `trans.json`.
 ///
 /// # Errors
-/// No run; a file of the truth, or of every run, that is missing, damaged or beyond a limit, named in the
-/// error. Of several runs those that cannot be read are trials that failed.
+/// No run; a file of the truth, or of every run, missing, damaged or beyond a limit, named in the error. Of
+/// several runs unreadable ones are failed trials.
 pub fn run(
     runs: &[PathBuf],
     truth: &Path,
@@ -106,7 +106,7 @@ pub fn run(
     })
 }
 
-/// Measures trials of one object; one that cannot be read is a trial that failed.
+/// Measures trials of one object; an unreadable one is a failed trial.
 #[must_use]
 pub fn trials(runs: &[PathBuf], truth: &Truth, options: &EvaluateOptions) -> Vec<Evaluation> {
     runs.iter().map(|folder| or_failed(measure(folder, truth, options), folder, truth)).collect()

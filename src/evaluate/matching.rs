@@ -1,4 +1,4 @@
-//! Which found part is which true part.
+//! Matching of found parts to true parts.
 
 /// Most parts on either side.
 pub(crate) const MAX_PARTS: usize = 20;
@@ -28,8 +28,7 @@ pub(crate) fn cheapest_pairs(cost: &[Vec<f64>], columns: usize) -> Option<Vec<(u
             }
         }
     }
-    // Every set with as many members as the fewer side has is an
-    // assignment; the cheapest one is read backwards.
+    // Every set with as many members as the fewer side is an assignment; the cheapest one is read backwards.
     let full = (0..best.len()).filter(|s| s.count_ones() as usize == few);
     let mut set = full.min_by(|a, b| best[*a].total_cmp(&best[*b]))?;
     let mut pairs = Vec::with_capacity(few);

@@ -1,8 +1,8 @@
 //! The published metrics in their printed units, over trials (docs/method.md 13).
 //!
 //! The definitions are those of the tables, with one exception: the axis position of parallel lines is their
-//! gap, where a released tool prints zero. As in the tables the true joint type decides which numbers a joint
-//! has; whether the type was found is counted apart from them.
+//! gap, where a released tool prints zero. As in the tables the true joint type decides about the numbers of
+//! a joint; right types are counted apart from them.
 
 use serde::Serialize;
 
@@ -17,9 +17,9 @@ pub struct PublishedRow {
     pub unit: &'static str,
     /// Value of every trial; `None` where it failed.
     pub trials: Vec<Option<f64>>,
-    /// Trials that failed.
+    /// Failed trials.
     pub failed: usize,
-    /// Mean over the trials that did not fail.
+    /// Mean over the other trials.
     pub mean: Option<f64>,
     /// Standard deviation over them (population).
     pub std: Option<f64>,
@@ -28,7 +28,7 @@ pub struct PublishedRow {
 }
 
 impl PublishedRow {
-    /// Digits behind the point that its numbers are printed with.
+    /// Printed digits of its numbers behind the point.
     pub(super) fn places(&self) -> usize {
         if self.unit == "m" { 4 } else { 3 }
     }
@@ -39,7 +39,7 @@ impl PublishedRow {
 pub struct Published {
     /// Index of the best trial: the one with the most smallest values (docs/method.md 13.3).
     pub best_trial: usize,
-    /// Trials without a twin, or in which a part is missing.
+    /// Trials without a twin, or with a missing part.
     pub failed_trials: usize,
     /// Rows in the order of the tables; Chamfer distances in the start state (0) and the end state (1).
     pub rows: Vec<PublishedRow>,
@@ -54,20 +54,21 @@ impl Published {
             numbers(trials.first()?).into_iter().map(|(n, u, _)| (n, u)).collect();
         let table: Vec<Vec<Option<f64>>> =
             trials.iter().map(|t| numbers(t).into_iter().map(|(_, _, v)| v).collect()).collect();
-        let column = |i: usize| table.iter().map(|t| t[i]).collect::<Vec<_>>();
-        let columns: Vec<Vec<Option<f64>>> = (0..names.len()).map(column).collect();
+        let columns: Vec<Vec<Option<f64>>> =
+            (0..names.len()).map(|i| table.iter().map(|t| t[i]).collect()).collect();
         // Each surface votes once: the released evaluation has one state, the start.
         let votes: Vec<Vec<Option<f64>>> =
             names.iter().zip(&columns).filter(|((n, _), _)| !is_of_end(n)).map(|(_, c)| c.clone()).collect();
         let best_trial = best_trial(&votes, trials.len());
-        let row = |((metric, unit), values): ((String, &'static str), Vec<Option<f64>>)| {
-            let (mean, std) = mean_std(&values);
-            let failed = values.iter().filter(|v| v.is_none()).count();
-            PublishedRow { metric, unit, mean, std, failed, best: values[best_trial], trials: values }
-        };
-        // A trial without a part has no numbers for it: means leave it out, and the count says so.
+        let mut rows = Vec::with_capacity(names.len());
+        for ((metric, unit), trials) in names.into_iter().zip(columns) {
+            let (mean, std) = mean_std(&trials);
+            let failed = trials.iter().filter(|v| v.is_none()).count();
+            rows.push(PublishedRow { metric, unit, mean, std, failed, best: trials[best_trial], trials });
+        }
+        // A trial without a part has no numbers for it: means leave it out, and the count shows it.
         let failed_trials = trials.iter().filter(|t| t.joints.iter().any(|j| j.missing)).count();
-        Some(Self { best_trial, failed_trials, rows: names.into_iter().zip(columns).map(row).collect() })
+        Some(Self { best_trial, failed_trials, rows })
     }
 }
 
@@ -102,7 +103,7 @@ fn is_of_end(metric: &str) -> bool {
     metric.starts_with("CD") && metric.split(' ').nth(1) == Some("end")
 }
 
-/// Mean and population standard deviation of the values that are there.
+/// Mean and population standard deviation of the existing values.
 fn mean_std(values: &[Option<f64>]) -> (Option<f64>, Option<f64>) {
     let values: Vec<f64> = values.iter().flatten().copied().collect();
     let Some(m) = mean(&values) else { return (None, None) };
@@ -110,22 +111,22 @@ fn mean_std(values: &[Option<f64>]) -> (Option<f64>, Option<f64>) {
     (Some(m), mean(&squared).map(f64::sqrt))
 }
 
-/// The trial that attains the smallest value of most metrics. Among equals the one that attains the smallest
-/// value of the metric with the largest variance decides, then the next; then the first trial.
+/// The trial with the smallest value of most metrics. Among equals the smallest value of the metric with the
+/// largest variance decides, then the next; then the first trial.
 fn best_trial(columns: &[Vec<Option<f64>>], trials: usize) -> usize {
-    let least = |column: &Vec<Option<f64>>| column.iter().flatten().copied().fold(f64::INFINITY, f64::min);
     let mut order: Vec<usize> = (0..columns.len()).collect();
     let variance: Vec<f64> = columns.iter().map(|c| mean_std(c).1.unwrap_or(0.0)).collect();
-    // Metrics that vary most between trials say most about which is best (docs/method.md 13.3).
+    // Metrics of the largest variance between trials decide most (docs/method.md 13.3).
     order.sort_by(|&a, &b| variance[b].total_cmp(&variance[a]));
-    let attains = |trial: usize| {
-        order.iter().map(|&m| columns[m][trial] == Some(least(&columns[m]))).collect::<Vec<bool>>()
-    };
-    let score = |trial: usize| {
-        let attains = attains(trial);
-        (attains.iter().filter(|a| **a).count(), attains)
-    };
-    (0..trials).fold(0, |best, t| if score(t) > score(best) { t } else { best })
+    let least: Vec<f64> =
+        columns.iter().map(|column| column.iter().flatten().copied().fold(f64::INFINITY, f64::min)).collect();
+    // Number of smallest values, then the metrics of these.
+    let mut scores: Vec<(usize, Vec<bool>)> = Vec::with_capacity(trials);
+    for trial in 0..trials {
+        let attains: Vec<bool> = order.iter().map(|&m| columns[m][trial] == Some(least[m])).collect();
+        scores.push((attains.iter().filter(|a| **a).count(), attains));
+    }
+    (0..trials).fold(0, |best, t| if scores[t] > scores[best] { t } else { best })
 }
 
 #[cfg(test)]

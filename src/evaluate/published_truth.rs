@@ -1,6 +1,5 @@
 //! Ground truth in the form of the published datasets: `trans.json` with the joints between the start and the
-//! end state, and meshes of the whole, the static and the moving parts in both. The world is that of the
-//! cameras.
+//! end state, and meshes of the whole, the static and the moving parts in both. The world is the cameras'.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +11,8 @@ use super::{
 };
 use common::limits::TRUTH;
 use geometry::{Pose, Screw};
-use io::{JointTransform, JointTransforms, STATES, read_mesh};
+use io::{JointTransform, JointTransforms, MeshFileError, STATES, read_mesh};
+use surface::TriangleMesh;
 
 /// The `trans.json` of a folder: of the dataset itself, of its `gt` or of its `textured_objs`.
 pub(super) fn find(folder: &Path) -> Option<PathBuf> {
@@ -23,31 +23,35 @@ pub(super) fn find(folder: &Path) -> Option<PathBuf> {
 /// Reads a `trans.json` and the meshes beside it, or beside its folder.
 ///
 /// # Errors
-/// A file that is missing or damaged, or a joint that is none.
+/// A missing or damaged file, or an impossible joint.
 pub(super) fn read(path: &Path) -> Result<Truth, EvaluateError> {
     let text = read_text(path, TRUTH)?;
     let file: JointTransforms = serde_json::from_str(&text)
         .map_err(|source| EvaluateError::Json { path: path.to_owned(), source })?;
     let transforms = file.joints();
     let folder = path.parent().unwrap_or(Path::new("."));
-    let has_meshes = |folder: &&Path| folder.join("start/start_static_rotate.ply").is_file();
-    let meshes = [Some(folder), folder.parent()].into_iter().flatten().find(has_meshes).unwrap_or(folder);
-    let mesh = |state: usize, what: &str| {
-        let name = STATES[state];
-        read_mesh(&meshes.join(name).join(format!("{name}{what}_rotate.ply")))
-    };
-    let both = |what: &str| -> Result<_, EvaluateError> { Ok([mesh(0, what)?, mesh(1, what)?]) };
-    let mut parts = vec![TruePart { index: 0, name: "static".into(), joint: None, meshes: both("_static")? }];
+    let mut folders = [Some(folder), folder.parent()].into_iter().flatten();
+    let with_meshes = folders.find(|folder| folder.join("start/start_static_rotate.ply").is_file());
+    let meshes = with_meshes.unwrap_or(folder);
+    let static_meshes = read_both(meshes, "_static")?;
+    let mut parts = vec![TruePart { index: 0, name: "static".into(), joint: None, meshes: static_meshes }];
     for (k, transform) in transforms.iter().enumerate() {
         let name = if transforms.len() == 1 { "dynamic".to_owned() } else { format!("dynamic_{k}") };
         let joint = joint(transform).map_err(|problem| EvaluateError::Invalid {
             path: path.to_owned(),
             problem: format!("{name}: {problem}"),
         })?;
-        let meshes = both(&format!("_{name}"))?;
+        let meshes = read_both(meshes, &format!("_{name}"))?;
         parts.push(TruePart { index: k + 1, name, joint: Some(joint), meshes });
     }
-    Ok(Truth { parts, whole: both("")?, seen: [Vec::new(), Vec::new()] })
+    Ok(Truth { parts, whole: read_both(meshes, "")?, seen: [Vec::new(), Vec::new()] })
+}
+
+/// Meshes of a part in the start and the end state; `part` is its place in the names of the files.
+fn read_both(folder: &Path, part: &str) -> Result<[TriangleMesh; 2], MeshFileError> {
+    let [start, end] =
+        STATES.map(|state| read_mesh(&folder.join(state).join(format!("{state}{part}_rotate.ply"))));
+    Ok([start?, end?])
 }
 
 /// The joint of a transform: about or along its axis from `l` to `r`.

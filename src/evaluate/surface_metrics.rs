@@ -22,19 +22,20 @@ pub(crate) fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl R
     if sum <= 0.0 {
         return Vec::new();
     }
-    let mut draw = || {
+    let mut points = Vec::with_capacity(count);
+    for _ in 0..count {
         let at = unit(rng) * sum;
         let triangle = cumulative.partition_point(|&c| c <= at).min(cumulative.len() - 1);
         let [a, b, c] = mesh.corners(triangle).map(|p| p.cast::<f64>());
         let mut u = unit(rng);
         let mut v = unit(rng);
-        // The other half of the parallelogram is folded back, which keeps the density even.
+        // The other half of the parallelogram is folded back: the density stays even.
         if u + v > 1.0 {
             (u, v) = (1.0 - u, 1.0 - v);
         }
-        a + (b - a) * u + (c - a) * v
-    };
-    (0..count).map(|_| draw()).collect()
+        points.push(a + (b - a) * u + (c - a) * v);
+    }
+    points
 }
 
 /// The published Chamfer distance of two point sets, 1e-3 m^2: mean squared distance from `a` to the nearest

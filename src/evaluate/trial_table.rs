@@ -10,7 +10,7 @@ use super::{
     surface_metrics::mean,
 };
 
-/// What a trial took.
+/// Time and memory of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrialCost {
     /// Wall time, seconds.
@@ -30,9 +30,9 @@ pub struct MethodTrials {
     pub published: Published,
     /// Why trials failed, by the number of the seed.
     pub failures: Vec<(usize, String)>,
-    /// Why twins were rejected that are measured all the same, by the number of the seed.
+    /// Why twins were rejected (they are measured all the same), by the number of the seed.
     pub rejected: Vec<(usize, String)>,
-    /// What every trial took.
+    /// Time and memory of every trial.
     pub costs: Vec<TrialCost>,
 }
 
@@ -62,13 +62,13 @@ impl TrialTable {
         costs: Vec<TrialCost>,
     ) {
         let Some(published) = Published::of(trials) else { return };
-        let failure = |(seed, t): (usize, &super::Evaluation)| Some((seed, t.failed.clone()?));
+        let failures = trials.iter().enumerate().filter_map(|(seed, t)| Some((seed, t.failed.clone()?)));
         self.trials.push(MethodTrials {
             object: object.to_owned(),
             method: method.to_owned(),
             published,
             rejected: rejected.into_iter().enumerate().filter_map(|(s, why)| Some((s, why?))).collect(),
-            failures: trials.iter().enumerate().filter_map(failure).collect(),
+            failures: failures.collect(),
             costs,
         });
     }
@@ -102,35 +102,39 @@ impl TrialTable {
 
 fn push_object(out: &mut String, object: &str, methods: &[&MethodTrials]) {
     out.push('\n');
-    let mut row = |cells: Vec<String>| {
-        // Writing to a string cannot fail.
-        writeln!(out, "| {} |", cells.join(" | ")).unwrap_or_default();
-    };
-    row(std::iter::once(object.to_owned()).chain(methods.iter().map(|m| m.method.clone())).collect());
-    row(vec!["---".to_owned(); methods.len() + 1]);
+    push_row(out, object, methods, |m| m.method.clone());
+    push_row(out, "---", methods, |_| "---".to_owned());
     let metrics = methods.first().map_or(&[][..], |m| &m.published.rows);
     for (k, metric) in metrics.iter().enumerate() {
-        let cells = methods.iter().map(|m| m.published.rows.get(k).map_or("F".into(), metric_cell));
-        row(std::iter::once(format!("{}, {}", metric.metric, metric.unit)).chain(cells).collect());
+        push_row(out, &format!("{}, {}", metric.metric, metric.unit), methods, |m| {
+            m.published.rows.get(k).map_or("F".into(), metric_cell)
+        });
     }
-    let all = |name: &str, cell: &dyn Fn(&MethodTrials) -> String| {
-        std::iter::once(name.to_owned()).chain(methods.iter().map(|m| cell(m))).collect::<Vec<_>>()
-    };
-    row(all("failed trials", &|m| format!("{} of {}", m.published.failed_trials, m.costs.len())));
-    row(all("twins that a simulator would not load", &|m| {
+    push_row(out, "failed trials", methods, |m| {
+        format!("{} of {}", m.published.failed_trials, m.costs.len())
+    });
+    push_row(out, "twins that a simulator would not load", methods, |m| {
         format!("{} of {}", m.rejected.len(), m.costs.len() - m.published.failed_trials)
-    }));
-    row(all("seconds", &|m| {
+    });
+    push_row(out, "seconds", methods, |m| {
         let seconds: Vec<f64> = m.costs.iter().map(|c| c.seconds).collect();
         mean(&seconds).map_or("-".into(), |s| format!("{s:.0}"))
-    }));
-    row(all("memory, MiB", &|m| {
+    });
+    push_row(out, "memory, MiB", methods, |m| {
         let peaks: Vec<f64> = m.costs.iter().filter_map(|c| c.peak_mib).collect();
         mean(&peaks).map_or("-".into(), |s| format!("{s:.0}"))
-    }));
+    });
 }
 
-/// Mean, deviation and best trial of a metric; how many trials have it, where not all do.
+/// A row of the table: its name and a cell for each method.
+fn push_row(out: &mut String, name: &str, methods: &[&MethodTrials], cell: impl Fn(&MethodTrials) -> String) {
+    let cells: Vec<String> =
+        std::iter::once(name.to_owned()).chain(methods.iter().map(|m| cell(m))).collect();
+    // Writing to a string cannot fail.
+    writeln!(out, "| {} |", cells.join(" | ")).unwrap_or_default();
+}
+
+/// Mean, deviation and best trial of a metric; the number of its trials, where not all have it.
 fn metric_cell(row: &PublishedRow) -> String {
     let places = row.places();
     let (Some(mean), Some(std)) = (row.mean, row.std) else { return "F".into() };

@@ -12,7 +12,7 @@ use geometry::Pose;
 use io::{read_mesh, read_npy};
 use surface::TriangleMesh;
 
-/// The joint between a part and what carries it, in the world as it stands in state 0.
+/// The joint between a part and its parent, in the world as it stands in state 0.
 #[derive(Clone, Debug)]
 pub struct TrueJoint {
     /// `revolute`, `prismatic` or `screw`.
@@ -41,13 +41,13 @@ pub struct TruePart {
     pub index: usize,
     /// Name.
     pub name: String,
-    /// `None` for the part that stays.
+    /// `None` for the static part.
     pub joint: Option<TrueJoint>,
     /// Surface in the world in state 0 and 1.
     pub meshes: [TriangleMesh; 2],
 }
 
-/// A true surface point that some camera saw.
+/// A true surface point, seen by some camera.
 #[derive(Clone, Copy, Debug)]
 pub struct SeenPoint {
     /// World point, meters.
@@ -56,14 +56,14 @@ pub struct SeenPoint {
     pub part: usize,
 }
 
-/// Everything that is known about an object.
+/// Truth of an object.
 #[derive(Clone, Debug)]
 pub struct Truth {
     /// Parts, in the order of the file.
     pub parts: Vec<TruePart>,
     /// Whole surface in the world in state 0 and 1.
     pub whole: [TriangleMesh; 2],
-    /// Points that some camera saw, in state 0 and 1; empty where this was not recorded.
+    /// Points seen by some camera, in state 0 and 1; empty where this was not recorded.
     pub seen: [Vec<SeenPoint>; 2],
 }
 
@@ -90,7 +90,7 @@ impl Truth {
     /// x, y, z, part).
     ///
     /// # Errors
-    /// A file that is missing or damaged, named in the error.
+    /// A missing or damaged file, named in the error.
     pub fn read(folder: &Path) -> Result<Self, EvaluateError> {
         let path = folder.join("truth.json");
         let text = read_text(&path, TRUTH)?;
@@ -111,7 +111,7 @@ impl Truth {
                 meshes: [mesh(0, &name)?, mesh(1, &name)?],
             });
         }
-        // Motions are given in the world, in which one part stands still.
+        // Motions are given in the world: one part stands still in it.
         if parts.iter().filter(|p| p.joint.is_none()).count() != 1 {
             return Err(EvaluateError::Invalid {
                 path,
@@ -131,7 +131,7 @@ pub(super) fn read_text(path: &Path, limit: FileLimit) -> Result<String, Evaluat
     files::read_text(path, limit).map_err(|source| EvaluateError::Disk { path: path.to_owned(), source })
 }
 
-/// What is wrong with a part.
+/// A fault of a part.
 #[derive(Debug, thiserror::Error)]
 enum PartFault {
     #[error("part '{part}' is of type '{kind}'; fixed, revolute, prismatic and screw are known")]
@@ -173,11 +173,11 @@ fn joint(entry: &PartEntry) -> Result<Option<TrueJoint>, PartFault> {
     }))
 }
 
-/// A pose from a row-major 4x4 matrix; `None` where that is not rigid.
+/// A pose from a row-major 4x4 matrix; `None` where it is not rigid.
 fn rigid(rows: &[[f64; 4]; 4]) -> Option<Pose> {
     let m = Matrix4::from_fn(|r, c| rows[r][c]);
     let r: Matrix3<f64> = m.fixed_view::<3, 3>(0, 0).into();
-    // The truth has all its digits: what is off by more is no rounding.
+    // The truth has all its digits: a larger error is no rounding.
     let straight = (r.transpose() * r - Matrix3::identity()).norm() < 1e-6 && r.determinant() > 0.0;
     let translation: Vector3<f64> = m.fixed_view::<3, 1>(0, 3).into();
     straight.then(|| {
@@ -190,7 +190,7 @@ fn rigid(rows: &[[f64; 4]; 4]) -> Option<Pose> {
 
 fn seen(folder: &Path) -> Result<Vec<SeenPoint>, EvaluateError> {
     let path: PathBuf = folder.join("seen.npy");
-    // Not every truth holds what the cameras saw; completeness is left out then.
+    // Not every truth holds the points seen by cameras; completeness is left out then.
     if !path.exists() {
         return Ok(Vec::new());
     }

@@ -1,11 +1,11 @@
-//! Boxes around points, and the cube in which an object is reconstructed.
+//! Boxes around points, and the cube of a reconstruction.
 
 use nalgebra::{Point3, RealField, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::Pose;
 
-/// Share of the normalised cube's half side that the object's longest side spans (docs/method.md 1.3).
+/// Half of the object's longest side as a share of the normalised cube's half side (docs/method.md 1.3).
 /// derived: the published one
 const FILL: f64 = 0.9;
 
@@ -20,7 +20,7 @@ pub struct SceneBox {
 }
 
 impl SceneBox {
-    /// The cube in which the box `[lower, upper]` (meters, world) spans `[-0.9, 0.9]` along its longest side.
+    /// The cube with the box `[lower, upper]` (meters, world) at `[-0.9, 0.9]` along its longest side.
     #[must_use]
     pub fn around(lower: &Point3<f64>, upper: &Point3<f64>) -> Self {
         // A single point has a scale as well.

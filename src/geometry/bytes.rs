@@ -1,6 +1,6 @@
-//! Long arrays of numbers as pieces of raw bytes, for `#[serde(with = "bytes")]`: a format that writes
-//! numbers one by one would take longer over a volume than its computation saves. Little-endian; a reader
-//! holds one piece beside the array.
+//! Long arrays of numbers as pieces of raw bytes, for `#[serde(with = "bytes")]`: a format with numbers one
+//! by one would take longer over a volume than its computation saves. Little-endian; a reader holds one piece
+//! beside the array.
 
 use std::{fmt, marker::PhantomData};
 
@@ -15,13 +15,13 @@ use serde_bytes::{ByteBuf, Bytes};
 /// Most bytes of a piece.
 pub const PIECE_BYTES: usize = 1 << 16;
 
-/// A value of so many bytes, any of which make one.
+/// A value of so many bytes; any bytes make one.
 pub trait Plain: Sized {
     /// How many.
     const BYTES: usize;
-    /// Writes them to a slice of that length.
+    /// Writes them to a slice of this length.
     fn put(&self, slot: &mut [u8]);
-    /// Reads them from a slice of that length.
+    /// Reads them from a slice of this length.
     fn get(slot: &[u8]) -> Self;
 }
 
@@ -107,7 +107,7 @@ pub fn serialize<T: Plain, S: Serializer>(values: &[T], serializer: S) -> Result
 /// Reads an array.
 ///
 /// # Errors
-/// Those of the format; a piece that does not hold whole values.
+/// Those of the format; a piece with a cut value.
 pub fn deserialize<'de, T: Plain, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<T>, D::Error> {
     deserializer.deserialize_seq(Pieces(PhantomData))
 }
@@ -122,7 +122,7 @@ impl<'de, T: Plain> Visitor<'de> for Pieces<T> {
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Vec<T>, A::Error> {
-        // Grows by what was read, never by what a length claims.
+        // Grows by the bytes read, never by a claimed length.
         let mut values = Vec::new();
         while let Some(bytes) = seq.next_element::<ByteBuf>()? {
             let whole = bytes.chunks_exact(T::BYTES);
@@ -131,13 +131,13 @@ impl<'de, T: Plain> Visitor<'de> for Pieces<T> {
             }
             values.extend(whole.map(T::get));
         }
-        // What growing reserved beyond the need would stay for the whole run.
+        // Memory reserved by growing beyond the need would stay for the whole run.
         values.shrink_to_fit();
         Ok(values)
     }
 }
 
-/// The same of an array that may be absent.
+/// The same of an optional array.
 pub mod option {
     use super::{Deserialize, Deserializer, Plain, Serialize, Serializer};
 
@@ -153,7 +153,7 @@ pub mod option {
     #[serde(bound(deserialize = "T: Plain"))]
     struct Owned<T>(#[serde(with = "super")] Vec<T>);
 
-    /// Writes an array or that there is none.
+    /// Writes an array or its absence.
     ///
     /// # Errors
     /// Those of the format.
@@ -164,7 +164,7 @@ pub mod option {
         values.as_deref().map(Whole).serialize(serializer)
     }
 
-    /// Reads an array or that there is none.
+    /// Reads an array or its absence.
     ///
     /// # Errors
     /// Those of [`super::deserialize`].

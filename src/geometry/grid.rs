@@ -21,7 +21,7 @@ pub struct Grid3<T> {
 }
 
 impl<T: Clone> Grid3<T> {
-    /// A grid whose nodes span the whole scene cube, `nodes` along each axis, filled with `value`.
+    /// A grid over the whole scene cube, `nodes` along each axis, filled with `value`.
     #[must_use]
     pub fn over(scene: &SceneBox, nodes: usize, value: T) -> Self {
         let origin = scene.world(&Point3::new(-1.0, -1.0, -1.0));
@@ -68,7 +68,7 @@ impl<T> Grid3<T> {
         let mut c = [0; 3];
         for k in 0..3 {
             let r = g[k] + 0.5;
-            // Negated, so that NaN is outside.
+            // Negated: NaN is outside.
             if !(r >= 0.0 && r < self.dims[k] as f64) {
                 return None;
             }
@@ -78,11 +78,20 @@ impl<T> Grid3<T> {
     }
 }
 
-/// Cell corner and interpolation fractions of a point, clamped to the grid.
-fn cell<T>(grid: &Grid3<T>, point: &Point3<f64>) -> ([usize; 3], [f32; 3], [bool; 3]) {
+/// The cell of a point, clamped to the grid.
+struct GridCell {
+    /// Its lowest node.
+    base: [usize; 3],
+    /// Place of the point in it along each axis, `[0, 1]`.
+    fractions: [f32; 3],
+    /// Whether the point was inside the grid along each axis.
+    inside: [bool; 3],
+}
+
+fn cell<T>(grid: &Grid3<T>, point: &Point3<f64>) -> GridCell {
     let g = (point - grid.origin) / grid.spacing_m;
     let mut base = [0; 3];
-    let mut frac = [0.0; 3];
+    let mut fractions = [0.0; 3];
     let mut inside = [true; 3];
     for k in 0..3 {
         let last = (grid.dims[k] - 1) as f64;
@@ -91,19 +100,19 @@ fn cell<T>(grid: &Grid3<T>, point: &Point3<f64>) -> ([usize; 3], [f32; 3], [bool
         // The last node belongs to the cell before it.
         let b = (x as usize).min(grid.dims[k].saturating_sub(2));
         base[k] = b;
-        frac[k] = (x - b as f64) as f32;
+        fractions[k] = (x - b as f64) as f32;
     }
-    (base, frac, inside)
+    GridCell { base, fractions, inside }
 }
 
 impl<T> Grid3<T> {
     /// Whether all eight nodes of the cell around a point do; not so outside the grid.
     #[must_use]
     pub fn all_around(&self, point: &Point3<f64>, does: impl Fn(&T) -> bool) -> bool {
-        let ([x, y, z], _, inside) = cell(self, point);
-        let corner = |k: usize| self.index(x + (k & 1), y + (k >> 1 & 1), z + (k >> 2));
+        let GridCell { base: [x, y, z], inside, .. } = cell(self, point);
         let inside = inside == [true; 3] && self.dims.iter().all(|&n| n > 1);
-        inside && (0..8).all(|k| does(&self.values[corner(k)]))
+        let mut corners = (0..8).map(|k| self.index(x + (k & 1), y + (k >> 1 & 1), z + (k >> 2)));
+        inside && corners.all(|i| does(&self.values[i]))
     }
 }
 
@@ -115,13 +124,16 @@ impl Grid3<bool> {
     }
 }
 
+fn lerp(p: f32, q: f32, t: f32) -> f32 {
+    p + (q - p) * t
+}
+
 impl Grid3<f32> {
     /// Trilinear value; a point outside takes the value at the nearest border.
     #[must_use]
     pub fn sample(&self, point: &Point3<f64>) -> f32 {
-        let ([x, y, z], [a, b, c], _) = cell(self, point);
+        let GridCell { base: [x, y, z], fractions: [a, b, c], .. } = cell(self, point);
         let i = self.index(x, y, z);
-        let lerp = |p: f32, q: f32, t: f32| p + (q - p) * t;
         let along_x = |i: usize| lerp(self.values[i], self.values[i + 1], a);
         let dy = self.dims[0];
         let dz = self.dims[0] * self.dims[1];
@@ -129,11 +141,11 @@ impl Grid3<f32> {
         lerp(in_layer(i), in_layer(i + dz), c)
     }
 
-    /// Trilinear value and its gradient per meter (exact derivative of the interpolant; zero along an axis on
-    /// which the point is outside, where the value is clamped).
+    /// Trilinear value and its gradient per meter (exact derivative of the interpolant; zero along an axis
+    /// with the point outside, where the value is clamped).
     #[must_use]
     pub fn sample_with_gradient(&self, point: &Point3<f64>) -> (f32, Vector3<f32>) {
-        let ([x, y, z], [a, b, c], inside) = cell(self, point);
+        let GridCell { base: [x, y, z], fractions: [a, b, c], inside } = cell(self, point);
         let i = self.index(x, y, z);
         let dy = self.dims[0];
         let dz = self.dims[0] * self.dims[1];
@@ -146,7 +158,6 @@ impl Grid3<f32> {
         let v101 = v[i + dz + 1];
         let v011 = v[i + dz + dy];
         let v111 = v[i + dz + dy + 1];
-        let lerp = |p: f32, q: f32, t: f32| p + (q - p) * t;
         // Along x, then y, then z; the differences before each step are the derivative.
         let x00 = lerp(v000, v100, a);
         let x10 = lerp(v010, v110, a);

@@ -5,7 +5,7 @@ use std::num::NonZero;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::Point3;
 
-/// A fixed set of points that can be asked for the nearest ones.
+/// A fixed set of points for queries of the nearest ones.
 pub struct NearestPoints {
     tree: Option<ImmutableKdTree<f64, 3>>,
 }
@@ -18,7 +18,7 @@ impl NearestPoints {
         const NOWHERE: f64 = 1e12;
         let entries: Vec<[f64; 3]> = points
             .iter()
-            // Put out of reach instead of left out: the indices stay those of the caller.
+            // Put out of reach instead of left out: the caller's indices stay.
             .map(|p| if p.iter().all(|x| x.is_finite()) { [p.x, p.y, p.z] } else { [NOWHERE; 3] })
             .collect();
         Self { tree: if entries.is_empty() { None } else { ImmutableKdTree::new_from_slice(&entries).ok() } }

@@ -1,4 +1,4 @@
-//! The rigid motion that best maps points onto points.
+//! The best rigid motion from points to points.
 
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 

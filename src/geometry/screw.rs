@@ -1,4 +1,4 @@
-//! Screw axes: the line that a part turns about or slides along.
+//! Screw axes: the line of a part's turn or slide.
 //!
 //! Turning by `angle_rad` about a directed line also advances `pitch_m_per_rad * angle_rad` along it. A pure
 //! rotation has pitch zero; a pure translation has a direction and no location.
@@ -49,7 +49,7 @@ impl Screw {
         Some(Self { direction, point: Point3::from(p - u * p.dot(&u)), angle_rad, advance_m })
     }
 
-    /// The rigid motion that this screw describes.
+    /// The rigid motion of this screw.
     #[must_use]
     pub fn motion(&self) -> Pose {
         self.motion_by(self.angle_rad, self.advance_m)
@@ -105,12 +105,17 @@ pub fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
 /// Shortest distance in meters between two lines, each a point and a unit direction. Parallel lines keep
 /// their gap.
 #[must_use]
-pub fn line_distance_m(a: (&Point3<f64>, &Vector3<f64>), b: (&Point3<f64>, &Vector3<f64>)) -> f64 {
-    let offset = b.0 - a.0;
-    let normal = a.1.cross(b.1);
+pub fn line_distance_m(
+    point_a: &Point3<f64>,
+    direction_a: &Vector3<f64>,
+    point_b: &Point3<f64>,
+    direction_b: &Vector3<f64>,
+) -> f64 {
+    let offset = point_b - point_a;
+    let normal = direction_a.cross(direction_b);
     let sin = normal.norm();
     // Nearly parallel lines: both numbers of the quotient are rounding.
-    if sin < PARALLEL_SIN { offset.cross(a.1).norm() } else { offset.dot(&normal).abs() / sin }
+    if sin < PARALLEL_SIN { offset.cross(direction_a).norm() } else { offset.dot(&normal).abs() / sin }
 }
 
 #[cfg(test)]
@@ -127,7 +132,7 @@ mod tests {
         assert!((motion.translation.vector - again.translation.vector).norm() < 1e-7);
         assert!(motion.rotation.angle_to(&again.rotation) < 1e-7);
         assert!((back.angle_rad - angle_rad).abs() < 1e-7);
-        assert!(line_distance_m((&screw.point, &direction), (&back.point, &back.direction)) < 1e-6);
+        assert!(line_distance_m(&screw.point, &direction, &back.point, &back.direction) < 1e-6);
         assert!(back.point.coords.dot(&back.direction).abs() < 1e-9);
     }
 
@@ -161,7 +166,7 @@ mod tests {
     fn parallel_lines_keep_their_gap() {
         let a = Point3::origin();
         let b = Point3::new(0.3, 0.0, 7.0);
-        assert!((line_distance_m((&a, &Vector3::z()), (&b, &-Vector3::z())) - 0.3).abs() < 1e-12);
-        assert!((line_distance_m((&a, &Vector3::z()), (&b, &Vector3::y())) - 0.3).abs() < 1e-12);
+        assert!((line_distance_m(&a, &Vector3::z(), &b, &-Vector3::z()) - 0.3).abs() < 1e-12);
+        assert!((line_distance_m(&a, &Vector3::z(), &b, &Vector3::y()) - 0.3).abs() < 1e-12);
     }
 }

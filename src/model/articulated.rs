@@ -10,7 +10,7 @@ use common::note::Note;
 use geometry::Pose;
 use surface::{ConvexSolid, TriangleMesh};
 
-/// What a joint lets its child do.
+/// Type of a joint.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum JointKind {
     /// Turns about the axis; positions in radians.
@@ -23,15 +23,14 @@ pub enum JointKind {
         pitch_m_per_rad: f64,
     },
     /// No joint of one freedom explains the motion. The model moves the part along the screw of the observed
-    /// motion, which is the shortest of its kind; positions in radians.
+    /// motion, the shortest of its kind; positions in radians.
     Free {
-        /// Advance of that screw per radian, meters.
+        /// Advance of the screw per radian, meters.
         pitch_m_per_rad: f64,
     },
 }
 
-/// Advance of the finest thread that files hold, meters per radian: a choice, a tenth of that of a fine
-/// screw. chosen: a tenth of that of a fine screw.
+/// Advance of the finest thread in files, meters per radian. chosen: a tenth of a fine screw's
 const LEAST_THREAD_M_PER_RAD: f64 = 1e-5;
 
 impl JointKind {
@@ -41,7 +40,7 @@ impl JointKind {
         self != Self::Prismatic
     }
 
-    /// Advance per radian, meters, of a joint that turns and advances.
+    /// Advance per radian, meters, of a turning and advancing joint.
     #[must_use]
     pub fn pitch_m_per_rad(self) -> Option<f64> {
         match self {
@@ -50,8 +49,8 @@ impl JointKind {
         }
     }
 
-    /// Advance per radian, meters, of a thread that files hold as a turn and a slide; one that advances less
-    /// than a hundredth of a millimeter per radian is a hinge there.
+    /// Advance per radian, meters, of a thread, a turn and a slide in files; with an advance of less than a
+    /// hundredth of a millimeter per radian it is a hinge there.
     #[must_use]
     pub fn thread_m_per_rad(self) -> Option<f64> {
         self.pitch_m_per_rad().filter(|pitch| pitch.abs() > LEAST_THREAD_M_PER_RAD)
@@ -68,7 +67,7 @@ impl JointKind {
         }
     }
 
-    /// The family that was fitted: a free motion moves along its screw.
+    /// The fitted family: a free motion moves along its screw.
     #[must_use]
     pub fn family(self) -> JointFamily {
         match self {
@@ -78,14 +77,14 @@ impl JointKind {
         }
     }
 
-    /// The nearest type that every format knows: a joint that turns is revolute.
+    /// The nearest type known to every format: a turning joint is revolute.
     #[must_use]
     pub fn nearest(self) -> Self {
         if self.turns() { Self::Revolute } else { Self::Prismatic }
     }
 }
 
-/// Where a limit comes from.
+/// Source of a limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum LimitSource {
     /// The interval between the observed states: the joint reaches at least this far.
@@ -96,14 +95,14 @@ pub enum LimitSource {
     Swept,
 }
 
-/// Where a joint ends because a face of its child meets its parent.
+/// End of a joint at the contact of a face of its child with its parent.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Seat {
-    /// Position at which they meet, radians or meters.
+    /// Position of contact, radians or meters.
     pub position: f64,
     /// Root mean square deviation of the meeting cells from it, radians or meters.
     pub std: f64,
-    /// Share of the part's leading cells that meet.
+    /// Share of meeting cells among the part's leading cells.
     pub contact_share: f64,
     /// Whether it ends the joint above.
     pub above: bool,
@@ -120,7 +119,7 @@ pub struct Limit {
     pub effort: f64,
     /// Largest speed, rad/s or m/s; assumed.
     pub velocity: f64,
-    /// What the interval rests on.
+    /// Source of the interval.
     pub source: LimitSource,
     /// Interval without collision, the outer bound of the true one; `None` where it was not swept.
     pub swept: Option<[f64; 2]>,
@@ -128,7 +127,7 @@ pub struct Limit {
     pub closed: Option<Seat>,
 }
 
-/// What resists a joint's motion; SI units per radian or meter. Zero where nothing is known.
+/// Resistance to a joint's motion; SI units per radian or meter. Zero where nothing is known.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointDynamics {
     /// Coulomb friction, N m or N.
@@ -139,9 +138,9 @@ pub struct JointDynamics {
     pub armature: f64,
     /// Stiffness of a spring, N m/rad or N/m.
     pub stiffness: f64,
-    /// Position at which that spring rests, radians or meters.
+    /// Position of the spring at rest, radians or meters.
     pub spring_reference: f64,
-    /// What these numbers rest on.
+    /// Basis of these numbers.
     pub assumption: String,
 }
 
@@ -160,7 +159,7 @@ pub struct Inertial {
     pub mass_range_kg: [f64; 2],
 }
 
-/// A place where a parallel gripper can take a part.
+/// A place for a parallel gripper to take a part.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Grasp {
     /// Pose of the hand in the link frame: x is the closing direction, z the approach, the origin lies
@@ -168,8 +167,8 @@ pub struct Grasp {
     pub link_from_grasp: Pose,
     /// Width of the part there, meters.
     pub width_m: f64,
-    /// Angle between the closing direction and the normals of the faces that the pads meet, the worse of
-    /// both, radians.
+    /// Angle between the closing direction and the normals of the faces at the pads, the worse of both,
+    /// radians.
     pub off_rad: f64,
     /// Whether views saw both faces; else one stands where a wall of the assumed thickness ends.
     pub is_seen: bool,
@@ -182,31 +181,31 @@ pub struct Link {
     pub name: String,
     /// Colored surface in the link frame.
     pub visual: TriangleMesh,
-    /// Area of it that no view saw, in holes that were closed, square meters.
+    /// Unseen area of it, in closed holes, square meters.
     pub assumed_m2: f64,
-    /// Faces of walls that no view saw, as the solids have them, in the link frame; to be drawn.
+    /// Faces of unseen walls, as the solids have them, in the link frame; to be drawn.
     #[serde(default)]
     pub assumed: TriangleMesh,
-    /// Convex solids that collide, in the link frame.
+    /// Convex solids for collision, in the link frame.
     pub collision: Vec<ConvexSolid>,
     /// Mass properties.
     pub inertial: Inertial,
-    /// Where a gripper can take it, best first; none of what does not move.
+    /// Grasps, best first; none of a link that does not move.
     #[serde(default)]
     pub grasps: Vec<Grasp>,
 }
 
-/// How well a link would carry a part.
+/// Score of a link as the parent of a part.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ParentScore {
-    /// Score of the best joint of one freedom against that of the free motion: the lower, the simpler the
-    /// part moves against the link.
+    /// Score of the best joint of one freedom less the free motion's: the lower, the simpler the part moves
+    /// against the link.
     pub excess: f64,
     /// Distance of link and part, the larger of both states, meters.
     pub gap_m: f64,
 }
 
-/// What a joint's estimate rests on.
+/// Evidence of a joint's estimate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JointEvidence {
     /// Covariance of (axis direction 3, point on the axis 3, motion 1), world frame, rad and meters. Of
@@ -215,29 +214,28 @@ pub struct JointEvidence {
     /// Full rigid motion of the child from state 0 to state 1 (of several: the state farthest from state 0)
     /// in the world, before the joint constraint.
     pub state1_from_state0: Pose,
-    /// Surface points and lifted matches that support the motion.
+    /// Surface points and lifted matches in support of the motion.
     pub inliers: usize,
-    /// Those that were tried.
+    /// Tried points and matches.
     pub tried: usize,
     /// Root mean square distance of the inliers after the motion, meters.
     pub residual_rms_m: f64,
     /// Standard deviation of the position in every state behind state 0, radians or meters; infinite in a
-    /// state that the joint leaves out.
+    /// state left out by the joint.
     pub position_std: Vec<f64>,
     /// Standard deviation of the pitch, meters per radian; 0 for a joint without one.
     pub pitch_std_m_per_rad: f64,
-    /// Squared error of the parameters against what independent observations would give; the covariance holds
-    /// it.
+    /// Squared error of the parameters over that of independent observations; the covariance holds it.
     pub dispersion: f64,
-    /// How well every type of joint explains the motions.
+    /// Score of every type of joint.
     pub type_scores: TypeScores,
-    /// Links that could carry the part, by name.
+    /// Possible parents of the part, by name.
     pub parents: BTreeMap<String, ParentScore>,
     /// The axis by the motion alone, where the object's other axes and faces were asked, too.
     pub axis_alone: Option<AxisAlone>,
     /// Low information or disagreement; empty where all is well.
     pub cautions: Vec<Note>,
-    /// What the observed states leave open.
+    /// Properties not observable in the states.
     pub not_observable: Vec<Note>,
 }
 
@@ -255,7 +253,7 @@ pub struct AxisAlone {
 pub struct Joint {
     /// Unique name, `[A-Za-z][A-Za-z0-9_]*`.
     pub name: String,
-    /// What it lets the child do.
+    /// Its type.
     pub kind: JointKind,
     /// Index of the parent link.
     pub parent: usize,
@@ -269,7 +267,7 @@ pub struct Joint {
     pub limit: Limit,
     /// Friction, damping, springs.
     pub dynamics: JointDynamics,
-    /// What it rests on.
+    /// Evidence of the estimate.
     pub evidence: JointEvidence,
 }
 
@@ -287,7 +285,7 @@ pub struct ArticulatedModel {
 }
 
 impl Joint {
-    /// Name of the slide that a thread is tied to, in files that hold both.
+    /// Name of the slide tied to a thread, in files with both.
     #[must_use]
     pub fn advance_name(&self) -> String {
         format!("{}_advance", self.name)
@@ -312,7 +310,8 @@ impl Joint {
 }
 
 impl ArticulatedModel {
-    /// Position of a joint farthest from that in state 0, less that, radians or meters; 0 without states.
+    /// Position of a joint farthest from its position in state 0, less the latter, radians or meters; 0
+    /// without states.
     #[must_use]
     pub fn motion(&self, joint: usize) -> f64 {
         let Some((first, others)) = self.states.split_first() else { return 0.0 };
@@ -321,17 +320,18 @@ impl ArticulatedModel {
         motions.reduce(|a, b| if b.abs() > a.abs() { b } else { a }).unwrap_or_default()
     }
 
-    /// Positions with every joint closed that is known to close, within its limits, the others as in state 0;
-    /// `None` where none is.
+    /// Positions with every joint of a known closed end closed, within its limits, the others as in state 0;
+    /// `None` where no closed end is known.
     #[must_use]
     pub fn closed_state(&self) -> Option<Vec<f64>> {
         let first = self.states.first()?;
+        if self.joints.iter().all(|j| j.limit.closed.is_none()) {
+            return None;
+        }
         let limits = self.joints.iter().map(|j| &j.limit);
-        limits.clone().any(|l| l.closed.is_some()).then(|| {
-            let position =
-                |(l, q): (&Limit, &f64)| l.closed.map_or(*q, |s| s.position.clamp(l.lower, l.upper));
-            limits.zip(first).map(position).collect()
-        })
+        let positions =
+            limits.zip(first).map(|(l, q)| l.closed.map_or(*q, |s| s.position.clamp(l.lower, l.upper)));
+        Some(positions.collect())
     }
 
     /// Pose of a link in the world at the given joint positions (order of `joints`).

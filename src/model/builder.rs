@@ -11,26 +11,26 @@ use super::{
 use geometry::{Grid3, Pose};
 use surface::{ConvexConfig, Hidden, ShellInertia, TriangleMesh, Walls, few_triangles, merge};
 
-/// Assumptions that no camera measures, and what is made of them.
+/// Assumptions no camera measures, and settings of the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ModelConfig {
-    /// What the object is made of; gives the density and its range.
+    /// Material of the object; gives the density and its range.
     pub material: Material,
     /// Materials of single parts, in the order of the parts, the static one first; parts beyond its end:
     /// `material`.
     pub part_materials: Vec<Material>,
-    /// Density of the walls, kg/m^3; null: that of the material.
+    /// Density of the walls, kg/m^3; null: the material's.
     pub density_kg_m3: Option<f64>,
-    /// Thickness of walls whose other side was not seen, meters.
+    /// Thickness of walls with an unseen other side, meters.
     pub wall_thickness_m: f64,
-    /// Whether walls that no view saw are drawn, in meshes of their own.
+    /// Whether unseen walls are drawn, in meshes of their own.
     pub draw_assumed: bool,
     /// Largest joint effort, N m or N.
     pub effort: f64,
     /// Largest joint speed, rad/s or m/s.
     pub velocity: f64,
-    /// Which interval the joint limits take.
+    /// Interval of the joint limits.
     pub limits: LimitPolicy,
     /// Collision solids.
     pub collision: ConvexConfig,
@@ -43,16 +43,16 @@ const MARGIN_STD: f64 = 2.0;
 /// chosen: too little to be seen
 const LEAST_MARGIN_SHARE: f64 = 0.005;
 
-/// Which interval the joint limits take.
+/// Interval of the joint limits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LimitPolicy {
-    /// What was observed with a margin, and the closed end where a face meets its seat.
+    /// The observed interval with a margin, and the closed end where a face meets its seat.
     #[default]
     Seated,
-    /// What was observed: the inner bound.
+    /// The observed interval: the inner bound.
     Observed,
-    /// What the solids allow: the outer bound.
+    /// The collision-free interval: the outer bound.
     Swept,
 }
 
@@ -94,9 +94,9 @@ pub fn link_name(part: usize) -> String {
 
 /// One moving part: its joint as it stands in state 0 (world frame) and its surface there.
 pub struct MovingPart {
-    /// Part that carries it: 0 is the static one, k the k-th moving part. Parents form a tree.
+    /// Its parent: 0 is the static part, k the k-th moving part. Parents form a tree.
     pub parent: usize,
-    /// What the joint does.
+    /// Type of the joint.
     pub kind: JointKind,
     /// Unit axis, world.
     pub axis: nalgebra::Unit<nalgebra::Vector3<f64>>,
@@ -105,7 +105,7 @@ pub struct MovingPart {
     /// Position in every state after state 0, where it is 0, radians or meters; the one farthest from there
     /// is positive.
     pub positions: Vec<f64>,
-    /// What it rests on.
+    /// Evidence of the joint.
     pub evidence: JointEvidence,
     /// Surface in the world in state 0.
     pub surface: TriangleMesh,
@@ -124,18 +124,13 @@ pub fn build(
     mut parts: Vec<MovingPart>,
     config: &ModelConfig,
 ) -> ArticulatedModel {
-    // Of moving parts only: what the static one hides, a moving part may need.
+    // Of moving parts only: a moving part may need space hidden by the static one.
     let fields: Vec<_> = std::iter::once(None)
         .chain(parts.iter_mut().map(|p| p.field.take().map(|f| (f, p.point.coords))))
         .collect();
     let mut model = tree(name, base, parts, config);
-    let hidden = |k: usize| {
-        let (field, origin) = fields[k].as_ref()?;
-        Some(move |p: &nalgebra::Point3<f64>| {
-            field.nearest(&(p + origin)).is_some_and(|i| field.values[i].is_nan())
-        })
-    };
-    let hidden: Vec<_> = (0..model.links.len()).map(hidden).collect();
+    let hidden: Vec<_> =
+        fields.iter().map(|f| f.as_ref().map(|(f, origin)| unseen_places(f, origin))).collect();
     let hidden: Vec<_> = hidden.iter().map(|h| h.as_ref().map(|h| h as Hidden<'_>)).collect();
     let walls = walls(&model, &hidden, config);
     for (i, walls) in walls.into_iter().enumerate() {
@@ -145,15 +140,15 @@ pub fn build(
         }
         model.links[i].inertial = inertial(&model.links[i], &walls, i, config);
     }
-    let of_joint = |j| seat(&model, j, config.collision.gap_m);
-    let seats: Vec<_> = (0..model.joints.len()).into_par_iter().map(of_joint).collect();
+    let gap_m = config.collision.gap_m;
+    let seats: Vec<_> = (0..model.joints.len()).into_par_iter().map(|j| seat(&model, j, gap_m)).collect();
     for (j, seat) in seats.into_iter().enumerate() {
         model.joints[j].limit.closed = seat;
         if config.limits == LimitPolicy::Seated {
             seated(&mut model, j);
         }
     }
-    // Before the sweep, which whatever touches at rest would end at once.
+    // Before the sweep: any contact at rest would end it at once.
     clear_paths(&mut model, &config.collision);
     let swept: Vec<[f64; 2]> =
         (0..model.joints.len()).into_par_iter().map(|j| swept_interval(&model, j)).collect();
@@ -172,7 +167,15 @@ pub fn build(
     model
 }
 
-/// Limits with a margin around what was observed, but for the closed end, which is the seat.
+/// Whether a place in a link's frame is unseen in the field (in the world, the frame's origin given), meters.
+fn unseen_places(
+    field: &Grid3<f32>,
+    origin: &nalgebra::Vector3<f64>,
+) -> impl Fn(&nalgebra::Point3<f64>) -> bool + Sync {
+    move |p| field.nearest(&(p + origin)).is_some_and(|i| field.values[i].is_nan())
+}
+
+/// Sets limits with a margin around the observed interval, but for the closed end: there is the seat.
 fn seated(model: &mut ArticulatedModel, j: usize) {
     let [lower, upper] = model.observed_interval(j);
     let joint = &mut model.joints[j];
@@ -181,28 +184,38 @@ fn seated(model: &mut ArticulatedModel, j: usize) {
     let limit = &mut joint.limit;
     (limit.lower, limit.upper, limit.source) = (lower - margin, upper + margin, LimitSource::Seated);
     match limit.closed {
-        // A position that was seen is within the limits, also where the seat is a little short of it.
+        // An observed position is within the limits, also where the seat is a little short of it.
         Some(seat) if seat.above => limit.upper = seat.position.max(upper),
         Some(seat) => limit.lower = seat.position.min(lower),
         None => {}
     }
 }
 
-/// The walls of every link, with what no view saw of them.
+/// The walls of every link, with their unseen parts.
 fn walls(model: &ArticulatedModel, hidden: &[Option<Hidden<'_>>], config: &ModelConfig) -> Vec<Walls> {
     let few: Vec<TriangleMesh> =
         model.links.par_iter().map(|l| few_triangles(&l.visual, &config.collision)).collect();
-    let of = |i: usize| {
-        let others = model.states.iter().flat_map(|state| {
-            let link_from_world = model.world_from_link(i, state).inverse();
-            let others = (0..few.len()).filter(|&k| k != i).collect::<Vec<_>>();
-            others.into_iter().map(move |k| (k, link_from_world * model.world_from_link(k, state)))
-        });
-        let others: Vec<TriangleMesh> = others.map(|(k, pose)| few[k].transformed(&pose)).collect();
-        let others = merge(&others.iter().collect::<Vec<_>>());
+    let walls = (0..few.len()).into_par_iter().map(|i| {
+        let others = others_in_all_states(model, &few, i);
         Walls::of(&few[i], &others, config.wall_thickness_m, hidden[i], &config.collision)
-    };
-    (0..few.len()).into_par_iter().map(of).collect()
+    });
+    walls.collect()
+}
+
+/// The surfaces of all other links in the frame of a link, in all states.
+fn others_in_all_states(model: &ArticulatedModel, surfaces: &[TriangleMesh], link: usize) -> TriangleMesh {
+    let mut others = Vec::new();
+    for state in &model.states {
+        let link_from_world = model.world_from_link(link, state).inverse();
+        for k in (0..surfaces.len()).filter(|&k| k != link) {
+            others.push(surfaces[k].transformed(&(link_from_world * model.world_from_link(k, state))));
+        }
+    }
+    merge(&others.iter().collect::<Vec<_>>())
+}
+
+fn translation(v: nalgebra::Vector3<f64>) -> Pose {
+    Pose::from_parts(Translation3::from(v), nalgebra::UnitQuaternion::identity())
 }
 
 /// Links and joints, without solids and masses.
@@ -214,15 +227,13 @@ fn tree(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &ModelCo
     let mut joints = Vec::new();
     // There are two states, even of an object of one part.
     let count = parts.iter().map(|p| p.positions.len()).max().unwrap_or(1);
-    let of_state = |k: usize| parts.iter().map(|p| p.positions.get(k).copied().unwrap_or_default()).collect();
-    let states: Vec<Vec<f64>> =
-        std::iter::once(vec![0.0; parts.len()]).chain((0..count).map(of_state)).collect();
+    let mut states = vec![vec![0.0; parts.len()]];
+    for k in 0..count {
+        states.push(parts.iter().map(|p| p.positions.get(k).copied().unwrap_or_default()).collect());
+    }
     for (i, part) in parts.into_iter().enumerate() {
-        let shift = |v: nalgebra::Vector3<f64>| {
-            Pose::from_parts(Translation3::from(v), nalgebra::UnitQuaternion::identity())
-        };
-        let parent_from_joint = shift(part.point.coords - origins[part.parent]);
-        links.push(link(link_name(i + 1), part.surface.transformed(&shift(-part.point.coords))));
+        let parent_from_joint = translation(part.point.coords - origins[part.parent]);
+        links.push(link(link_name(i + 1), part.surface.transformed(&translation(-part.point.coords))));
         joints.push(Joint {
             name: format!("joint_{}", i + 1),
             kind: part.kind,
@@ -231,7 +242,7 @@ fn tree(name: &str, base: TriangleMesh, parts: Vec<MovingPart>, config: &ModelCo
             parent_from_joint,
             axis: part.axis,
             limit: Limit {
-                // From 0, the position in state 0, which is not among these.
+                // From 0, the position in state 0, not among these.
                 lower: part.positions.iter().copied().fold(0.0, f64::min),
                 upper: part.positions.iter().copied().fold(0.0, f64::max),
                 effort: config.effort,
@@ -259,7 +270,7 @@ fn link(name: String, visual: TriangleMesh) -> Link {
     Link { name, visual, assumed_m2: 0.0, assumed, collision: Vec::new(), inertial, grasps: Vec::new() }
 }
 
-/// Mass properties of a link's walls. Without area the mass stays 0, which validation refuses.
+/// Mass properties of a link's walls. Without area the mass stays 0; validation refuses it.
 fn inertial(link: &Link, walls: &Walls, part: usize, config: &ModelConfig) -> Inertial {
     let ([usual, lowest, highest], density) = config.density(part);
     let Some(ShellInertia { mass_kg, center_of_mass, inertia }) = walls.inertia(usual) else {

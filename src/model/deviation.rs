@@ -1,4 +1,4 @@
-//! How far a joint may be off by its covariance. What is known no better than by a guess is not determined.
+//! Deviations of a joint by its covariance. A parameter known no better than by a guess is not determined.
 //! See docs/method.md 8.7.
 
 use nalgebra::{Matrix3, SMatrix, Unit, Vector3};
@@ -12,10 +12,10 @@ const GUESSED_DIRECTION_RAD: f64 = 1.068_453_1;
 /// whole turn.
 const GUESSED_TURN_RAD: f64 = std::f64::consts::PI * INVERSE_SQRT_3;
 /// Root mean square error of a guessed slide, as a share of the object's longest side. derived: 1 / sqrt 3,
-/// of a uniform distribution over that side in both directions.
+/// of a uniform distribution over the side in both directions.
 const GUESSED_SLIDE_SHARE: f64 = INVERSE_SQRT_3;
 /// Root mean square error of a guessed line, as a share of the object's longest side. derived: 1 / sqrt 6, of
-/// a uniform distribution over a square of that side across the line.
+/// a uniform distribution over a square of the side across the line.
 const GUESSED_LINE_SHARE: f64 = INVERSE_SQRT_3 * std::f64::consts::FRAC_1_SQRT_2;
 const INVERSE_SQRT_3: f64 = 0.577_350_269_189_625_8;
 
@@ -33,7 +33,7 @@ pub struct Deviations {
 
 impl Deviations {
     /// By the covariance of (direction 3, point 3, motion 1) of a joint about or along `axis` of an object
-    /// whose longest side is `extent_m`. Of direction and point only what lies across the axis counts: along
+    /// with the longest side `extent_m`. Of direction and point only components across the axis count: along
     /// it a direction has no freedom and a line no place.
     #[must_use]
     pub fn of(
@@ -43,15 +43,15 @@ impl Deviations {
         extent_m: f64,
     ) -> Self {
         let across = Matrix3::identity() - axis.into_inner() * axis.transpose();
-        let variance = |k: usize| -> f64 {
+        // The variances across the axis.
+        let [direction, point] = [0, 3].map(|k| {
             let block: Matrix3<f64> = covariance.fixed_view::<3, 3>(k, k).into();
-            // What is left after projection are the variances across the axis.
             (across * block * across).trace()
-        };
+        });
         let motion = if turns { GUESSED_TURN_RAD } else { GUESSED_SLIDE_SHARE * extent_m };
         Self {
-            axis_rad: determined(variance(0), GUESSED_DIRECTION_RAD),
-            origin_m: determined(variance(3), GUESSED_LINE_SHARE * extent_m),
+            axis_rad: determined(direction, GUESSED_DIRECTION_RAD),
+            origin_m: determined(point, GUESSED_LINE_SHARE * extent_m),
             motion: determined(covariance[(6, 6)], motion),
         }
     }
@@ -65,7 +65,7 @@ impl AxisAlone {
     }
 }
 
-/// The root of a variance below that of a guess; rounding may leave a small negative one.
+/// The root of a variance below a guess's; rounding may leave a small negative one.
 fn determined(variance: f64, guessed: f64) -> Option<f64> {
     let known = variance.is_finite() && variance < guessed * guessed;
     known.then(|| variance.max(0.0).sqrt())

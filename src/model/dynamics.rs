@@ -1,4 +1,4 @@
-//! Friction and damping that the recording implies or that are assumed.
+//! Friction and damping, implied by the recording or assumed.
 
 use nalgebra::Vector3;
 
@@ -7,30 +7,30 @@ use geometry::Pose;
 
 /// Standard gravity along the world's z axis, m/s^2. derived: the standard value
 const GRAVITY_M_S2: f64 = 9.80665;
-/// Friction against the load that it must hold in the observed states.
-/// chosen: an assumption that the files state (docs/method.md 10)
+/// Friction against its load in the observed states.
+/// chosen: an assumption, stated in the files (docs/method.md 10)
 const HOLD: f64 = 1.25;
-/// Least friction as a share of the child's weight (times its lever for a joint that turns, with the advance
-/// per radian of a thread): a drawer on runners, a hinge.
-/// chosen: an assumption that the files state (docs/method.md 10)
+/// Least friction as a share of the child's weight (times its lever for a turning joint, with the advance per
+/// radian of a thread): a drawer on runners, a hinge.
+/// chosen: an assumption, stated in the files (docs/method.md 10)
 const LEAST_SHARE: f64 = 0.02;
 /// A moving part left alone slows down within this time, seconds.
-/// chosen: an assumption that the files state (docs/method.md 10)
+/// chosen: an assumption, stated in the files (docs/method.md 10)
 const SLOWING_S: f64 = 0.5;
 
-/// What gravity and inertia do at a joint: the most of the observed states, the world's z axis being up.
-/// Efforts are N m where the joint turns and N where it slides.
+/// Gravity and inertia at a joint: the most of the observed states, the world's z axis being up. Efforts are
+/// N m where the joint turns and N where it slides.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointLoad {
     /// Effort of gravity.
     pub effort: f64,
-    /// Inertia that moves with the joint, kg m^2 or kg.
+    /// Moving inertia, kg m^2 or kg.
     pub inertia: f64,
-    /// Effort of the child's weight at its lever, whichever way the axis points.
+    /// Effort of the child's weight at its lever, for any direction of the axis.
     pub weight: f64,
 }
 
-/// Friction and damping of a joint, from what is known: in each observed state the object was at rest, so
+/// Friction and damping of a joint from the observed states: in each of them the object was at rest, so
 /// friction (or a stop) held the child's weight there; the world's z axis is taken for up. The least friction
 /// is 2 % of the weight. Damping stops the moving mass within half a second. Armature and spring are zero
 /// until measured. See docs/method.md (10.4).
@@ -51,7 +51,7 @@ pub fn assumed_dynamics(model: &ArticulatedModel, j: usize) -> JointDynamics {
     }
 }
 
-/// What loads a joint in the observed states.
+/// Load of a joint in the observed states.
 #[must_use]
 pub fn joint_load(model: &ArticulatedModel, j: usize) -> JointLoad {
     let joint = &model.joints[j];
@@ -59,7 +59,7 @@ pub fn joint_load(model: &ArticulatedModel, j: usize) -> JointLoad {
     for state in &model.states {
         let frame = model.world_from_link(joint.parent, state) * joint.parent_from_joint;
         let axis = frame.rotation * joint.axis.into_inner();
-        // Whatever hangs on the child loads the joint, too.
+        // Links below the child load the joint, too.
         let below = (0..model.links.len()).filter(|&l| l == joint.child || model.is_below(l, joint.child));
         let mut all = JointLoad::default();
         for link in below {
@@ -79,7 +79,7 @@ pub fn joint_load(model: &ArticulatedModel, j: usize) -> JointLoad {
     most
 }
 
-/// What one link does at a joint in a state.
+/// Load of one link at a joint in a state.
 fn pull_of(
     model: &ArticulatedModel,
     link: usize,
@@ -97,8 +97,8 @@ fn pull_of(
     if !kind.turns() {
         return JointLoad { effort: axis.dot(&weight), inertia: mass_kg, weight: weight_n };
     }
-    // Inertia about the axis: that about the center of mass and the distance (parallel axes). A thread also
-    // lifts the link by its pitch, by virtual work at the turn.
+    // Inertia about the axis: about the center of mass, and the distance (parallel axes). A thread also lifts
+    // the link by its pitch, by virtual work at the turn.
     let across = arm.cross(axis).norm();
     let pitch = kind.pitch_m_per_rad().unwrap_or(0.0);
     let turned = world_from_link.rotation.inverse() * axis;

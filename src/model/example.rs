@@ -14,11 +14,11 @@ use surface::{ConvexSolid, TriangleMesh};
 /// Axis-aligned box with outward triangles, meters.
 #[must_use]
 pub fn box_mesh(lower: [f32; 3], upper: [f32; 3], color: [u8; 3]) -> TriangleMesh {
-    let corner =
-        |i: usize| Point3::from([0, 1, 2].map(|k| if i >> k & 1 == 0 { lower[k] } else { upper[k] }));
+    let corners =
+        (0..8).map(|i| Point3::from([0, 1, 2].map(|k| if i >> k & 1 == 0 { lower[k] } else { upper[k] })));
     let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     TriangleMesh {
-        vertices: (0..8).map(corner).collect(),
+        vertices: corners.collect(),
         triangles: quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect(),
         colors: vec![color; 8],
     }
@@ -54,7 +54,7 @@ pub fn cabinet() -> ArticulatedModel {
 fn link(name: &str, visual: TriangleMesh, mass_kg: f64) -> Link {
     let (lower, upper) = visual.bounds().unwrap_or((Point3::origin(), Point3::origin()));
     let micrometers = |x: f32| (f64::from(x) * 1e6).round() * 1e-6;
-    // The corners were rounded to single precision; this gives the numbers that were meant.
+    // The corners were rounded to single precision; this gives the intended numbers.
     let lower = lower.map(micrometers);
     let upper = upper.map(micrometers);
     let side = upper - lower;

@@ -1,4 +1,4 @@
-//! Where a parallel gripper can take a moving part: something narrow of it stands between two free slots
+//! Grasps of a moving part for a parallel gripper: a narrow piece of it between two free slots
 //! (docs/method.md 10.5).
 
 use std::f64::consts::FRAC_PI_4;
@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Point3, Rotation3, Unit, UnitQuaternion, Vector3};
 
 use super::{
     ArticulatedModel, Grasp, Joint, Limit,
-    grasp_space::{Block, STANDS_OFF_M, Seen, Shape, Span},
+    grasp_space::{Block, STANDS_OFF_M, SeenCells, Shape, Span},
 };
 use geometry::Pose;
 use surface::{ConvexSolid, Plane};
@@ -20,32 +20,31 @@ const FINGER_M: [f64; 3] = [0.012, 0.02, 0.045];
 /// Half the palm along the closing direction and across it, and its whole depth, meters. chosen: as
 /// [`FINGER_M`]
 const PALM_M: [f64; 3] = [0.1, 0.03, 0.06];
-/// Way of the hand to the grasp, meters. derived: that of `artitwin demo`
+/// Way of the hand to the grasp, meters. derived: as in `artitwin demo`
 const APPROACH_M: f64 = 0.08;
-/// From the fingertips back to the middle of the pads, meters. derived: that of `artitwin demo`
+/// From the fingertips back to the middle of the pads, meters. derived: as in `artitwin demo`
 const PAD_M: f64 = 0.008;
 /// Friction between pad and part. chosen: of the order of rubber on wood or paint
 const FRICTION: f64 = 1.0;
-/// Distance of places tried on a face, and of the outermost from its rim, meters.
+/// Distance of tried places on a face, and of the outermost from its rim, meters.
 /// chosen: half a finger's width
 const STEP_M: f64 = 0.01;
 /// Most places along a face beside the first.
 const MOST_STEPS: usize = 24;
-/// Positions of the joint between its limits at which the hand must be free, less one.
+/// Examined positions of the joint between its limits, less one: the hand must be free there.
 const POSITIONS: usize = 8;
 /// Most grasps of a part.
 const MOST: usize = 3;
 /// Least distance of two of them, meters. chosen: two fingers side by side
 const APART_M: f64 = 0.04;
-/// Worth less than the best by which a place is left out. chosen: beside a handle no rim is needed
+/// A place worth less than the best by this is left out. chosen: beside a handle no rim is needed
 const WORSE: f64 = 0.9;
-/// Largest cosine between the approach and the way that the part opens. chosen: behind it is what it closes,
-/// where views saw little
+/// Largest cosine between the approach and the way the part opens. chosen: views saw little of the space
+/// behind it
 const FROM_BEHIND: f64 = 0.5;
 /// Least lever as a share of the part's largest. chosen: near a hinge a door's rim is no handle
 const LEAST_LEVER: f64 = 0.3;
-/// What counts how much beside the lever. tuned: near the weights of `artitwin demo`, by which 10 of 10
-/// handles were opened
+/// Weights beside the lever. tuned: near those of `artitwin demo`: it opened 10 of 10 handles
 const WEIGHTS: Weights = Weights {
     handle: 1.4,
     touch: 1.0,
@@ -55,15 +54,15 @@ const WEIGHTS: Weights = Weights {
     narrow_per_m: 4.0,
     middle_per_m: 0.5,
 };
-/// Depth behind the foremost place of a part over which the worth of a handle fades, meters.
-/// derived: that of `artitwin demo`
+/// The worth of a handle fades over this depth behind the foremost place of a part, meters.
+/// derived: as in `artitwin demo`
 const HANDLE_M: f64 = 0.015;
 
 /// Weights of a grasp's worth.
 struct Weights {
     /// Stands out of the part's face.
     handle: f64,
-    /// Share of both pads, twice as wide as they are, that meets seen surface: not at an end of it.
+    /// Share of both pads, twice as wide as they are, on seen surface: not at an end of it.
     touch: f64,
     /// The part moves the way the fingers close: a finger drags it along.
     shape: f64,
@@ -79,7 +78,7 @@ struct Weights {
 
 /// Places to grasp a joint's child, best first; none where no hand fits. The hand is free of all solids where
 /// the twin is closed (in state 0 where no closed end is known), on its way there, and with the joint
-/// anywhere between its limits; and it stays above the lowest solid, on which the object stands.
+/// anywhere between its limits; and it stays above the lowest solid, where the object stands.
 #[must_use]
 pub fn grasps(model: &ArticulatedModel, j: usize) -> Vec<Grasp> {
     let Some(scene) = Scene::of(model, j) else { return Vec::new() };
@@ -117,32 +116,37 @@ struct Seed {
 /// Places on the faces of a solid, evenly about the middle of each face.
 fn seeds(solid: &ConvexSolid) -> Vec<Seed> {
     let planes = solid.planes();
-    let is_inside = |p: &Point3<f64>| planes.iter().all(|q| q.distance_m(p) < 1e-6);
-    let of_face = |face: &Vec<u32>| {
-        let normal = solid.plane(face)?.normal;
-        let corner = |k: usize| solid.vertices[face[k % face.len()] as usize];
-        let sides = (0..face.len()).map(|k| corner(k + 1) - corner(k));
-        let longest = sides.reduce(|a, b| if b.norm() > a.norm() + 1e-9 { b } else { a })?;
-        let along = (longest - normal * normal.dot(&longest)).try_normalize(1e-12)?;
-        let across = normal.cross(&along);
-        let range = |axis: &Vector3<f64>| {
-            let all = (0..face.len()).map(|k| axis.dot(&corner(k).coords));
-            all.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], x| [lo.min(x), hi.max(x)])
-        };
-        let [a, b] = range(&along);
-        let [c, d] = range(&across);
-        let height = normal.dot(&corner(0).coords);
-        let middle = Point3::from(along * (0.5 * (a + b)) + across * (0.5 * (c + d)) + normal * height);
-        let places =
-            stations(b - a).into_iter().flat_map(|u| stations(d - c).into_iter().map(move |v| (u, v)));
-        let seed = |(u, v): (f64, f64)| Seed {
-            at: middle + along * u + across * v,
-            normal,
-            off_middle_m: u.hypot(v),
-        };
-        Some(places.map(seed).filter(|s| is_inside(&s.at)).collect::<Vec<_>>())
-    };
-    solid.faces.iter().filter_map(of_face).flatten().collect()
+    let mut seeds: Vec<Seed> =
+        solid.faces.iter().filter_map(|face| seeds_on_face(solid, face)).flatten().collect();
+    seeds.retain(|s| planes.iter().all(|q| q.distance_m(&s.at) < 1e-6));
+    seeds
+}
+
+/// Places about the middle of a face; they may lie beside it. `None` without area.
+fn seeds_on_face(solid: &ConvexSolid, face: &[u32]) -> Option<Vec<Seed>> {
+    let normal = solid.plane(face)?.normal;
+    let corners: Vec<Point3<f64>> = face.iter().map(|v| solid.vertices[*v as usize]).collect();
+    let sides = (0..face.len()).map(|k| corners[(k + 1) % face.len()] - corners[k]);
+    let longest = sides.reduce(|a, b| if b.norm() > a.norm() + 1e-9 { b } else { a })?;
+    let along = (longest - normal * normal.dot(&longest)).try_normalize(1e-12)?;
+    let across = normal.cross(&along);
+    let [a, b] = range_along(&corners, &along);
+    let [c, d] = range_along(&corners, &across);
+    let height = normal.dot(&corners[0].coords);
+    let middle = Point3::from(along * (0.5 * (a + b)) + across * (0.5 * (c + d)) + normal * height);
+    let mut seeds = Vec::new();
+    for u in stations(b - a) {
+        for v in stations(d - c) {
+            seeds.push(Seed { at: middle + along * u + across * v, normal, off_middle_m: u.hypot(v) });
+        }
+    }
+    Some(seeds)
+}
+
+/// Lowest and highest place of points along an axis, meters.
+fn range_along(points: &[Point3<f64>], axis: &Vector3<f64>) -> [f64; 2] {
+    let heights = points.iter().map(|p| axis.dot(&p.coords));
+    heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], x| [lo.min(x), hi.max(x)])
 }
 
 /// Places along a length, meters from its middle; the middle is one.
@@ -163,22 +167,46 @@ struct Surroundings {
     above_ground: Plane,
 }
 
+impl Surroundings {
+    /// About a link with these solids of every link and joint positions.
+    fn at(model: &ArticulatedModel, link: usize, shapes: &[Shape], positions: &[f64]) -> Self {
+        let world_from: Vec<Pose> =
+            (0..model.links.len()).map(|l| model.world_from_link(l, positions)).collect();
+        let part_from_world = world_from[link].inverse();
+        let others = (0..world_from.len()).filter(|l| *l != link);
+        let others = others.map(|l| (l, world_from[l].inverse() * world_from[link])).collect();
+        let heights = shapes.iter().zip(&world_from).flat_map(|(s, w)| s.vertices().map(move |v| (w * v).z));
+        let ground = part_from_world * Point3::new(0.0, 0.0, heights.fold(f64::INFINITY, f64::min));
+        let normal = part_from_world.rotation * -Vector3::z();
+        Self { others, above_ground: Plane { normal, offset_m: normal.dot(&ground.coords) } }
+    }
+}
+
+/// The narrow part under a place.
+struct NarrowPart {
+    /// Closing direction of the hand, a unit vector.
+    closing: Vector3<f64>,
+    /// The piece of the line along it, about `middle`.
+    span: Span,
+    middle: Point3<f64>,
+}
+
 /// A moving part and all else.
 struct Scene<'a> {
     joint: &'a Joint,
     part: Shape,
     /// Its visual surface.
-    seen: Seen,
+    seen: SeenCells,
     /// Solids of every link.
     shapes: Vec<Shape>,
     /// Three square axes of the part, in its frame.
     axes: [Vector3<f64>; 3],
-    /// Where the joint is closed, then over its limits.
+    /// With the joint closed, then over its limits.
     closed: Surroundings,
     moved: Vec<Surroundings>,
     /// Largest lever of a corner of the part, meters.
     reach_m: f64,
-    /// Signs of the direction in which the joint may open: both where no closed end is known.
+    /// Signs of the joint's opening direction: both where no closed end is known.
     opens: Vec<f64>,
 }
 
@@ -188,35 +216,25 @@ impl<'a> Scene<'a> {
         let part = Shape::of(&model.links[joint.child].collision);
         let shapes: Vec<Shape> = model.links.iter().map(|l| Shape::of(&l.collision)).collect();
         let closed = model.closed_state().or_else(|| model.states.first().cloned())?;
-        let at = |q: f64| {
-            let mut state = closed.clone();
-            state[j] = q;
-            let world_from: Vec<Pose> =
-                (0..model.links.len()).map(|l| model.world_from_link(l, &state)).collect();
-            let part_from_world = world_from[joint.child].inverse();
-            let others = (0..world_from.len()).filter(|l| *l != joint.child);
-            let others = others.map(|l| (l, world_from[l].inverse() * world_from[joint.child])).collect();
-            let heights =
-                shapes.iter().zip(&world_from).flat_map(|(s, w)| s.vertices().map(move |v| (w * v).z));
-            let ground = part_from_world * Point3::new(0.0, 0.0, heights.fold(f64::INFINITY, f64::min));
-            let normal = part_from_world.rotation * -Vector3::z();
-            Surroundings { others, above_ground: Plane { normal, offset_m: normal.dot(&ground.coords) } }
-        };
         let Limit { lower, upper, .. } = joint.limit;
-        let moved =
-            (0..=POSITIONS).map(|k| at(lower + (upper - lower) * k as f64 / POSITIONS as f64)).collect();
+        let mut moved = Vec::with_capacity(POSITIONS + 1);
+        for k in 0..=POSITIONS {
+            let mut positions = closed.clone();
+            positions[j] = lower + (upper - lower) * k as f64 / POSITIONS as f64;
+            moved.push(Surroundings::at(model, joint.child, &shapes, &positions));
+        }
         let opens = joint.limit.closed.map_or(vec![1.0, -1.0], |s| vec![if s.above { -1.0 } else { 1.0 }]);
         let axes = axes(&model.links[joint.child].collision)?;
-        let closed = at(closed[j]);
-        let seen = Seen::of(&model.links[joint.child].visual);
+        let closed = Surroundings::at(model, joint.child, &shapes, &closed);
+        let seen = SeenCells::of(&model.links[joint.child].visual);
         let mut scene = Self { joint, part, seen, shapes, axes, closed, moved, reach_m: 0.0, opens };
         scene.reach_m = scene.part.vertices().map(|v| scene.lever_m(v)).fold(1e-9, f64::max);
         Some(scene)
     }
 
-    /// Grasps at a place, with what each is worth.
+    /// Grasps at a place, after the worth of each.
     fn at(&self, seed: &Seed) -> Vec<(f64, Grasp)> {
-        let Some((closing, span, middle)) = self.narrow(seed) else { return Vec::new() };
+        let Some(NarrowPart { closing, span, middle }) = self.narrow(seed) else { return Vec::new() };
         let off_rad =
             closing.dot(&-span.normals[0]).min(closing.dot(&span.normals[1])).clamp(-1.0, 1.0).acos();
         if off_rad > FRICTION.atan() {
@@ -229,43 +247,46 @@ impl<'a> Scene<'a> {
             return Vec::new();
         }
         let is_seen = match self.seen_ends(&middle, &closing, &span) {
-            // The solid fills what is empty.
+            // The solid fills empty space.
             0 => return Vec::new(),
             ends => ends == 2,
         };
         let way = self.way(&middle);
-        let of = |approach: Vector3<f64>| {
-            // How deep the middle of the pads is in the part.
-            let rise_m = self.part.through(&middle, &-approach, STANDS_OFF_M)?.ends_m[1];
+        let mut found = Vec::new();
+        for approach in self.approaches(&closing) {
+            let Some(above) = self.part.through(&middle, &-approach, STANDS_OFF_M) else { continue };
+            // Depth of the middle of the pads in the part.
+            let rise_m = above.ends_m[1];
             let pose = pose(&closing, &approach, &(middle + approach * PAD_M));
             let grasp = Grasp { link_from_grasp: pose, width_m, off_rad, is_seen };
             let from_behind =
                 way.is_some_and(|w| self.opens.iter().all(|s| s * w.dot(&approach) > FROM_BEHIND));
-            let fits = rise_m <= FINGER_M[2] - PAD_M && !from_behind && self.is_free(&grasp);
-            fits.then(|| (self.worth(seed, &grasp, &(middle - approach * rise_m)), grasp))
-        };
-        self.approaches(&closing).filter_map(of).collect()
+            if rise_m <= FINGER_M[2] - PAD_M && !from_behind && self.is_free(&grasp) {
+                found.push((self.worth(seed, &grasp, &(middle - approach * rise_m)), grasp));
+            }
+        }
+        found
     }
 
-    /// The part under a place where it is narrower than the hand opens: closing direction, the piece of the
-    /// line along it, the middle of that. See docs/method.md (10.6).
-    fn narrow(&self, seed: &Seed) -> Option<(Vector3<f64>, Span, Point3<f64>)> {
+    /// The part under a place where it is narrower than the opening of the hand; `None` where it is not. See
+    /// docs/method.md (10.6).
+    fn narrow(&self, seed: &Seed) -> Option<NarrowPart> {
         let fits = |s: &Span| (STANDS_OFF_M..=GAP_M - 2.0 * STANDS_OFF_M).contains(&s.length_m());
         let first = self.part.through(&seed.at, &-seed.normal, STANDS_OFF_M).filter(fits)?;
         // A place within the part is none.
         if first.ends_m[0] < -1e-6 {
             return None;
         }
-        // Between both faces, which are then equally far from square.
+        // Between both faces: they are then equally far from square.
         let closing = (first.normals[1] - first.normals[0]).try_normalize(1e-6)?;
         let inside = seed.at - seed.normal * (0.5 * first.length_m());
         let span = self.part.through(&inside, &closing, STANDS_OFF_M).filter(fits)?;
         let half_m = 0.5 * span.length_m();
         let middle = inside + closing * (span.ends_m[1] - half_m);
-        Some((closing, Span { ends_m: [-half_m, half_m], ..span }, middle))
+        Some(NarrowPart { closing, span: Span { ends_m: [-half_m, half_m], ..span }, middle })
     }
 
-    /// At how many ends of a piece of a line the visual surface is.
+    /// Number of ends of a piece of a line on the visual surface.
     fn seen_ends(&self, at: &Point3<f64>, way: &Vector3<f64>, span: &Span) -> usize {
         span.ends_m.iter().filter(|end| self.seen.is_near(&(at + way * **end))).count()
     }
@@ -287,7 +308,7 @@ impl<'a> Scene<'a> {
             && [hold(grasp), palm].iter().all(|b| self.is_clear(b, &self.closed))
     }
 
-    /// Whether the hand that holds is free over the joint's limits.
+    /// Whether the holding hand is free over the joint's limits.
     fn is_free_on_the_way(&self, grasp: &Grasp) -> bool {
         let blocks = [hold(grasp), palm(grasp, 0.0)];
         self.moved.iter().all(|s| blocks.iter().all(|b| self.is_clear(b, s)))
@@ -299,25 +320,25 @@ impl<'a> Scene<'a> {
             && !about.others.iter().any(|(l, pose)| self.shapes[*l].meets(&block.moved(pose)))
     }
 
-    /// What a grasp is worth; `front` is where its approach enters the part.
+    /// Number of pads, at a place of their width, on seen surface of a part about as wide as the grasp.
+    fn touching_pads(&self, at: &Point3<f64>, closing: &Vector3<f64>, width_m: f64) -> usize {
+        let Some(span) = self.part.through(at, closing, STANDS_OFF_M) else { return 0 };
+        let is_as_wide = span.ends_m.iter().all(|e| (e.abs() - 0.5 * width_m).abs() <= STANDS_OFF_M);
+        if is_as_wide { self.seen_ends(at, closing, &span) } else { 0 }
+    }
+
+    /// Worth of a grasp; its approach enters the part at `front`.
     fn worth(&self, seed: &Seed, grasp: &Grasp, front: &Point3<f64>) -> f64 {
         let axes = grasp.link_from_grasp.rotation.to_rotation_matrix();
-        let column = |k: usize| axes.matrix().column(k).into_owned();
-        let closing = column(0);
-        let across = column(1);
-        let approach = column(2);
+        let [closing, across, approach] = [0, 1, 2].map(|k| axes.matrix().column(k).into_owned());
         let middle = grasp.link_from_grasp * Point3::new(0.0, 0.0, -PAD_M);
-        let seen_ends = |k: i8| {
-            let at = middle + across * (f64::from(k) * 0.25 * FINGER_M[1]);
-            let meets = |e: &f64| (e.abs() - 0.5 * grasp.width_m).abs() <= STANDS_OFF_M;
-            let span = self.part.through(&at, &closing, STANDS_OFF_M);
-            span.filter(|s| s.ends_m.iter().all(meets)).map_or(0, |s| self.seen_ends(&at, &closing, &s))
-        };
-        let touch = (-4..=4).map(seen_ends).sum::<usize>() as f64 / 18.0;
+        let places = (-4..=4).map(|k| middle + across * (f64::from(k) * 0.25 * FINGER_M[1]));
+        let touching: usize = places.map(|at| self.touching_pads(&at, &closing, grasp.width_m)).sum();
+        let touch = touching as f64 / 18.0;
         let way = self.way(&middle);
         let lever = self.lever_m(&middle) / self.reach_m;
-        let ahead_m = |w: Vector3<f64>| self.opens.iter().map(move |s| self.ahead_m(front, &(w * *s)));
-        let ahead_m = way.into_iter().flat_map(ahead_m).fold(f64::INFINITY, f64::min);
+        let ways = way.into_iter().flat_map(|w| self.opens.iter().map(move |s| w * *s));
+        let ahead_m = ways.map(|w| self.ahead_m(front, &w)).fold(f64::INFINITY, f64::min);
         let straight = self.axes.iter().map(|a| a.dot(&approach).abs()).fold(0.0, f64::max);
         // docs/method.md (10.7).
         lever
@@ -335,7 +356,7 @@ impl<'a> Scene<'a> {
         if self.joint.kind.turns() { p.coords.cross(&self.joint.axis).norm() } else { 1.0 }
     }
 
-    /// Unit direction in which a point of the part moves; `None` on the axis of a turn.
+    /// Unit direction of motion of a point of the part; `None` on the axis of a turn.
     fn way(&self, p: &Point3<f64>) -> Option<Vector3<f64>> {
         let axis = self.joint.axis.into_inner();
         let way = match self.joint.kind.pitch_m_per_rad() {
@@ -345,7 +366,7 @@ impl<'a> Scene<'a> {
         way.try_normalize(1e-3)
     }
 
-    /// How far the part reaches beyond a place the way it opens, along the nearest of its axes, meters.
+    /// Length of the part beyond a place the way it opens, along the nearest of its axes, meters.
     fn ahead_m(&self, place: &Point3<f64>, way: &Vector3<f64>) -> f64 {
         let along = |a: &Vector3<f64>| a.dot(way).abs();
         let face = self.axes.iter().copied().reduce(|a, b| if along(&b) > along(&a) { b } else { a });
@@ -354,19 +375,27 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Three square axes of a part: the normal of most area, and of what is left across it.
+/// Three square axes of a part: the normal of most area, and of most area across it.
 fn axes(solids: &[ConvexSolid]) -> Option<[Vector3<f64>; 3]> {
-    let faces: Vec<(Vector3<f64>, f64)> = solids.iter().flat_map(ConvexSolid::areas).collect();
-    let most = |of: &dyn Fn(&Vector3<f64>) -> Vector3<f64>| {
-        // Faces that look the same way, or the other, count together.
-        let weight =
-            |n: &Vector3<f64>| faces.iter().map(|(m, area)| area * of(m).dot(n).powi(8)).sum::<f64>();
-        let best = faces.iter().filter_map(|(n, _)| of(n).try_normalize(0.5)).map(|n| (weight(&n), n));
-        best.reduce(|a, b| if b.0 > a.0 * (1.0 + 1e-9) { b } else { a }).map(|b| b.1)
-    };
-    let first = most(&|n| *n)?;
-    let second = most(&|n| n - first * first.dot(n))?;
+    let mut faces: Vec<(Vector3<f64>, f64)> = solids.iter().flat_map(ConvexSolid::areas).collect();
+    let first = main_direction(&faces)?;
+    for (normal, _) in &mut faces {
+        *normal -= first * first.dot(normal);
+    }
+    let second = main_direction(&faces)?;
     Some([first, second, first.cross(&second)])
+}
+
+/// The unit direction of most area among normals with areas. Faces of one direction, or of the opposite one,
+/// count together.
+fn main_direction(faces: &[(Vector3<f64>, f64)]) -> Option<Vector3<f64>> {
+    let mut weighted = Vec::with_capacity(faces.len());
+    for direction in faces.iter().filter_map(|(n, _)| n.try_normalize(0.5)) {
+        let weight: f64 = faces.iter().map(|(m, area)| area * m.dot(&direction).powi(8)).sum();
+        weighted.push((weight, direction));
+    }
+    let best = weighted.into_iter().reduce(|a, b| if b.0 > a.0 * (1.0 + 1e-9) { b } else { a });
+    best.map(|b| b.1)
 }
 
 /// A hand's pose: x is the closing direction, z the approach.
@@ -376,14 +405,14 @@ fn pose(closing: &Vector3<f64>, approach: &Vector3<f64>, tip: &Point3<f64>) -> P
     Pose::from_parts(tip.coords.into(), rotation)
 }
 
-/// Both fingers with the room about them, open as far as the part is wide and may bulge.
+/// Both fingers with the room about them, open by the width of the part and its possible bulge.
 fn fingers(grasp: &Grasp) -> [Block; 2] {
     let inner = 0.5 * grasp.width_m + STANDS_OFF_M;
     let outer = inner + FINGER_M[0] + STANDS_OFF_M;
     [[-outer, -inner], [inner, outer]].map(|[a, b]| of_fingers(grasp, a, b))
 }
 
-/// Both fingers and what is between them.
+/// Both fingers and the space between them.
 fn hold(grasp: &Grasp) -> Block {
     let outer = 0.5 * grasp.width_m + FINGER_M[0] + 2.0 * STANDS_OFF_M;
     of_fingers(grasp, -outer, outer)

@@ -1,13 +1,13 @@
-//! What a grasp is looked for in: convex solids, lines through them, blocks among them.
+//! The space of a grasp: convex solids, lines through them, blocks among them.
 
 use nalgebra::{Point3, Vector3};
 
 use geometry::Pose;
 use surface::{ConvexSolid, Plane, SolidFit, TriangleMesh};
 
-/// As far may a solid stand off its surface, meters: room about a finger, the width of the thinnest part that
-/// is held, the side of the cells in which surface counts as near.
-/// derived: that of sound solids
+/// Largest distance of a solid from its surface, meters: room about a finger, the width of the thinnest held
+/// part, the side of the cells for near surface.
+/// derived: as of sound solids
 pub(super) const STANDS_OFF_M: f64 = SolidFit::MOST_DISTANCE_M;
 
 /// The solids of a link with their planes, in the link's frame.
@@ -56,7 +56,7 @@ impl Block {
         Self { pose: target_from_source * self.pose, half_m: self.half_m }
     }
 
-    /// How far it reaches from its middle along a direction, meters.
+    /// Its reach from its middle along a direction, meters.
     fn reach_m(&self, direction: &Vector3<f64>) -> f64 {
         self.pose.rotation.inverse_transform_vector(direction).abs().dot(&self.half_m)
     }
@@ -72,10 +72,10 @@ impl Block {
     }
 }
 
-/// The cells that a surface passes through, in its frame.
-pub(super) struct Seen(Vec<[i32; 3]>);
+/// The cells of a surface, in its frame.
+pub(super) struct SeenCells(Vec<[i32; 3]>);
 
-impl Seen {
+impl SeenCells {
     pub(crate) fn of(surface: &TriangleMesh) -> Self {
         let mut cells = Vec::new();
         for t in 0..surface.triangles.len() {
@@ -112,7 +112,7 @@ impl Solid {
         Self { vertices: solid.vertices.clone(), planes: solid.planes(), middle, radius_m }
     }
 
-    /// What of a line through a place lies in it.
+    /// The piece in it of a line through a place.
     fn cut(&self, at: &Point3<f64>, way: &Vector3<f64>) -> Option<Span> {
         let to_middle = self.middle - at;
         if to_middle.cross(way).norm_squared() > self.radius_m * self.radius_m {
@@ -143,8 +143,7 @@ impl Solid {
         Some(span)
     }
 
-    /// Whether no face of either holds it and a box apart. Boxes that only two edges hold apart count as
-    /// meeting.
+    /// Whether no face of either separates it from a box. Boxes separated by two edges only count as meeting.
     fn meets(&self, block: &Block) -> bool {
         let middle: Point3<f64> = block.pose.translation.vector.into();
         let reach_m = self.radius_m + block.half_m.norm();
@@ -174,7 +173,7 @@ impl Shape {
         self.0.iter().flat_map(|s| &s.vertices)
     }
 
-    /// The piece of a line about a place that lies in the solids; gaps up to `joined_m` count as filled.
+    /// The piece of a line about a place within the solids; gaps up to `joined_m` count as filled.
     pub(crate) fn through(&self, at: &Point3<f64>, way: &Vector3<f64>, joined_m: f64) -> Option<Span> {
         let mut pieces: Vec<Span> = self.0.iter().filter_map(|s| s.cut(at, way)).collect();
         let near =

@@ -1,8 +1,8 @@
-//! The families of motion that compete for a part, and their scores.
+//! The competing families of motion of a part, and their scores.
 
 use serde::{Deserialize, Serialize};
 
-/// A family of motions that is fitted to those of a part: what its joint may be.
+/// A family of motions to be fitted to those of a part: a possible type of its joint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum JointFamily {
     /// The part does not move against its parent.
@@ -34,7 +34,7 @@ impl JointFamily {
     }
 }
 
-/// Score of every family that was fitted: Bayesian information criterion, lower is better.
+/// Score of every fitted family: Bayesian information criterion, lower is better.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TypeScores([Option<f64>; JointFamily::ALL.len()]);
 
@@ -45,9 +45,9 @@ impl TypeScores {
         self.0[joint as usize].unwrap_or(f64::INFINITY)
     }
 
-    /// The families that were fitted, with their scores.
+    /// The fitted families with their scores.
     pub fn iter(&self) -> impl Iterator<Item = (JointFamily, f64)> {
-        // `ALL` has the order of the variants, by which the scores are stored.
+        // `ALL` has the order of the variants, as the scores.
         JointFamily::ALL.into_iter().zip(self.0).filter_map(|(joint, score)| Some((joint, score?)))
     }
 }

@@ -1,4 +1,4 @@
-//! Named materials for what no camera measures.
+//! Named materials and their densities.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! Names and text in files: what every format takes as it is, and one way to write the rest for each syntax.
+//! Names and text in files: names plain in every format, and one way to write others for each syntax.
 
 use std::borrow::Cow;
 
@@ -9,14 +9,14 @@ pub fn is_plain_name(name: &str) -> bool {
     name.len() <= 64 && name.starts_with(|c: char| c.is_ascii_alphabetic()) && name.chars().all(is_word)
 }
 
-fn is_word(c: char) -> bool {
+pub(super) fn is_word(c: char) -> bool {
     c.is_ascii_alphanumeric() || c == '_'
 }
 
 /// Text for an attribute or an element of XML or HTML, in either kind of quotes; a reader gets the same text
 /// back.
 ///
-/// What XML cannot hold in any form (most control characters) becomes U+FFFD: the file stays readable, and a
+/// Characters without a form in XML (most control characters) become U+FFFD: the file stays readable, and a
 /// reader of names refuses them.
 #[must_use]
 pub fn escape_xml(text: &str) -> String {
@@ -38,7 +38,7 @@ pub fn escape_xml(text: &str) -> String {
     escaped
 }
 
-/// [`escape_xml`] of every line of a text that keeps its breaks, as in a `<pre>`.
+/// [`escape_xml`] of every line of a text; it keeps its breaks, as in a `<pre>`.
 #[must_use]
 pub fn escape_lines(text: &str) -> String {
     text.split('\n').map(escape_xml).collect::<Vec<_>>().join("\n")
@@ -62,7 +62,7 @@ pub fn script_json(json: &str) -> String {
 }
 
 /// A name where a format takes identifiers alone and has no way to write others (USD, OBJ, CMake, file
-/// names): a plain name as it is, of another every character that is no letter, digit or `_` as its number
+/// names): a plain name as it is, of another every character other than a letter, digit or `_` as its number
 /// between two `_`.
 #[must_use]
 pub fn identifier(name: &str) -> Cow<'_, str> {
@@ -70,7 +70,7 @@ pub fn identifier(name: &str) -> Cow<'_, str> {
         return Cow::Borrowed(name);
     }
     let word = |c: char| if is_word(c) { c.to_string() } else { format!("_{:x}_", u32::from(c)) };
-    // The first `_` also serves names that begin with a digit.
+    // The first `_` also serves names with a digit first.
     Cow::Owned(format!("_{}", name.chars().map(word).collect::<String>()))
 }
 

@@ -1,16 +1,16 @@
-//! Names of the moving parts by what they are, where shape and motion decide that.
+//! Names of the moving parts by their kind, where shape and motion decide it.
 
 use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{ArticulatedModel, JointKind};
+use super::{ArticulatedModel, JointKind, names::is_word};
 
 /// An axis is level, or upright, within this sine or cosine. chosen: about 17 deg.
 const SQUARE: f64 = 0.3;
 /// A panel is so much longer along its hinge than it reaches from it.
-/// chosen: what is narrower is an arm.
+/// chosen: a narrower part is an arm.
 const PANEL_SHARE: f64 = 0.45;
 /// The middle of a hung part is so far from its axis, as a share of its reach.
 /// chosen: nearer parts turn about themselves.
@@ -18,24 +18,24 @@ const OFF_AXIS: f64 = 0.25;
 /// A knob is smaller than this share of the object.
 /// chosen: larger parts are hardly held by fingers.
 const KNOB_SHARE: f64 = 0.25;
-/// Thinner than this share of its height and of its way is a panel that slides in its own plane.
+/// Thinner than this share of its height and of its way is a panel sliding in its own plane.
 /// chosen: thicker parts are drawers.
 const SLIDING_PANEL: f64 = 0.25;
 /// A lid hangs in the upper share of the base. chosen: a quarter is the top.
 const TOP_SHARE: f64 = 0.25;
 
-/// How the moving parts are named.
+/// Naming of the moving parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PartNames {
-    /// `part_1`, `joint_1`, ...: the same whatever was found.
+    /// `part_1`, `joint_1`, ...: the same for all objects.
     #[default]
     Numbered,
     /// `drawer`, `door_1`, `lid`, `knob`, ...: where shape and motion decide; `part_K` elsewhere.
     Semantic,
 }
 
-/// Gives links and joints other names, put behind a prefix; also in what the joints' evidence says.
+/// The model with other names of links and joints, put behind a prefix; also in the joints' evidence.
 #[must_use]
 pub fn named(mut model: ArticulatedModel, names: PartNames, prefix: &str) -> ArticulatedModel {
     let (links, joints) = match names {
@@ -45,9 +45,8 @@ pub fn named(mut model: ArticulatedModel, names: PartNames, prefix: &str) -> Art
         ),
         PartNames::Semantic => semantic(&model),
     };
-    let behind = |names: Vec<String>| names.into_iter().map(|n| format!("{prefix}{n}")).collect::<Vec<_>>();
-    let links = behind(links);
-    let joints = behind(joints);
+    let [links, joints] = [links, joints]
+        .map(|names: Vec<String>| names.into_iter().map(|n| format!("{prefix}{n}")).collect::<Vec<_>>());
     let old = model.links.iter().map(|l| &l.name).chain(model.joints.iter().map(|j| &j.name));
     let new: BTreeMap<String, String> = old.cloned().zip(links.iter().chain(&joints).cloned()).collect();
     model.links.iter_mut().zip(links).for_each(|(link, name)| link.name = name);
@@ -68,7 +67,6 @@ pub fn named(mut model: ArticulatedModel, names: PartNames, prefix: &str) -> Art
 
 /// A text with whole words replaced.
 fn replaced(text: &str, words: &BTreeMap<String, String>) -> String {
-    let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
     while !rest.is_empty() {
@@ -107,7 +105,7 @@ fn semantic(model: &ArticulatedModel) -> (Vec<String>, Vec<String>) {
     (links, joints)
 }
 
-/// What a joint's child is; `None` where shape and motion do not decide.
+/// Kind of a joint's child; `None` where shape and motion do not decide.
 fn kind(model: &ArticulatedModel, j: usize) -> Option<&'static str> {
     let joint = &model.joints[j];
     let closed = vec![0.0; model.joints.len()];
@@ -115,7 +113,7 @@ fn kind(model: &ArticulatedModel, j: usize) -> Option<&'static str> {
     let axis = world_from_joint.rotation * joint.axis.into_inner();
     let level = axis.z.abs() < SQUARE;
     let upright = axis.xy().norm() < SQUARE;
-    let shape = Shape::of(model, joint.child, &world_from_joint.translation.vector, &axis, &closed)?;
+    let shape = PartShape::of(model, joint.child, &world_from_joint.translation.vector, &axis, &closed)?;
     let size_m = size(model, &closed)?;
     match joint.kind {
         JointKind::Free { .. } => None,
@@ -123,7 +121,7 @@ fn kind(model: &ArticulatedModel, j: usize) -> Option<&'static str> {
         JointKind::Prismatic => None,
         JointKind::Screw { .. } => {
             (shape.extent.norm() < KNOB_SHARE * size_m).then_some("knob").or_else(|| {
-                // Around a thread that stands up, on top of what carries it.
+                // Around an upright thread, on top of its parent.
                 (upright && shape.middle_m < OFF_AXIS * shape.reach_m).then_some("cap")
             })
         }
@@ -132,7 +130,7 @@ fn kind(model: &ArticulatedModel, j: usize) -> Option<&'static str> {
         }
         JointKind::Revolute if shape.along_m < PANEL_SHARE * shape.reach_m => None,
         JointKind::Revolute if upright => Some("door"),
-        // On what stands still: the head of a lamp is none.
+        // On the static part only: the head of a lamp is none.
         JointKind::Revolute if level && joint.parent == 0 => {
             let (lower, upper) = bounds(model, joint.parent, &closed)?;
             let top = upper.z - TOP_SHARE * (upper.z - lower.z);
@@ -143,7 +141,7 @@ fn kind(model: &ArticulatedModel, j: usize) -> Option<&'static str> {
 }
 
 /// A part about its axis.
-struct Shape {
+struct PartShape {
     /// Extent along the world's axes, meters.
     extent: Vector3<f64>,
     /// Extent along the axis.
@@ -154,7 +152,7 @@ struct Shape {
     middle_m: f64,
 }
 
-impl Shape {
+impl PartShape {
     fn of(
         model: &ArticulatedModel,
         link: usize,

@@ -1,8 +1,8 @@
-//! Closed poses: where a face of a moving part meets its seat on the part that carries it.
+//! Closed poses: contact of a face of a moving part with its seat on the parent.
 //!
-//! Both surfaces are brought into coordinates that the motion leaves alone but for one, the position. What
-//! stands in the same cell of the others meets, and the difference of positions is the way left. Where many
-//! cells have the same way left, two faces meet at once. See docs/method.md (10.5).
+//! Both surfaces are brought into coordinates of the motion: only one of them changes, the position. Surfaces
+//! in the same cell of the others meet, and the difference of positions is the way left. Where many cells
+//! have the same way left, two faces meet at once. See docs/method.md (10.5).
 
 use std::collections::BTreeMap;
 
@@ -17,53 +17,75 @@ const CELL_M: f64 = 0.003;
 /// Most cells along the longest side of the moving part: larger parts have larger cells.
 /// chosen: memory of a square of cells
 const MOST_CELLS: f64 = 400.0;
-/// A face looks along the motion by at least this cosine.
+/// Least cosine between the motion and the normal of a leading face.
 /// derived: 45 degrees, nearer to it than to any direction across it
 const ALONG: f64 = std::f64::consts::FRAC_1_SQRT_2;
-/// Least share of the leading cells that meet their seat at once; what meets before it has less.
+/// Least share of the leading cells at their seat at once; earlier contacts have less.
 /// measured: on shared/bags seats hold 0.007 to 0.96 of the reconstructed faces
 const BROAD: f64 = 0.005;
 /// The same at the observed end.
-/// measured: on shared/bags surfaces that do not part there hold up to 0.05, seats of carcasses 0.1
+/// measured: on shared/bags surfaces joined there hold up to 0.05, seats of carcasses 0.1
 const AT_START: f64 = 0.1;
-/// Share of the cells that meet which a face comes to rest on: its high spots. Rims are rounded by fusion, so
-/// that the middle cell meets too late.
+/// A face comes to rest on this share of its meeting cells: its high spots. Rims are rounded by fusion: the
+/// middle cell meets too late.
 /// tuned: shared/bags, a quarter against a half
 const STANDS_OUT: f64 = 0.25;
-/// Where surfaces of one part may lie on another, as a share of the object's longest side: a larger face
-/// within it is the seat.
+/// Depth of surface of one part on another, as a share of the object's longest side: a larger face within it
+/// is the seat.
 /// derived: the default truncation of both fused surfaces (docs/method.md 3.1)
 const BLUR_SHARE: f64 = 0.04;
-/// A seat at the other end with more than this share of the contact leaves open which one is closed.
+/// With a seat at the other end of more than this share of the contact the closed end is undecided.
 /// chosen: odds of two to one
 const RIVAL: f64 = 0.5;
-/// Farthest way to a seat beyond the observed positions, in what these span.
+/// Farthest way to a seat beyond the observed positions, in lengths of their interval.
 /// measured: on shared/bags 1.1 for a lid, less than 0.3 for all others; handles of scissors meet at 3.3
 const FARTHEST: f64 = 2.0;
 
-/// The closed end of a joint: where a broad face of its child meets a surface of its parent that looks
-/// against it, at or beyond the observed positions. `None` for screws, where no face meets one, and where
-/// both ends have such a seat. Faces meet that are nearer than `tolerance_m`.
+/// The closed end of a joint: contact of a broad face of its child with an opposite surface of its parent, at
+/// or beyond the observed positions. `None` for screws, without contact, and with such a seat at both ends.
+/// Faces nearer than `tolerance_m` meet.
 #[must_use]
 pub fn seat(model: &ArticulatedModel, j: usize, tolerance_m: f64) -> Option<Seat> {
     let joint = &model.joints[j];
     if joint.kind.family() == super::JointFamily::Screw {
         return None;
     }
-    let [lower, upper] = model.observed_interval(j);
-    let blur_m = BLUR_SHARE * model.extent_m();
-    let of = |above: bool| {
-        let start = if above { upper } else { -lower };
-        let found = Ways::of(model, joint, above, start, tolerance_m).seat(tolerance_m, blur_m);
-        found.filter(|(way, ..)| *way <= FARTHEST * (upper - lower)).map(|(way, std, share)| {
-            let position = if above { start + way } else { -(start + way) };
-            Seat { position, std, contact_share: share, above }
-        })
-    };
-    let (a, b) = rayon::join(|| of(false), || of(true));
+    let observed = model.observed_interval(j);
+    let (a, b) = rayon::join(
+        || seat_at_end(model, joint, false, observed, tolerance_m),
+        || seat_at_end(model, joint, true, observed, tolerance_m),
+    );
     let share = |s: &Option<Seat>| s.map_or(0.0, |s| s.contact_share);
     let (best, rival) = if share(&a) >= share(&b) { (a, b) } else { (b, a) };
     best.filter(|_| share(&rival) <= RIVAL * share(&best))
+}
+
+/// The seat above or below the observed positions.
+fn seat_at_end(
+    model: &ArticulatedModel,
+    joint: &Joint,
+    above: bool,
+    [lower, upper]: [f64; 2],
+    tolerance_m: f64,
+) -> Option<Seat> {
+    let start = if above { upper } else { -lower };
+    let ways = Ways::of(model, joint, above, start, tolerance_m);
+    let contact = ways.seat(tolerance_m, BLUR_SHARE * model.extent_m())?;
+    if contact.way > FARTHEST * (upper - lower) {
+        return None;
+    }
+    let position = if above { start + contact.way } else { -(start + contact.way) };
+    Some(Seat { position, std: contact.std, contact_share: contact.share, above })
+}
+
+/// First contact of enough cells at once.
+struct Contact {
+    /// Way to it, radians or meters.
+    way: f64,
+    /// Root mean square deviation of the cells' ways, radians or meters.
+    std: f64,
+    /// Share of the leading cells.
+    share: f64,
 }
 
 /// A cell of the coordinates across the motion.
@@ -78,9 +100,9 @@ struct Spot {
     lever_m: f64,
 }
 
-/// Ways that are left to the leading cells of a part, in order.
+/// Ways left to the leading cells of a part, in order.
 struct Ways {
-    /// Way to the first surface that looks against the cell, radians or meters, and the cell's lever, meters.
+    /// Way to the first opposite surface, radians or meters, and the cell's lever, meters.
     left: Vec<[f64; 2]>,
     /// Weight of all leading cells.
     leading: f64,
@@ -105,13 +127,12 @@ impl Ways {
         let mut first: BTreeMap<Cell, (f64, Option<f64>)> = BTreeMap::new();
         for spot in frame.spots(child, 1.0) {
             let slack = tolerance_m / spot.lever_m;
-            let way = |along: &f64| {
+            let ways = seats.get(&spot.cell).into_iter().flatten().map(|along| {
                 let way = along - spot.along - start;
                 // A turn is known up to whole ones.
                 if frame.turns { (way + slack).rem_euclid(std::f64::consts::TAU) - slack } else { way }
-            };
-            let ahead = seats.get(&spot.cell).into_iter().flatten().map(way).filter(|w| *w >= -slack);
-            let own = ahead.min_by(f64::total_cmp);
+            });
+            let own = ways.filter(|w| *w >= -slack).min_by(f64::total_cmp);
             let known = &mut first.entry(spot.cell).or_insert((spot.lever_m, None)).1;
             *known = own.into_iter().chain(*known).min_by(f64::total_cmp);
         }
@@ -124,24 +145,20 @@ impl Ways {
         Self { left, leading }
     }
 
-    /// Way to the first face that enough cells meet at once, its deviation, and their share; `None` where the
-    /// part is stopped before, or meets one face after the other.
-    fn seat(&self, tolerance_m: f64, blur_m: f64) -> Option<(f64, f64, f64)> {
+    /// Contact with the first face; `None` where the part is stopped before, or meets one face after the
+    /// other.
+    fn seat(&self, tolerance_m: f64, blur_m: f64) -> Option<Contact> {
         let steps = self.steps(tolerance_m);
-        let apart_m = |a: &Step, b: &Step| (a.way - b.way).abs() * a.lever_m.min(b.lever_m);
-        let is_peak = |k: &usize| {
-            let near = steps.iter().filter(|s| apart_m(s, &steps[*k]) <= 2.0 * tolerance_m);
-            near.map(|s| s.met).fold(0.0, f64::max) <= steps[*k].met
-        };
         let least = BROAD * self.leading;
-        let faces = (0..steps.len()).filter(is_peak).map(|peak| self.face(&steps, peak));
+        let peaks = (0..steps.len()).filter(|&k| steps[k].is_peak(&steps, tolerance_m));
+        let faces = peaks.map(|peak| self.face(&steps, peak));
         let faces = faces.filter(|f| {
-            // Where the surfaces part in the state that shows this end, some of one may lie on the other.
+            // Where the surfaces part in the state at this end, some of one may lie on the other.
             let starts = f.cells[f.cells.len() / 4];
             f.weight >= if starts[0] * starts[1] <= tolerance_m { AT_START * self.leading } else { least }
         });
         let seat = faces.reduce(|seat, next| {
-            let behind = apart_m(seat.first, next.first) <= blur_m && next.weight > seat.weight;
+            let behind = seat.first.apart_m(next.first) <= blur_m && next.weight > seat.weight;
             if behind { next } else { seat }
         })?;
         let first = seat.first.way;
@@ -152,10 +169,10 @@ impl Ways {
         let way = seat.cells[(STANDS_OUT * seat.cells.len() as f64) as usize][0];
         let square: f64 = seat.cells.iter().map(|w| weight(w[1]) * (w[0] - way).powi(2)).sum();
         let stands = before <= least && width_m <= blur_m;
-        stands.then(|| (way, (square / seat.weight).sqrt(), seat.weight / self.leading))
+        stands.then(|| Contact { way, std: (square / seat.weight).sqrt(), share: seat.weight / self.leading })
     }
 
-    /// The face about a peak: as far as half as many cells meet at once, as noise spreads them, and no more
+    /// The face about a peak: as far as half as many cells meet at once (noise spreads them), and no more
     /// than at the peak.
     fn face<'a>(&'a self, steps: &'a [Step], peak: usize) -> Face<'a> {
         let most = steps[peak].met;
@@ -171,7 +188,7 @@ impl Ways {
         Face { first, cells, weight: cells.iter().map(|w| weight(w[1])).sum() }
     }
 
-    /// Ways a quarter of the tolerance apart, each with the weight of the cells that meet there within the
+    /// Ways a quarter of the tolerance apart, each with the weight of the cells in contact there within the
     /// tolerance.
     fn steps(&self, tolerance_m: f64) -> Vec<Step> {
         let mut steps: Vec<Step> = Vec::new();
@@ -185,14 +202,28 @@ impl Ways {
     }
 }
 
-/// A way, and what meets there.
+/// A way, and the contact there.
 struct Step {
     way: f64,
     lever_m: f64,
+    /// Weight of the cells in contact.
     met: f64,
 }
 
-/// Cells that meet about at once.
+impl Step {
+    /// Distance between two steps, meters.
+    fn apart_m(&self, other: &Self) -> f64 {
+        (self.way - other.way).abs() * self.lever_m.min(other.lever_m)
+    }
+
+    /// Whether no step about it has more contact.
+    fn is_peak(&self, steps: &[Self], tolerance_m: f64) -> bool {
+        let near = steps.iter().filter(|s| s.apart_m(self) <= 2.0 * tolerance_m);
+        near.map(|s| s.met).fold(0.0, f64::max) <= self.met
+    }
+}
+
+/// Cells in contact about at once.
 struct Face<'a> {
     first: &'a Step,
     /// In the order of their ways; never empty, as steps are ways of cells.
@@ -200,7 +231,7 @@ struct Face<'a> {
     weight: f64,
 }
 
-/// Coordinates of a motion: two that it leaves alone, and the position.
+/// Coordinates of a motion: two constant ones, and the position.
 struct Frame {
     axis: Vector3<f64>,
     across: [Vector3<f64>; 2],
@@ -209,7 +240,7 @@ struct Frame {
 }
 
 impl Frame {
-    /// In the joint's frame at position 0; the axis is turned so that the motion goes upwards.
+    /// In the joint's frame at position 0; the axis is turned for the motion to go upwards.
     fn of(joint: &Joint, above: bool, child: &TriangleMesh) -> Self {
         let axis = if above { joint.axis.into_inner() } else { -joint.axis.into_inner() };
         let least = Vector3::ith(axis.iamin(), 1.0);
@@ -223,8 +254,8 @@ impl Frame {
         }
     }
 
-    /// Spots of a surface, one or more in every cell that it passes, that look along the motion (`sign` 1) or
-    /// against it (-1).
+    /// Spots of a surface facing along the motion (`sign` 1) or against it (-1), one or more in every cell of
+    /// it.
     fn spots(&self, mesh: &TriangleMesh, sign: f64) -> Vec<Spot> {
         let mut spots = Vec::new();
         for t in 0..mesh.triangles.len() {
@@ -232,7 +263,7 @@ impl Frame {
             let [a, b, c] = mesh.corners(t).map(|p| p.cast::<f64>());
             let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
             let n = ((longest / self.cell_m).ceil() as usize).clamp(1, 1000);
-            // Middles of the small triangles that stand as the large one does, and of those between.
+            // Middles of the small triangles with the orientation of the large one, and of those between.
             for i in 0..n {
                 for k in 0..n - i {
                     for shift in [1.0 / 3.0, 2.0 / 3.0].into_iter().take(1 + usize::from(i + k + 1 < n)) {

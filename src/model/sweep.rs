@@ -1,4 +1,4 @@
-//! Collision solids along the paths of the joints: what stands in the way is cut, and how far a joint gets is
+//! Collision solids along the paths of the joints: obstacles are cut, and the free interval of a joint is
 //! measured.
 
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -8,15 +8,15 @@ use super::{ArticulatedModel, Joint, JointKind};
 use geometry::Pose;
 use surface::{ConvexConfig, ConvexSolid, Plane, TriangleMesh};
 
-/// Longest way between two positions of a sweep that are looked at, meters.
-/// chosen: no thicker than the walls that it must not jump
+/// Longest way between two examined positions of a sweep, meters.
+/// chosen: no more than the thickness of walls, to jump none
 const STEP_M: f64 = 0.003;
 /// Most positions of a sweep.
 const MAX_STEPS: usize = 600;
-/// Pieces smaller than this are dropped, cubic meters. chosen: a cube of 2 mm, which stops nothing
+/// Pieces smaller than this are dropped, cubic meters. chosen: a cube of 2 mm stops nothing
 const MIN_VOLUME_M3: f64 = 1e-8;
-/// Share of a moving part's extent that it may reach into a part that is not its parent without being stopped
-/// by it. chosen: solids are that inexact
+/// Largest depth of a moving part in another than its parent without being stopped by it, as a share of its
+/// extent. chosen: solids are so inexact
 const GRAZE_SHARE: f64 = 0.05;
 /// Gap ahead of a part and behind it, as a share of that on its sides.
 /// measured: over 2 mm MuJoCo and Bullet make no contact; a part that slides along that close jams in Bullet
@@ -32,16 +32,16 @@ const FUSED: f64 = 1.25;
 /// derived: half a turn; farther, the other way round is the nearer one
 pub(super) const MAX_TURN_RAD: f64 = std::f64::consts::PI;
 
-/// Makes room: what comes near the solids of a moving link anywhere between its limits and the observed
-/// positions, where nothing can have been in the way, is cut out of the other links' solids. The gap is as
-/// wide as engines with margins need: solids that touch at rest are thrown apart by MuJoCo and Bullet.
+/// Makes room: solids of other links near those of a moving link, anywhere between its limits and the
+/// observed positions (nothing can have been in the way there), are cut. The gap is as wide as engines with
+/// margins need: MuJoCo and Bullet throw solids in contact at rest apart.
 pub fn clear_paths(model: &mut ArticulatedModel, config: &ConvexConfig) {
     for j in 0..model.joints.len() {
         let joint = model.joints[j].clone();
         let [lower, upper] = model.observed_interval(j);
         let positions = steps(model, &joint, lower.min(joint.limit.lower), upper.max(joint.limit.upper));
         for other in 0..model.links.len() {
-            // What hangs on the child moves with it.
+            // Links below the child move with it.
             if other == joint.child || model.is_below(other, joint.child) {
                 continue;
             }
@@ -73,9 +73,9 @@ fn extent_m(solids: &[ConvexSolid]) -> f64 {
     (hi - lo).norm()
 }
 
-/// The interval around the observed one in which no solid of a joint's child meets one of another link (the
-/// other joints as in any observed state); at most half a turn, or the child's own length, beyond the
-/// observed positions.
+/// The interval around the observed one without contact between a solid of a joint's child and one of another
+/// link (the other joints as in any observed state); at most half a turn, or the child's own length, beyond
+/// the observed positions.
 #[must_use]
 pub fn swept_interval(model: &ArticulatedModel, j: usize) -> [f64; 2] {
     let joint = &model.joints[j];
@@ -84,25 +84,24 @@ pub fn swept_interval(model: &ArticulatedModel, j: usize) -> [f64; 2] {
         JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => MAX_TURN_RAD,
         JointKind::Prismatic => length_along(model, joint),
     };
-    let last = |end: f64| {
+    let [lowest, highest] = [upper - reach, lower + reach].map(|end| {
         let start = if end < lower { lower } else { upper };
-        // Outwards from what was observed: behind the first obstacle nothing counts.
+        // Outwards from the observed interval: behind the first obstacle nothing counts.
         let free = steps(model, joint, start, end).into_iter().take_while(|q| is_free(model, j, *q));
         free.last().unwrap_or(start)
-    };
-    [last(upper - reach).min(lower), last(lower + reach).max(upper)]
+    });
+    [lowest.min(lower), highest.max(upper)]
 }
 
-/// Whether a joint's child at a position meets no solid of a link that it does not carry, in any observed
+/// Whether a joint's child at a position meets no solid of any link, but for those below it, in any observed
 /// state of the other joints.
 fn is_free(model: &ArticulatedModel, j: usize, position: f64) -> bool {
     let child = model.joints[j].child;
-    let meets = |other: usize| {
+    let mut others = (0..model.links.len()).filter(|&l| l != child && !model.is_below(l, child));
+    others.all(|other| {
         let mut poses = model.states.iter().flat_map(|s| relative_poses(model, j, other, s, &[position]));
-        poses.any(|pose| overlaps(&model.links[other].collision, &model.links[child].collision, &pose))
-    };
-    let carried = |link: usize| link == child || model.is_below(link, child);
-    !(0..model.links.len()).any(|other| !carried(other) && meets(other))
+        !poses.any(|pose| overlaps(&model.links[other].collision, &model.links[child].collision, &pose))
+    })
 }
 
 impl ArticulatedModel {
@@ -139,15 +138,15 @@ fn steps(model: &ArticulatedModel, joint: &Joint, start: f64, end: f64) -> Vec<f
     (0..=count).map(|k| start + (end - start) * k as f64 / count as f64).collect()
 }
 
-/// Way of the point of a joint's child that moves most, meters per unit of its position.
+/// Longest way of any point of a joint's child, meters per unit of its position.
 fn lever_m(model: &ArticulatedModel, joint: &Joint) -> f64 {
     let axis = joint.axis.into_inner();
-    let lever = |s: &ConvexSolid| s.vertices.iter().map(|v| v.coords.cross(&axis).norm()).fold(0.0, f64::max);
     match joint.kind {
         // All points of a slide move alike.
         JointKind::Prismatic => 1.0,
         JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
-            model.links[joint.child].collision.iter().map(lever).fold(0.0, f64::max)
+            let vertices = model.links[joint.child].collision.iter().flat_map(|s| &s.vertices);
+            vertices.map(|v| v.coords.cross(&axis).norm()).fold(0.0, f64::max)
         }
     }
 }
@@ -160,12 +159,14 @@ fn relative_poses(
     state: &[f64],
     positions: &[f64],
 ) -> Vec<Pose> {
-    let pose = |&q: &f64| {
-        let mut all = state.to_vec();
+    let child = model.joints[j].child;
+    let mut all = state.to_vec();
+    let mut poses = Vec::with_capacity(positions.len());
+    for &q in positions {
         all[j] = q;
-        model.world_from_link(other, &all).inverse() * model.world_from_link(model.joints[j].child, &all)
-    };
-    positions.iter().map(pose).collect()
+        poses.push(model.world_from_link(other, &all).inverse() * model.world_from_link(child, &all));
+    }
+    poses
 }
 
 fn overlaps(fixed: &[ConvexSolid], moving: &[ConvexSolid], fixed_from_moving: &Pose) -> bool {
@@ -177,8 +178,11 @@ fn overlaps(fixed: &[ConvexSolid], moving: &[ConvexSolid], fixed_from_moving: &P
     })
 }
 
-/// Whether two boxes (lower and upper corners) come closer than a gap.
-fn boxes_meet(a: &(Point3<f64>, Point3<f64>), b: &(Point3<f64>, Point3<f64>), gap_m: f64) -> bool {
+/// Lower and upper corner of a box.
+type Corners = (Point3<f64>, Point3<f64>);
+
+/// Whether two boxes come closer than a gap.
+fn boxes_meet(a: &Corners, b: &Corners, gap_m: f64) -> bool {
     (0..3).all(|k| a.0[k] <= b.1[k] + gap_m && b.0[k] <= a.1[k] + gap_m)
 }
 
@@ -194,28 +198,38 @@ struct Sweep<'a> {
 }
 
 /// Cuts moving solids out of the fixed ones: along the whole path where they only graze one, otherwise at the
-/// poses at which they were seen.
+/// observed poses.
 fn carve(fixed: &mut Vec<ConvexSolid>, moving: &[ConvexSolid], sweep: &Sweep<'_>, config: &ConvexConfig) {
     let paths: Vec<[Path; 2]> = moving
         .par_iter()
         .map(|solid| [sweep.path, sweep.seen].map(|poses| Path::new(sweep.joint, solid, poses)))
         .collect();
-    let parts = |piece: ConvexSolid| {
-        // Along the solid's own axes, so that cuts run with its faces.
-        let axes = piece.axes();
-        let way = |[path, seen]: &[Path; 2]| {
-            let stands_in_the_way =
-                sweep.grazed_m.is_finite() && path.deepest_m(&piece, config.gap_m) > sweep.grazed_m;
-            (if stands_in_the_way { seen } else { path }).within(&piece, &axes, config.gap_m)
-        };
-        let cut = |pieces: Vec<ConvexSolid>, gap: &Block| {
-            pieces.into_iter().flat_map(|p| without_block(p, &axes, gap, config)).collect()
-        };
-        let gaps = fused(paths.iter().filter_map(way).collect());
-        gaps.iter().fold(vec![piece], cut)
-    };
-    let cut: Vec<_> = std::mem::take(fixed).into_par_iter().map(parts).collect();
-    *fixed = cut.into_iter().flatten().collect();
+    let pieces =
+        std::mem::take(fixed).into_par_iter().map(|solid| carved(solid, &paths, sweep.grazed_m, config));
+    let pieces: Vec<Vec<ConvexSolid>> = pieces.collect();
+    *fixed = pieces.into_iter().flatten().collect();
+}
+
+/// A solid with the paths of moving ones cut out.
+fn carved(
+    solid: ConvexSolid,
+    paths: &[[Path<'_>; 2]],
+    grazed_m: f64,
+    config: &ConvexConfig,
+) -> Vec<ConvexSolid> {
+    // Along the solid's own axes: cuts run with its faces.
+    let axes = solid.axes();
+    let mut gaps = Vec::new();
+    for [path, seen] in paths {
+        let stands_in_the_way = grazed_m.is_finite() && path.deepest_m(&solid, config.gap_m) > grazed_m;
+        let poses = if stands_in_the_way { seen } else { path };
+        gaps.extend(poses.within(&solid, &axes, config.gap_m));
+    }
+    let mut pieces = vec![solid];
+    for gap in fused(gaps) {
+        pieces = pieces.into_iter().flat_map(|p| without_block(p, &axes, &gap, config)).collect();
+    }
+    pieces
 }
 
 /// A solid at the poses of its path.
@@ -228,7 +242,7 @@ struct Path<'a> {
 struct PathStep {
     fixed_from_moving: Pose,
     solid: ConvexSolid,
-    bounds: (Point3<f64>, Point3<f64>),
+    bounds: Corners,
 }
 
 impl<'a> Path<'a> {
@@ -240,30 +254,30 @@ impl<'a> Path<'a> {
         Self { joint, steps: poses.iter().map(step).collect() }
     }
 
-    /// The steps that come near a solid.
+    /// The steps of the path near a solid.
     fn near(&self, piece: &ConvexSolid, gap_m: f64) -> impl Iterator<Item = &PathStep> {
         let bounds = piece.bounds();
         self.steps.iter().filter(move |step| boxes_meet(&step.bounds, &bounds, gap_m))
     }
 
-    /// How deep the path leads into a solid, meters.
+    /// Largest depth of the path in a solid, meters.
     fn deepest_m(&self, piece: &ConvexSolid, gap_m: f64) -> f64 {
         self.near(piece, gap_m).filter_map(|step| step.solid.penetration_m(piece)).fold(0.0, f64::max)
     }
 
-    /// The block around all that comes into a solid, with a gap: the box around the whole part would cut far
-    /// more.
-    fn within(&self, piece: &ConvexSolid, axes: &Matrix3<f64>, gap_m: f64) -> Option<Block> {
+    /// The block around the path's pieces within a solid, with a gap: the box around the whole part would cut
+    /// far more.
+    fn within(&self, piece: &ConvexSolid, axes: &Matrix3<f64>, gap_m: f64) -> Option<CutBlock> {
         let grown: Vec<Plane> =
             piece.planes().into_iter().map(|p| Plane { offset_m: p.offset_m + gap_m, ..p }).collect();
-        let mut block: Option<Block> = None;
+        let mut block: Option<CutBlock> = None;
         for step in self.near(piece, gap_m) {
             let Some(inside) = step.solid.clipped_by(&grown) else { continue };
             for vertex in &inside.vertices {
                 let direction = axes.tr_mul(&direction_of(self.joint, &step.fixed_from_moving, vertex));
                 let gap = direction.map(|d| if d.abs() >= STRAIGHT { SEAT_GAP * gap_m } else { gap_m });
                 let vertex = axes.tr_mul(&vertex.coords);
-                let own = Block { lo: vertex - gap, hi: vertex + gap };
+                let own = CutBlock { lo: vertex - gap, hi: vertex + gap };
                 block = Some(block.map_or(own, |b| b.and(&own)));
             }
         }
@@ -288,12 +302,12 @@ fn direction_of(joint: &Joint, fixed_from_moving: &Pose, point: &Point3<f64>) ->
 
 /// A box along some axes.
 #[derive(Clone, Copy)]
-struct Block {
+struct CutBlock {
     lo: Vector3<f64>,
     hi: Vector3<f64>,
 }
 
-impl Block {
+impl CutBlock {
     fn and(&self, other: &Self) -> Self {
         Self { lo: self.lo.inf(&other.lo), hi: self.hi.sup(&other.hi) }
     }
@@ -301,40 +315,35 @@ impl Block {
     fn volume_m3(&self) -> f64 {
         (self.hi - self.lo).product()
     }
+
+    /// Volume of the block around both over the sum of their volumes.
+    fn waste_with(&self, other: &Self) -> f64 {
+        self.and(other).volume_m3() / (self.volume_m3() + other.volume_m3())
+    }
 }
 
-/// Blocks of which some are one: together they are hardly larger than apart. A solid that is cut around a
-/// few is left in fewer pieces.
-fn fused(mut blocks: Vec<Block>) -> Vec<Block> {
+/// Blocks with some of them united: together these are hardly larger than apart. Fewer cuts leave a solid in
+/// fewer pieces.
+fn fused(mut blocks: Vec<CutBlock>) -> Vec<CutBlock> {
     loop {
         let pairs = (0..blocks.len()).flat_map(|a| (a + 1..blocks.len()).map(move |b| (a, b)));
-        let waste = |(a, b): (usize, usize)| {
-            let a = &blocks[a];
-            let b = &blocks[b];
-            a.and(b).volume_m3() / (a.volume_m3() + b.volume_m3())
-        };
-        let best = pairs.map(|p| (waste(p), p)).min_by(|x, y| x.0.total_cmp(&y.0));
+        let wastes = pairs.map(|(a, b)| (blocks[a].waste_with(&blocks[b]), (a, b)));
+        let best = wastes.min_by(|x, y| x.0.total_cmp(&y.0));
         let Some((_, (a, b))) = best.filter(|(waste, _)| *waste <= FUSED) else { return blocks };
         let other = blocks.remove(b);
         blocks[a] = blocks[a].and(&other);
     }
 }
 
-/// Keeps the solids that most of a surface lies in or near.
+/// Keeps the solids with most of a surface in or near them.
 fn keep_most_seen(solids: &mut Vec<ConvexSolid>, visual: &TriangleMesh, config: &ConvexConfig) {
     if solids.len() <= config.max_solids {
         return;
     }
     let planes: Vec<Vec<Plane>> = solids.iter().map(ConvexSolid::planes).collect();
-    let nearest = |t: usize| {
-        let middle = visual.middle(t);
-        let outside =
-            |q: &Vec<Plane>| q.iter().map(|q| q.distance_m(&middle)).fold(f64::NEG_INFINITY, f64::max);
-        let near = (0..solids.len()).map(|i| (outside(&planes[i]), i)).min_by(|a, b| a.0.total_cmp(&b.0));
-        near.filter(|n| n.0 <= config.tolerance_m).map(|n| n.1)
-    };
+    let triangles = (0..visual.triangles.len()).into_par_iter().with_min_len(256);
     let nearest: Vec<Option<usize>> =
-        (0..visual.triangles.len()).into_par_iter().with_min_len(256).map(nearest).collect();
+        triangles.map(|t| nearest_solid(&planes, &visual.middle(t), config.tolerance_m)).collect();
     let mut areas = vec![0.0; solids.len()];
     for (t, i) in nearest.into_iter().enumerate() {
         i.into_iter().for_each(|i| areas[i] += 0.5 * f64::from(visual.area_normal(t).norm()));
@@ -346,41 +355,43 @@ fn keep_most_seen(solids: &mut Vec<ConvexSolid>, visual: &TriangleMesh, config: 
     *solids = order.iter().map(|&i| solids[i].clone()).collect();
 }
 
-/// A solid without a block along `axes`: the sides of the block cut it one after the other, the one that
-/// leaves most first.
+/// Index of the nearest solid (by its planes) to a place, within a distance, meters.
+fn nearest_solid(solids: &[Vec<Plane>], place: &Point3<f64>, within_m: f64) -> Option<usize> {
+    let distances =
+        solids.iter().map(|s| s.iter().map(|p| p.distance_m(place)).fold(f64::NEG_INFINITY, f64::max));
+    let (nearest, distance_m) = distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    (distance_m <= within_m).then_some(nearest)
+}
+
+/// A solid without a block along `axes`: the sides of the block cut it one after the other, the one with the
+/// most left first.
 fn without_block(
     piece: ConvexSolid,
     axes: &Matrix3<f64>,
-    block: &Block,
+    block: &CutBlock,
     config: &ConvexConfig,
 ) -> Vec<ConvexSolid> {
-    let side = |i: usize| {
-        let k = i / 2;
-        let axis = axes.column(i / 2).into_owned();
-        if i % 2 == 1 {
-            Plane { normal: -axis, offset_m: -block.hi[k] }
-        } else {
-            Plane { normal: axis, offset_m: block.lo[k] }
-        }
-    };
-    let mut sides: Vec<Plane> = (0..6).map(side).collect();
+    let mut sides = Vec::with_capacity(6);
+    for k in 0..3 {
+        let axis = axes.column(k).into_owned();
+        sides.push(Plane { normal: axis, offset_m: block.lo[k] });
+        sides.push(Plane { normal: -axis, offset_m: -block.hi[k] });
+    }
     let mut rest = Some(piece);
     let mut kept = Vec::new();
     while let Some(solid) = rest.take() {
-        let left = |p: &Plane| solid.clipped(p).map_or(0.0, |s| s.volume_m3());
-        let Some(best) =
-            (0..sides.len()).max_by(|a, b| left(&sides[*a]).total_cmp(&left(&sides[*b])).then(b.cmp(a)))
-        else {
-            break;
-        };
+        let left_m3: Vec<f64> =
+            sides.iter().map(|p| solid.clipped(p).map_or(0.0, |s| s.volume_m3())).collect();
+        let most = (0..sides.len()).max_by(|&a, &b| left_m3[a].total_cmp(&left_m3[b]).then(b.cmp(&a)));
+        let Some(best) = most else { break };
         let plane = sides.remove(best);
         kept.extend(
             solid
                 .clipped(&plane)
-                // Simulators refuse hulls that are smaller or thinner.
+                // Simulators refuse smaller or thinner hulls.
                 .filter(|s| s.volume_m3() > MIN_VOLUME_M3 && s.thickness_m() >= config.min_thickness_m),
         );
-        // What lies beyond this side is left out of the next cuts: the pieces do not overlap.
+        // The part beyond this side is left out of the next cuts: the pieces do not overlap.
         rest = solid.clipped(&Plane { normal: -plane.normal, offset_m: -plane.offset_m });
     }
     kept

@@ -7,10 +7,10 @@ use nalgebra::{Unit, UnitQuaternion, Vector3};
 use geometry::Pose;
 use surface::TriangleMesh;
 
-/// What a joint of a file lets its child do.
+/// Type of a joint of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JointType {
-    /// Nothing.
+    /// Does not move.
     Fixed,
     /// Turns between limits.
     Revolute,
@@ -20,10 +20,10 @@ pub enum JointType {
     Prismatic,
 }
 
-/// A joint that follows another one: `position = multiplier * position(joint) + offset`.
+/// Coupling of a joint to another one: `position = multiplier * position(joint) + offset`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mimic {
-    /// Name of the joint that leads.
+    /// Name of the leading joint.
     pub joint: String,
     /// Factor.
     pub multiplier: f64,
@@ -45,7 +45,7 @@ pub struct TreeLink {
 pub struct TreeJoint {
     /// Name.
     pub name: String,
-    /// What it lets its child do.
+    /// Its type.
     pub kind: JointType,
     /// Index of the parent link.
     pub parent: usize,
@@ -55,7 +55,7 @@ pub struct TreeJoint {
     pub parent_from_joint: Pose,
     /// Axis in the joint frame.
     pub axis: Unit<Vector3<f64>>,
-    /// Joint that it follows, if any.
+    /// Its coupling to another joint, if any.
     pub mimic: Option<Mimic>,
 }
 
@@ -68,7 +68,7 @@ pub struct Tree {
     pub joints: Vec<TreeJoint>,
     /// Index of the root link.
     pub root: usize,
-    /// Joint whose child a link is.
+    /// Joint with a link as its child.
     joint_of: Vec<Option<usize>>,
     /// Number of joints between the root and a link.
     depth: Vec<usize>,
@@ -92,10 +92,10 @@ pub enum TreeError {
 }
 
 impl Tree {
-    /// Checks that the joints make one tree of the links.
+    /// The tree of links by their joints.
     ///
     /// # Errors
-    /// [`TreeError`] where they do not.
+    /// [`TreeError`] where they are not one tree.
     pub fn new(links: Vec<TreeLink>, joints: Vec<TreeJoint>) -> Result<Self, TreeError> {
         let mut joint_of = vec![None; links.len()];
         for (j, joint) in joints.iter().enumerate() {
@@ -128,14 +128,13 @@ impl Tree {
         Ok(Self { links, joints, root, joint_of, depth })
     }
 
-    /// The joint whose child a link is; `None` for the root.
+    /// The joint with a link as its child; `None` for the root.
     #[must_use]
     pub fn joint_of(&self, link: usize) -> Option<&TreeJoint> {
         self.joint_of[link].map(|j| &self.joints[j])
     }
 
-    /// Pose of a link in the root's frame; a joint that `positions` (radians, meters, by name) leaves out is
-    /// at 0.
+    /// Pose of a link in the root's frame; a joint missing in `positions` (radians, meters, by name) is at 0.
     #[must_use]
     pub fn world_from_link(&self, link: usize, positions: &BTreeMap<String, f64>) -> Pose {
         let Some(joint) = self.joint_of(link) else { return Pose::identity() };
@@ -179,13 +178,13 @@ impl Tree {
                 }
             }
         }
-        let has_mesh = |part: &Vec<usize>| part.iter().any(|&l| !self.links[l].visual.is_empty());
-        parts
-            .into_iter()
-            .enumerate()
-            .filter(|(i, part)| *i == 0 || has_mesh(part))
-            .map(|(_, part)| part)
-            .collect()
+        let mut kept = Vec::new();
+        for (i, part) in parts.into_iter().enumerate() {
+            if i == 0 || part.iter().any(|&l| !self.links[l].visual.is_empty()) {
+                kept.push(part);
+            }
+        }
+        kept
     }
 }
 

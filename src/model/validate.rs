@@ -1,4 +1,4 @@
-//! What would keep a simulator from loading a model, or make it load another one.
+//! Defects of a model: reasons for a simulator not to load it, or to load another one.
 
 use std::collections::BTreeSet;
 
@@ -19,7 +19,7 @@ const LIMIT_SLACK: f64 = 1e-9;
 pub struct Finding {
     /// The link, joint or model it is about.
     pub subject: String,
-    /// What is wrong, with the numbers.
+    /// The defect, with the numbers.
     pub message: String,
 }
 
@@ -29,7 +29,7 @@ impl std::fmt::Display for Finding {
     }
 }
 
-/// Everything wrong with a model, in the order of its links and joints; empty for one that can be exported.
+/// All defects of a model, in the order of its links and joints; empty for a model ready for export.
 ///
 /// Checks names (`[A-Za-z][A-Za-z0-9_]*`, unique over links and joints together), meshes (not empty, finite,
 /// indices inside), masses (positive), inertia tensors (symmetric, positive, `A + B >= C`), axes (unit),
@@ -121,7 +121,7 @@ fn inertial(subject: &str, inertial: &Inertial, found: &mut Findings) {
 }
 
 /// Why no body has a finite inertia: a principal moment is negative, or larger than the other two together. A
-/// moment of 0 is that of a point or a rod.
+/// moment of 0 belongs to a point or a rod.
 #[must_use]
 pub fn impossible_inertia(inertia: &Matrix3<f64>) -> Option<String> {
     let [a, b, c] = principal_moments(inertia);
@@ -145,7 +145,7 @@ pub fn principal_moments(inertia: &Matrix3<f64>) -> [f64; 3] {
 
 fn check_joint(joint: &Joint, found: &mut Findings) {
     let axis = joint.axis.as_ref();
-    // Comparisons are negated, here and below, so that NaN fails them.
+    // Comparisons are negated, here and below: NaN fails them.
     if !((axis.norm() - 1.0).abs() < 1e-6) {
         found.add(&joint.name, format!("the axis has length {}; it must be 1", axis.norm()));
     }

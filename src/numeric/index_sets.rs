@@ -1,4 +1,4 @@
-//! Sets of indices that are joined pairwise.
+//! Sets of indices, joined pairwise.
 
 /// Disjoint sets of indices; the smallest index of a set is its root, so the result does not depend on the
 /// order of joins.
@@ -10,7 +10,7 @@ impl IndexSets {
         Self((0..count).collect())
     }
 
-    /// The smallest index of the set that holds `i`.
+    /// The smallest index of the set of `i`.
     pub fn root(&mut self, mut i: usize) -> usize {
         while self.0[i] != i {
             // Halves the path for the next search.
@@ -24,7 +24,7 @@ impl IndexSets {
     pub fn join(&mut self, a: usize, b: usize) {
         let a = self.root(a);
         let b = self.root(b);
-        // The smallest index is the root, so that a set's name does not depend on the order of joining.
+        // The smallest index is the root: a set's name does not depend on the order of joining.
         self.0[a.max(b)] = a.min(b);
     }
 }

@@ -1,4 +1,4 @@
-//! Lists by number, e.g. of what stands at each vertex of a mesh.
+//! Lists by number, e.g. of the triangles at each vertex of a mesh.
 
 use std::ops::Range;
 
@@ -11,7 +11,7 @@ pub struct Lists<T> {
 
 impl<T: Copy + Default + Ord> Lists<T> {
     /// So many lists, of entries with the number of the list of each; those of a list ascend. Lists are
-    /// short, so that entries are counted, not sorted.
+    /// short: entries are counted, not sorted.
     pub fn of(count: usize, entries: impl Iterator<Item = (u32, T)> + Clone) -> Self {
         let mut first = vec![0u32; count + 1];
         entries.clone().for_each(|(list, _)| first[list as usize + 1] += 1);
@@ -32,7 +32,7 @@ impl<T: Copy + Default + Ord> Lists<T> {
         lists
     }
 
-    /// Without entries that are in a list twice.
+    /// The lists without repeated entries.
     pub fn unique(mut self) -> Self {
         let mut kept = 0;
         for list in 0..self.first.len() - 1 {
@@ -57,7 +57,7 @@ impl<T: Copy + Default + Ord> Lists<T> {
         self.span(list, list)
     }
 
-    /// Where the entries of the lists from the first to the last stand among [`Self::entries`].
+    /// Range of the entries of the lists from the first to the last among [`Self::entries`].
     pub fn span(&self, first: u32, last: u32) -> Range<usize> {
         self.first[first as usize] as usize..self.first[last as usize + 1] as usize
     }

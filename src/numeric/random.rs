@@ -1,4 +1,4 @@
-//! One user seed, one independent random stream per stage and step, and what is drawn from a stream.
+//! One user seed, one independent random stream per stage and step, and draws from a stream.
 
 use std::f64::consts::TAU;
 
@@ -6,8 +6,8 @@ use nalgebra::{Unit, Vector3};
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// The stream of a step of a stage. Streams of other stages and steps are unrelated, so a resumed run draws
-/// what an uninterrupted one would, and adding a stage leaves the others as they were.
+/// The stream of a step of a stage. Streams of other stages and steps are unrelated: a resumed run has the
+/// draws of an uninterrupted one, and a new stage leaves the others as they were.
 #[must_use]
 pub fn stage_rng(seed: u64, stage: &str, step: u64) -> Pcg64Mcg {
     let name = hash_of(stage);
@@ -23,10 +23,10 @@ pub fn hash_of(text: &str) -> u64 {
     text.bytes().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// What SplitMix64 adds from one number of a stream to the next (Steele, Lea and Flood 2014).
+/// Step of SplitMix64 from one number of a stream to the next (Steele, Lea and Flood 2014).
 pub const STREAM_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// The number that SplitMix64 gives in a state.
+/// The number of SplitMix64 in a state.
 pub fn mix(mut x: u64) -> u64 {
     x = x.wrapping_add(STREAM_STEP);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -34,7 +34,7 @@ pub fn mix(mut x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
-/// Uniform in `[0, 1)` by the 53 upper bits, which is what a double holds.
+/// Uniform in `[0, 1)` by the 53 upper bits, as many as in a double's mantissa.
 pub fn unit_of(bits: u64) -> f64 {
     (bits >> 11) as f64 / (1u64 << 53) as f64
 }
@@ -67,7 +67,7 @@ pub fn normal(rng: &mut impl Rng) -> f64 {
     radius * (TAU * unit(rng)).cos()
 }
 
-/// A vector of three independent normals whose root mean square length is `rms`.
+/// A vector of three independent normals with the root mean square length `rms`.
 pub fn isotropic(rng: &mut impl Rng, rms: f64) -> Vector3<f64> {
     Vector3::from_fn(|_, _| normal(rng)) * (rms / 3f64.sqrt())
 }

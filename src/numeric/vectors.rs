@@ -1,8 +1,8 @@
-//! Loops compiled for the vector instructions of the processor that they run on.
+//! Loops compiled for the vector instructions of the running processor.
 
-/// Makes a function of a kernel (an `#[inline(always)]` function) that is compiled for AVX-512, for AVX2 and
-/// for any processor, and takes the best of these that the processor has. None of them fuses products with
-/// sums, so that all give the same values.
+/// Makes a function of a kernel (an `#[inline(always)]` function), compiled for AVX-512, for AVX2 and for any
+/// processor; it takes the best of these for the processor. None of them fuses products with sums: all give
+/// the same values.
 #[macro_export]
 macro_rules! vectorized {
     ($(#[$doc:meta])* $vis:vis fn $name:ident($($arg:ident: $ty:ty),* $(,)?) = $kernel:path) => {

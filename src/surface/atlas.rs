@@ -13,8 +13,8 @@ use super::{
 const MARGIN_PX: f64 = 2.0;
 /// Texels grow by this until the charts fit. chosen: a few trials, and little is given away
 const COARSER: f64 = 1.15;
-/// Share of a mesh's extent that a chart may leave its plane by.
-/// chosen: a chart that is deeper stretches its texels
+/// Greatest depth of a chart about its plane, as a share of the mesh's extent.
+/// chosen: a deeper chart stretches its texels
 const DEPTH_SHARE: f64 = 0.2;
 
 /// Where the triangles of a mesh lie in a square texture.
@@ -37,9 +37,9 @@ struct Chart {
     size_m: Vector2<f64>,
 }
 
-/// Lays a mesh out in charts that face one way each (no triangle turned by more than 35 degrees from the
-/// first of its chart), at `texel_m` a texel or as fine as `max_px` a side allows. Triangles never overlap
-/// across charts. Deterministic.
+/// The mesh laid out in charts (no triangle is turned by more than 35 degrees from the first of its chart),
+/// at `texel_m` a texel or as fine as `max_px` a side allows. Triangles never overlap across charts.
+/// Deterministic.
 #[must_use]
 pub fn unwrap(mesh: &TriangleMesh, texel_m: f64, max_px: usize) -> Atlas {
     let extent_m = mesh.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).norm()));
@@ -47,7 +47,7 @@ pub fn unwrap(mesh: &TriangleMesh, texel_m: f64, max_px: usize) -> Atlas {
         patches(mesh, DEPTH_SHARE * extent_m).iter().map(|p| lay_flat(mesh, p)).collect();
     // Shelves waste least where heights fall from one to the next.
     charts.sort_by(|a, b| b.size_m.y.total_cmp(&a.size_m.y).then(b.size_m.x.total_cmp(&a.size_m.x)));
-    // Not far finer than the largest texture can be, so that the loop needs few rounds.
+    // Not far finer than the largest texture can be: the loop needs few rounds.
     let mut texel_m = texel_m.max(extent_m / (2.0 * max_px as f64)).max(1e-9);
     let (size_px, places) = loop {
         if let Some(found) = pack(&charts, texel_m, max_px) {
@@ -80,33 +80,33 @@ impl Atlas {
     }
 }
 
-/// A patch seen along its normal, turned so that the rectangle around it is smallest and stands upright.
+/// A patch seen along its normal, turned until the rectangle around it is smallest and stands upright.
 fn lay_flat(mesh: &TriangleMesh, patch: &Patch) -> Chart {
     let z = patch.normal;
-    // Any axis that is not nearly the normal.
+    // Any axis far enough from the normal.
     let x = z.cross(&if z.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() }).normalize();
     let axes = Matrix3::from_columns(&[x, z.cross(&x), z]);
-    let flat = |t: u32| {
-        mesh.corners(t as usize).map(|p| {
-            let p = axes.tr_mul(&(p.cast::<f64>() - patch.center));
-            Point2::new(p.x, p.y)
-        })
-    };
-    let corners: Vec<[Point2<f64>; 3]> = patch.triangles.iter().map(|&t| flat(t)).collect();
+    let mut corners = Vec::with_capacity(patch.triangles.len());
+    for &t in &patch.triangles {
+        let in_axes = mesh.corners(t as usize).map(|p| axes.tr_mul(&(p.cast::<f64>() - patch.center)));
+        corners.push(in_axes.map(|p| Point2::new(p.x, p.y)));
+    }
     let all: Vec<Point2<f64>> = corners.iter().flatten().copied().collect();
     let d = rectangle_direction(&hull_2d(&all));
     let turned = |p: &Point2<f64>| Point2::new(p.coords.dot(&d), d.perp(&p.coords));
     let start = (Point2::from([f64::INFINITY; 2]), Point2::from([f64::NEG_INFINITY; 2]));
     let (lower, upper) = all.iter().map(turned).fold(start, |(lo, hi), p| (lo.inf(&p), hi.sup(&p)));
     let size = upper - lower;
-    // Wider than high: shelves waste less. Turning by a right angle keeps left and right.
-    let upright = |p: Point2<f64>| if size.y > size.x { Point2::new(size.y - p.y, p.x) } else { p };
-    let place = |p: &Point2<f64>| upright(Point2::from(turned(p) - lower));
-    // Pixels go down where the plane's second axis goes up.
-    let (width, height) = if size.y > size.x { (size.y, size.x) } else { (size.x, size.y) };
-    let flipped = |p: Point2<f64>| Point2::new(p.x, height - p.y);
-    let corners_m = corners.iter().map(|c| [place(&c[0]), place(&c[1]), place(&c[2])].map(flipped)).collect();
-    Chart { triangles: patch.triangles.clone(), corners_m, size_m: Vector2::new(width, height) }
+    let corners_m =
+        corners.iter().map(|c| c.map(|p| laid_wide(Point2::from(turned(&p) - lower), &size))).collect();
+    let size_m = if size.y > size.x { size.yx() } else { size };
+    Chart { triangles: patch.triangles.clone(), corners_m, size_m }
+}
+
+/// A point of a rectangle after its longer side is laid along x: shelves waste less. A turn by a right angle
+/// keeps left and right. The result's y points down, as pixels do.
+fn laid_wide(p: Point2<f64>, size: &Vector2<f64>) -> Point2<f64> {
+    if size.y > size.x { Point2::new(size.y - p.y, size.x - p.x) } else { Point2::new(p.x, size.y - p.y) }
 }
 
 /// Side of the square and the upper left corner of every chart, pixels, on shelves; `None` where `max_px` is
@@ -115,7 +115,7 @@ fn pack(charts: &[Chart], texel_m: f64, max_px: usize) -> Option<(usize, Vec<Vec
     let size = |c: &Chart| c.size_m.map(|s| (s / texel_m).ceil() + 2.0 * MARGIN_PX);
     let area: f64 = charts.iter().map(|c| size(c).product()).sum();
     let widest = charts.iter().map(|c| size(c).x).fold(16.0, f64::max);
-    // Shelves leave gaps, so that the area is only where the search begins.
+    // Shelves leave gaps: the search only begins at the area.
     let mut side = (1.05 * area.sqrt()).max(widest).ceil();
     loop {
         if side > max_px as f64 {

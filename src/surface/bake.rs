@@ -8,17 +8,17 @@ use super::{Atlas, Light, Shown, TriangleMesh, sample_surface, texture::bilinear
 use capture::RgbdFrame;
 use geometry::Pose;
 
-/// A point this share of its depth behind what a view shows is hidden there.
+/// A point this share of its depth behind a view's surface is hidden there.
 /// chosen: beyond errors of depth and surface
 const DEPTH_SHARE: f64 = 0.015;
 /// A view at a smaller cosine than this is not used. chosen: 81 deg; texels get seven times as long
 const MIN_COSINE: f64 = 0.15;
 /// Exponent of cosine over depth in a view's weight: the best views count most.
 const SHARPNESS: i32 = 3;
-/// Pixels at the border of an image that are not used. chosen: images are worst there
+/// Unused pixels at the border of an image. chosen: images are worst there
 const BORDER_PX: f64 = 3.0;
-/// Scale of color differences (levels) beyond which a view does not agree with the others: highlights,
-/// misses. chosen: a tenth of the levels
+/// Scale of color differences (levels) of disagreeing views: highlights, misses.
+/// chosen: a tenth of the levels
 const DISAGREEMENT: f32 = 24.0;
 /// Color where there is neither a view nor a vertex color.
 const PLAIN: [u8; 3] = [150; 3];
@@ -35,21 +35,24 @@ pub struct BakeView<'a> {
     pub gain: Vector3<f32>,
 }
 
-/// What the photos show of `count` spots of a mesh, in the order of the views.
+/// Samples of the photos at `count` spots of a mesh, one list a spot, in the order of the views.
 #[must_use]
 pub fn shown(mesh: &TriangleMesh, views: &[BakeView], count: usize, rng: &mut impl Rng) -> Vec<Vec<Shown>> {
     let spots = sample_surface(mesh, count, rng);
     let eyes: Vec<Eye> = views.iter().map(Eye::of).collect();
-    let shown = |(point, normal): (&Point3<f32>, &Vector3<f32>)| {
-        let point = point.cast();
-        let normal = normal.cast();
-        let of = |(photo, eye): (usize, &Eye)| {
-            let (weight, color) = eye.sample(&point, &normal)?;
-            Some(Shown { photo, weight, color, normal: eye.view.world_from_mesh.rotation * normal })
-        };
-        eyes.iter().enumerate().filter_map(of).collect()
-    };
-    spots.points.par_iter().zip(&spots.normals).with_min_len(64).map(shown).collect()
+    let spots = spots.points.par_iter().zip(&spots.normals).with_min_len(64);
+    spots.map(|(point, normal)| samples_of_spot(&eyes, &point.cast(), &normal.cast())).collect()
+}
+
+/// Samples of all photos with a view of the spot.
+fn samples_of_spot(eyes: &[Eye], point: &Point3<f64>, normal: &Vector3<f64>) -> Vec<Shown> {
+    let mut samples = Vec::new();
+    for (photo, eye) in eyes.iter().enumerate() {
+        if let Some((weight, color)) = eye.sample(point, normal) {
+            samples.push(Shown { photo, weight, color, normal: eye.view.world_from_mesh.rotation * normal });
+        }
+    }
+    samples
 }
 
 /// A texel on the surface.
@@ -60,9 +63,9 @@ struct Texel {
     color: [u8; 3],
 }
 
-/// The texture of a mesh, `size_px * size_px` sRGB pixels: each texel the agreeing weighted mean of the views
-/// that see it (head-on and near ones count most), without the light; the mesh's own color where none does;
-/// around the charts the nearest color. `normals` are unit, those of the corners of every triangle.
+/// The texture of a mesh, `size_px * size_px` sRGB pixels: each texel the agreeing weighted mean of its views
+/// (head-on and near ones count most), without the light; the mesh's own color where there is no view; around
+/// the charts the nearest color. `normals` are unit normals at the corners of every triangle.
 #[must_use]
 pub fn bake(
     mesh: &TriangleMesh,
@@ -73,20 +76,23 @@ pub fn bake(
 ) -> Vec<[u8; 3]> {
     let texels = texels(mesh, atlas, normals);
     let eyes: Vec<Eye> = views.iter().map(Eye::of).collect();
-    let color = |samples: &mut Vec<_>, t: &Texel| seen(t, &eyes, light, samples).unwrap_or(t.color);
-    let colors: Vec<[u8; 3]> = texels.par_iter().with_min_len(512).map_init(Vec::new, color).collect();
+    let colors: Vec<[u8; 3]> = texels
+        .par_iter()
+        .with_min_len(512)
+        .map_init(Vec::new, |samples, t| seen(t, &eyes, light, samples).unwrap_or(t.color))
+        .collect();
     let mut texture: Vec<Option<[u8; 3]>> = vec![None; atlas.size_px * atlas.size_px];
     for (texel, color) in texels.iter().zip(colors) {
         texture[texel.index as usize] = Some(color);
     }
-    // Fills the margins around charts, which filtering reads.
+    // Fills the margins around charts: filtering reads them.
     for _ in 0..3 {
         texture = spread(&texture, atlas.size_px);
     }
     texture.into_iter().map(|c| c.unwrap_or(PLAIN)).collect()
 }
 
-/// All texels whose middle lies in a triangle.
+/// All texels with their middle in a triangle.
 fn texels(mesh: &TriangleMesh, atlas: &Atlas, normals: &[[Vector3<f64>; 3]]) -> Vec<Texel> {
     let mut found = Vec::new();
     let size = atlas.size_px;
@@ -108,20 +114,12 @@ fn texels(mesh: &TriangleMesh, atlas: &Atlas, normals: &[[Vector3<f64>; 3]]) -> 
                 if weights.iter().any(|w| *w < -1e-9) {
                     continue;
                 }
-                let between =
-                    |v: &[Vector3<f64>; 3]| v[0] * weights[0] + v[1] * weights[1] + v[2] * weights[2];
-                let channel = |k: usize| {
-                    (0..3)
-                        .map(|i| weights[i] * f64::from(colors[i][k]))
-                        .sum::<f64>()
-                        .round()
-                        .clamp(0.0, 255.0) as u8
-                };
+                let normal = weighted_sum(&normals[t], &weights);
                 found.push(Texel {
                     index: (y * size + x) as u32,
-                    point: between(&corners).into(),
-                    normal: between(&normals[t]).try_normalize(0.0).unwrap_or(normals[t][0]),
-                    color: [channel(0), channel(1), channel(2)],
+                    point: weighted_sum(&corners, &weights).into(),
+                    normal: normal.try_normalize(0.0).unwrap_or(normals[t][0]),
+                    color: [0, 1, 2].map(|k| weighted_level(colors.map(|c| c[k]), &weights)),
                 });
             }
         }
@@ -129,7 +127,16 @@ fn texels(mesh: &TriangleMesh, atlas: &Atlas, normals: &[[Vector3<f64>; 3]]) -> 
     found
 }
 
-/// What the views show of a texel; `None` where none sees it. `samples` is room for what they show.
+fn weighted_sum(v: &[Vector3<f64>; 3], weights: &[f64; 3]) -> Vector3<f64> {
+    v[0] * weights[0] + v[1] * weights[1] + v[2] * weights[2]
+}
+
+fn weighted_level(levels: [u8; 3], weights: &[f64; 3]) -> u8 {
+    let sum: f64 = (0..3).map(|i| weights[i] * f64::from(levels[i])).sum();
+    sum.round().clamp(0.0, 255.0) as u8
+}
+
+/// Color of a texel by its views; `None` where there is none. `samples` is room for their colors.
 fn seen(
     texel: &Texel,
     eyes: &[Eye],
@@ -138,28 +145,34 @@ fn seen(
 ) -> Option<[u8; 3]> {
     // Views of one state follow each other: the mesh stands alike in them.
     let mut lit: Option<(UnitQuaternion<f64>, Vector3<f32>)> = None;
-    let of = |eye: &Eye| {
-        let (weight, color) = eye.sample(&texel.point, &texel.normal)?;
-        let turn = eye.view.world_from_mesh.rotation;
-        let (_, brightness) =
-            lit.filter(|(of, _)| *of == turn).unwrap_or_else(|| (turn, light.on(&(turn * texel.normal))));
-        lit = Some((turn, brightness));
-        Some((weight, color.component_div(&brightness)))
-    };
     samples.clear();
-    samples.extend(eyes.iter().filter_map(of));
-    let mean = |weight: &dyn Fn(&(f32, Vector3<f32>)) -> f32| {
-        let total: f32 = samples.iter().map(weight).sum();
-        (total > 0.0).then(|| samples.iter().map(|s| s.1 * weight(s)).sum::<Vector3<f32>>() / total)
-    };
+    for eye in eyes {
+        let Some((weight, color)) = eye.sample(&texel.point, &texel.normal) else { continue };
+        let turn = eye.view.world_from_mesh.rotation;
+        let brightness = match lit {
+            Some((known, brightness)) if known == turn => brightness,
+            _ => light.on(&(turn * texel.normal)),
+        };
+        lit = Some((turn, brightness));
+        samples.push((weight, color.component_div(&brightness)));
+    }
     // docs/method.md (3.7): the mean of all views, then again by their agreement with it. The floor keeps
-    // that mean where none agrees.
-    let first = mean(&|s| s.0)?;
-    let agreed = mean(&|s| {
+    // the first mean where no view agrees.
+    let first = weighted_mean(samples, |s| s.0)?;
+    let agreed = weighted_mean(samples, |s| {
         s.0 * (-(s.1 - first).norm_squared() / (2.0 * DISAGREEMENT * DISAGREEMENT)).exp().max(1e-6)
     })?;
-    // Cutting off rounds, and keeps to what a byte holds.
+    // The cast rounds and limits to a byte.
     Some(agreed.map(|c| (c + 0.5) as u8).into())
+}
+
+/// Mean of the colors of samples; `None` where the weights sum to zero.
+fn weighted_mean(
+    samples: &[(f32, Vector3<f32>)],
+    weight: impl Fn(&(f32, Vector3<f32>)) -> f32,
+) -> Option<Vector3<f32>> {
+    let total: f32 = samples.iter().map(&weight).sum();
+    (total > 0.0).then(|| samples.iter().map(|s| s.1 * weight(s)).sum::<Vector3<f32>>() / total)
 }
 
 /// A view, and how the mesh stands before its camera.
@@ -191,7 +204,7 @@ impl<'a> Eye<'a> {
         {
             return None;
         }
-        let pixel = k.pixel_at((u, v))?;
+        let pixel = k.pixel_at(u, v)?;
         let model = f64::from(depth_m[pixel]);
         let measured = f64::from(frame.depth_m[pixel]);
         // Readings scatter more than the depth of the model: three times its slack.
@@ -202,33 +215,33 @@ impl<'a> Eye<'a> {
         }
         let x = u as usize;
         let y = v as usize;
-        let at = |dx: usize, dy: usize| frame.rgb[(y + dy) * k.width + x + dx];
-        let color = bilinear(at, [(u - x as f64) as f32, (v - y as f64) as f32]);
+        let fraction = [(u - x as f64) as f32, (v - y as f64) as f32];
+        let color = bilinear(|dx, dy| frame.rgb[(y + dy) * k.width + x + dx], fraction);
         Some(((cosine / p.z).powi(SHARPNESS) as f32, color.component_div(gain)))
     }
 }
 
-/// Empty texels take the mean of the filled ones around them.
+/// The texture with empty texels filled by the mean of the filled ones around them.
 fn spread(texture: &[Option<[u8; 3]>], size: usize) -> Vec<Option<[u8; 3]>> {
-    let filled = |i: usize| {
-        if texture[i].is_some() {
-            return texture[i];
-        }
-        let x = i % size;
-        let y = i / size;
-        let mut sum = [0u32; 3];
-        let mut count = 0;
-        for v in y.saturating_sub(1)..=(y + 1).min(size - 1) {
-            for u in x.saturating_sub(1)..=(x + 1).min(size - 1) {
-                if let Some(c) = texture[v * size + u] {
-                    (0..3).for_each(|k| sum[k] += u32::from(c[k]));
-                    count += 1;
-                }
+    let texels = (0..texture.len()).into_par_iter().with_min_len(4096);
+    texels.map(|i| texture[i].or_else(|| mean_around(texture, size, i))).collect()
+}
+
+/// Mean color of the filled texels around one; `None` where all are empty.
+fn mean_around(texture: &[Option<[u8; 3]>], size: usize, texel: usize) -> Option<[u8; 3]> {
+    let x = texel % size;
+    let y = texel / size;
+    let mut sum = [0u32; 3];
+    let mut count = 0;
+    for v in y.saturating_sub(1)..=(y + 1).min(size - 1) {
+        for u in x.saturating_sub(1)..=(x + 1).min(size - 1) {
+            if let Some(c) = texture[v * size + u] {
+                (0..3).for_each(|k| sum[k] += u32::from(c[k]));
+                count += 1;
             }
         }
-        (count > 0).then(|| sum.map(|s| (s / count) as u8))
-    };
-    (0..texture.len()).into_par_iter().with_min_len(4096).map(filled).collect()
+    }
+    (count > 0).then(|| sum.map(|s| (s / count) as u8))
 }
 
 #[cfg(test)]

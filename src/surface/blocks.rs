@@ -1,5 +1,5 @@
-//! Blocks of grid nodes before a camera: most of them lie wholly in front of all that a view reads where they
-//! are, or wholly behind it, and are decided at once.
+//! Blocks of grid nodes before a camera: most lie wholly in front of a view's readings, or wholly behind, and
+//! are decided at once.
 
 use std::ops::Range;
 
@@ -10,16 +10,16 @@ use super::{depth_tiles::DepthTiles, rows::RowCamera};
 /// Nodes along a side of a block.
 /// tuned: shared/bags/laptop, preset default; other sizes were not tried
 pub(super) const BLOCK: usize = 8;
-/// A block that covers more tiles is looked at node by node: that is as quick.
+/// A block over more tiles is examined node by node: as quick.
 const MOST_TILES: usize = 36;
-/// Rounding of a node's depth in single precision, as a share of it and of what it is compared with.
+/// Rounding of a node's depth in single precision, as a share of it and of the other depth.
 /// derived: eight roundings of 2^-24
 const ROUNDING: f32 = 5e-7;
 
-/// How a block of nodes lies to what a view reads where it is.
+/// How a block of nodes lies to a view's readings there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Sight {
-    /// Outside the image, or behind every reading: the view says nothing of it.
+    /// Outside the image, or behind every reading: the view has no evidence of it.
     Nothing,
     /// Inside the image and in front of every reading.
     InFront,
@@ -27,14 +27,12 @@ pub(super) enum Sight {
     Mixed,
 }
 
-/// How the nodes of `ranges` (x, y, z) lie to an image that sees each of its rays up to a depth: those of a
-/// block in front see it, those behind do not. Depth 0 says nothing: no node is in front of it.
+/// How the nodes of `ranges` (x, y, z) lie to an image with a depth for each of its rays. No node is in front
+/// of depth 0.
 pub(super) fn sight(tiles: &DepthTiles, camera: &RowCamera, ranges: &[Range<usize>; 3]) -> Sight {
-    let corner = |c: usize| {
-        let at = [0, 1, 2].map(|k| if c >> k & 1 == 0 { ranges[k].start } else { ranges[k].end - 1 });
-        camera.node(at)
-    };
-    let corners: [Vector3<f32>; 8] = std::array::from_fn(corner);
+    let corners: [Vector3<f32>; 8] = std::array::from_fn(|c| {
+        camera.node([0, 1, 2].map(|k| if c >> k & 1 == 0 { ranges[k].start } else { ranges[k].end - 1 }))
+    });
     let near = corners.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
     let far = corners.iter().map(|p| p.z).fold(f32::NEG_INFINITY, f32::max);
     if !camera.is_before(near) {
@@ -54,8 +52,8 @@ pub(super) fn sight(tiles: &DepthTiles, camera: &RowCamera, ranges: &[Range<usiz
         return Sight::Nothing;
     }
     let whole = (0..2).all(|k| low[k] >= 1.0 && high[k] <= size[k] - 1.0);
-    let pixel = |k: usize, at: f32| at.clamp(0.0, size[k] - 1.0) as usize;
-    let covered = [0, 1].map(|k| [pixel(k, low[k] - 1.0), pixel(k, high[k] + 1.0)]);
+    let covered =
+        [0, 1].map(|k| [low[k] - 1.0, high[k] + 1.0].map(|at| at.clamp(0.0, size[k] - 1.0) as usize));
     if DepthTiles::count(covered) > MOST_TILES {
         return Sight::Mixed;
     }
@@ -69,7 +67,7 @@ pub(super) fn sight(tiles: &DepthTiles, camera: &RowCamera, ranges: &[Range<usiz
     }
 }
 
-/// The parts of `0..count` that are blocks.
+/// `0..count` cut into blocks.
 pub(super) fn blocks(count: usize) -> impl Iterator<Item = Range<usize>> + Clone {
     (0..count).step_by(BLOCK).map(move |start| start..(start + BLOCK).min(count))
 }

@@ -37,7 +37,7 @@ pub struct MeshDistance {
 }
 
 impl MeshDistance {
-    /// Builds the tree; `None` for a mesh without triangles or with coordinates that are not finite.
+    /// The tree of a mesh; `None` for a mesh without triangles or with coordinates not finite.
     #[must_use]
     pub fn new(mesh: &TriangleMesh) -> Option<Self> {
         let all: Vec<[Vector3<f32>; 3]> =
@@ -97,7 +97,7 @@ impl MeshDistance {
                 let [near, far] =
                     [node.first, node.first + 1].map(|i| (self.nodes[i as usize].distance2(p), i));
                 let (near, far) = if near.0 <= far.0 { (near, far) } else { (far, near) };
-                // The nearer box is opened first; what it holds may spare the other.
+                // The nearer box is opened first; its content may spare the other.
                 open.extend([far, near]);
                 continue;
             }
@@ -126,7 +126,7 @@ impl Node {
     }
 }
 
-/// The leaf around the given triangles, which begin at `first`.
+/// The leaf around the given triangles, from `first` on.
 fn bounds(all: &[[Vector3<f32>; 3]], triangles: &[u32], first: usize) -> Node {
     let low = Vector3::repeat(f32::INFINITY);
     let high = Vector3::repeat(f32::NEG_INFINITY);

@@ -1,4 +1,4 @@
-//! Colors at any point of a state: what a surface or a trained field offers to those that compare states.
+//! Colors at any point of a state, by a surface or a trained field, for the comparison of states.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 

@@ -3,8 +3,8 @@
 use super::{TriangleMesh, drop_unused_vertices};
 use numeric::index_sets::IndexSets;
 
-/// Number of the component of each triangle, and the number of triangles of each component. Triangles that
-/// share a vertex are connected; components are numbered by their first triangle.
+/// Number of the component of each triangle, and the number of triangles of each component. Triangles with a
+/// common vertex are connected; components are numbered by their first triangle.
 #[must_use]
 pub fn components(mesh: &TriangleMesh) -> (Vec<u32>, Vec<usize>) {
     let mut sets = IndexSets::new(mesh.vertices.len());
@@ -14,21 +14,20 @@ pub fn components(mesh: &TriangleMesh) -> (Vec<u32>, Vec<usize>) {
     }
     let mut number = vec![u32::MAX; mesh.vertices.len()];
     let mut sizes = Vec::new();
-    let mut label = |t: &[u32; 3]| {
+    let mut labels = Vec::with_capacity(mesh.triangles.len());
+    for t in &mesh.triangles {
         let n = &mut number[sets.root(t[0] as usize)];
         if *n == u32::MAX {
             *n = sizes.len() as u32;
             sizes.push(0);
         }
         sizes[*n as usize] += 1;
-        *n
-    };
-    let labels = mesh.triangles.iter().map(&mut label).collect();
+        labels.push(*n);
+    }
     (labels, sizes)
 }
 
-/// The mesh without the components that have fewer triangles than `min_share` of the largest one's
-/// (docs/method.md 3.3).
+/// The mesh without components of fewer triangles than `min_share` of the largest one's (docs/method.md 3.3).
 #[must_use]
 pub fn keep_components(mesh: &TriangleMesh, min_share: f64) -> TriangleMesh {
     let (labels, sizes) = components(mesh);

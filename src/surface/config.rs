@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SurfaceConfig {
-    /// What surfaces are made of.
+    /// Source of the surfaces.
     pub source: SurfaceSource,
     /// Nodes along each side of the scene cube for meshes.
     pub nodes: usize,
@@ -19,18 +19,18 @@ pub struct SurfaceConfig {
     /// Truncation distance in meters; null = the larger of 2 % of the object's extent and four times the
     /// median of the expected depth noise.
     pub truncation_m: Option<f64>,
-    /// The same in the normalized cube, whose half side is 1 (docs/method.md 1.3), as published constants are
-    /// given; where `truncation_m` is set, that counts.
+    /// The same in the normalized cube with half side 1 (docs/method.md 1.3), as published constants are
+    /// given; `truncation_m` has precedence.
     pub truncation_normalized: Option<f64>,
     /// A node counts as observed from this many head-on readings at the median depth.
     pub min_readings: f64,
     /// Whether shreds are taken off the borders of part surfaces and their rims straightened.
     pub mend_borders: bool,
-    /// Whether mending also closes small holes and bays in flat faces that no view saw through.
+    /// Whether mending also closes small holes and bays in flat faces, where no view saw through.
     pub close_holes: bool,
 }
 
-/// What the surface of a state is made of.
+/// Source of the surface of a state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SurfaceSource {

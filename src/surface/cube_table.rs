@@ -1,13 +1,12 @@
 //! The triangles of each of the 256 sign patterns of a cube, derived instead of listed.
 //!
 //! On every face the surface leaves one directed segment per run of inside corners, from where the run ends
-//! to where it begins. Both cells that share a face see the same corners, hence the same segments in opposite
-//! direction, so the surface closes. A face with two diagonal inside corners keeps them apart.
+//! to where it begins. Both cells of a face see the same corners, hence the same segments in opposite
+//! direction, and the surface closes. A face with two diagonal inside corners keeps them apart.
 
 use std::sync::LazyLock;
 
-/// Corner `i` has its offset along x, y, z in the bits `4, 1, 2`, so that a column of four corners is a
-/// nibble.
+/// Corner `i` has its offset along x, y, z in the bits `4, 1, 2`: a column of four corners is a nibble.
 pub(super) const AXIS_BIT: [usize; 3] = [4, 1, 2];
 
 /// An edge of the cube: the axis it runs along and the corner at its lower end.
@@ -65,7 +64,7 @@ fn cube_faces() -> Vec<[usize; 4]> {
         let u = AXIS_BIT[(axis + 1) % 3];
         let v = AXIS_BIT[(axis + 2) % 3];
         let upper = AXIS_BIT[axis];
-        // The far face, then the near one, which is seen from the other side.
+        // The far face, then the near one, seen from the other side.
         faces.push([upper, upper | u, upper | u | v, upper | v]);
         faces.push([0, v, u | v, u]);
     }
@@ -113,15 +112,14 @@ fn pattern_loops(pattern: usize, edges: &[CubeEdge; 12], faces: &[[usize; 4]]) -
 }
 
 /// Whether two edges lie in one face of the cube. A triangle side between them could meet the same side of
-/// the neighboring cell, which would join four triangles at one edge.
+/// the neighboring cell, with four triangles at one edge.
 fn share_face(a: CubeEdge, b: CubeEdge) -> bool {
     (0..3).any(|axis| {
         a.axis != axis && b.axis != axis && a.corner & AXIS_BIT[axis] == b.corner & AXIS_BIT[axis]
     })
 }
 
-/// Triangles of a loop, turned against it so that they face outward, with as few diagonals inside faces as
-/// possible.
+/// Triangles of a loop, turned against it to face outward, with as few diagonals inside faces as possible.
 fn triangulate(piece: &[usize], edges: &[CubeEdge; 12]) -> Vec<[u8; 3]> {
     let n = piece.len();
     // cost[i][j]: fewest diagonals in faces of the polygon i..=j, and its third corner beside side (i, j).

@@ -1,5 +1,4 @@
-//! Least and largest depths of the pixels of an image, by tiles: what a piece of space covers of it is judged
-//! at once.
+//! Least and largest depths of the pixels of an image, by tiles: a piece of space is judged at once.
 
 use rayon::prelude::*;
 
@@ -19,17 +18,12 @@ impl DepthTiles {
     /// Of an image with two depths a pixel.
     pub(crate) fn of(width: usize, height: usize, depths_m: impl Fn(usize) -> [f32; 2] + Sync) -> Self {
         let columns = width.div_ceil(TILE);
-        let tile = |t: usize| {
-            let left = t % columns * TILE;
-            let top = t / columns * TILE;
-            let right = (left + TILE).min(width);
-            let bottom = (top + TILE).min(height);
-            let pixels = (top..bottom).flat_map(|y| y * width + left..y * width + right);
-            pixels.map(&depths_m).fold([f32::INFINITY, 0.0], join)
-        };
         let count = columns * height.div_ceil(TILE);
-        let tiles = (0..count).into_par_iter().with_min_len(columns.max(1)).map(tile).collect();
-        Self { width, height, columns, tiles }
+        let tiles = (0..count).into_par_iter().with_min_len(columns.max(1)).map(|t| {
+            let pixels = pixels_of_tile(width, height, t % columns, t / columns);
+            pixels.map(&depths_m).fold([f32::INFINITY, 0.0], join)
+        });
+        Self { width, height, columns, tiles: tiles.collect() }
     }
 
     /// Columns and rows of the image.
@@ -37,7 +31,7 @@ impl DepthTiles {
         [self.width, self.height]
     }
 
-    /// Number of tiles that pixels from the first to the last column, and row, lie in.
+    /// Number of tiles of the pixels from the first to the last column, and row.
     pub(crate) fn count(pixels: [[usize; 2]; 2]) -> usize {
         pixels.map(|[first, last]| last / TILE - first / TILE + 1).iter().product()
     }
@@ -49,6 +43,15 @@ impl DepthTiles {
         let rows = (top..=bottom).flat_map(|row| &self.tiles[row * self.columns..][left..=right]);
         rows.copied().fold([f32::INFINITY, 0.0], join)
     }
+}
+
+/// Indices of the pixels of a tile.
+fn pixels_of_tile(width: usize, height: usize, column: usize, row: usize) -> impl Iterator<Item = usize> {
+    let left = column * TILE;
+    let top = row * TILE;
+    let right = (left + TILE).min(width);
+    let bottom = (top + TILE).min(height);
+    (top..bottom).flat_map(move |y| y * width + left..y * width + right)
 }
 
 fn join(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {

@@ -9,57 +9,63 @@ use geometry::Intrinsics;
 /// chosen: one of 16 000 readings of a normal distribution
 const SIGMAS: f64 = 4.0;
 
-/// What the reading of a pixel says about a model.
+/// The reading of a pixel against a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Difference {
-    /// Nothing: there is none, or it may be of the surroundings.
+    /// No reading, or one that may be of the surroundings.
     Unread,
     /// It lies on the model's surface.
     Same,
-    /// The object is where the model has nothing.
+    /// Object without model.
     Lacks,
-    /// The model is where the camera saw through.
+    /// Model in seen empty space.
     Surplus,
 }
 
-/// What the readings of a frame say about a model that was rendered with the frame's camera, pixel by pixel;
-/// `sigma_m` is the standard deviation of a pixel's reading against a surface that is right.
+/// The readings of a frame against a model rendered with the frame's camera, pixel by pixel; `sigma_m` is the
+/// standard deviation of a pixel's reading against a right surface.
 ///
-/// A reading is compared with all depths that the model has within one pixel: edges of object and model fall
-/// on the same pixel only by chance, and a slanted surface has many depths in one.
+/// A reading is compared with all depths of the model within one pixel: edges of object and model fall on the
+/// same pixel only by chance, and a slanted surface has many depths in one.
 #[must_use]
 pub fn differences(frame: &RgbdFrame, model: &Rendered, sigma_m: impl Fn(usize) -> f64) -> Vec<Difference> {
-    let difference = |i: usize| {
-        let reading_m = f64::from(frame.depth_m[i]);
-        if reading_m <= 0.0 {
-            return Difference::Unread;
-        }
-        let around = Around::of(model, &frame.intrinsics, i);
-        // Surroundings, most of the pixels.
-        if around.is_bare && !frame.is_object(i) {
-            return Difference::Unread;
-        }
-        let error_m = SIGMAS * sigma_m(i);
-        let is_behind = reading_m > around.farthest_m + error_m;
-        match (frame.is_object(i), around.is_bare) {
-            (true, _) if reading_m < around.nearest_m - error_m => Difference::Lacks,
-            (_, false) if is_behind => Difference::Surplus,
-            // Beside the edge of the model a reading behind it may be past the edge.
-            (true, true) if is_behind => Difference::Unread,
-            (true, _) => Difference::Same,
-            (false, _) => Difference::Unread,
-        }
-    };
-    (0..frame.depth_m.len()).map(difference).collect()
+    (0..frame.depth_m.len()).map(|i| difference_at(frame, model, &sigma_m, i)).collect()
 }
 
-/// What a model shows at a pixel and its neighbors.
+fn difference_at(
+    frame: &RgbdFrame,
+    model: &Rendered,
+    sigma_m: impl Fn(usize) -> f64,
+    pixel: usize,
+) -> Difference {
+    let reading_m = f64::from(frame.depth_m[pixel]);
+    if reading_m <= 0.0 {
+        return Difference::Unread;
+    }
+    let around = Around::of(model, &frame.intrinsics, pixel);
+    // Surroundings, most of the pixels.
+    if around.is_bare && !frame.is_object(pixel) {
+        return Difference::Unread;
+    }
+    let error_m = SIGMAS * sigma_m(pixel);
+    let is_behind = reading_m > around.farthest_m + error_m;
+    match (frame.is_object(pixel), around.is_bare) {
+        (true, _) if reading_m < around.nearest_m - error_m => Difference::Lacks,
+        (_, false) if is_behind => Difference::Surplus,
+        // Beside the edge of the model a reading behind it may be past the edge.
+        (true, true) if is_behind => Difference::Unread,
+        (true, _) => Difference::Same,
+        (false, _) => Difference::Unread,
+    }
+}
+
+/// Depths of a model at a pixel and its neighbors.
 struct Around {
-    /// Infinite where it shows nothing.
+    /// Infinite where there is no surface.
     nearest_m: f64,
-    /// 0 where it shows nothing.
+    /// 0 where there is no surface.
     farthest_m: f64,
-    /// Whether it shows nothing at one of them.
+    /// Whether there is no surface at one of them.
     is_bare: bool,
 }
 

@@ -2,8 +2,10 @@
 //!
 //! Nodes within 1.5 spacings of the surface get the exact distance to the nearest triangle. From there the
 //! nearest triangle spreads along the exact nearest-node transform, each node walks over the mesh to closer
-//! triangles, and then compares with what its six neighbors found; all distances are exact point-triangle
-//! distances. Far from the surface, where that is asked for, nodes take what the nearest-node transform says.
+//! triangles, and then compares with those of its six neighbors; all distances are exact point-triangle
+//! distances. Far from the surface, on request, nodes take the distance of the nearest-node transform.
+
+use std::ops::Range;
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -22,24 +24,24 @@ const BAND: f32 = 1.5;
 /// Nodes this close to the surface hand on their triangle, spacings. Every point is within 0.87 of a node.
 /// chosen: a margin above 0.87
 const SEED: f32 = 1.0;
-/// Triangles this close belong to the piece of surface that a walk has searched, spacings.
+/// Triangles this close belong to the searched piece of surface of a walk, spacings.
 /// chosen: as [`SEED`]
 const SAME_PIECE: f32 = 1.0;
-/// Layers that one task of the band pass fills.
+/// Layers of one task of the band pass.
 const LAYERS_PER_TASK: usize = 4;
 
 /// Where the sign needs a decision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DistanceOptions {
-    /// Enclosed cavities count as inside, as in the method's released code: outside is only what the border
-    /// of the grid or observed free space reaches. Otherwise a cavity is outside by the winding of its own
-    /// surface.
+    /// Enclosed cavities count as inside, as in the method's released code: outside is only space connected
+    /// to the border of the grid or to observed free space. Otherwise a cavity is outside by the winding of
+    /// its own surface.
     pub solid_cavities: bool,
     /// At the border of an open mesh the side continues its last face up to this many spacings; further away
     /// the node is outside.
     pub open_reach: f64,
     /// Up to this distance a node looks for its nearest triangle, meters; further from the surface it takes
-    /// its distance from the nearest node beside the surface, right to a spacing, and that node's side.
+    /// its distance from the nearest node beside the surface, right to a spacing, and this node's side.
     pub near_m: f64,
 }
 
@@ -55,7 +57,7 @@ pub enum DistanceError {
     /// No triangle with three different corners.
     #[error("the mesh has no triangle; nothing was reconstructed to measure distances to")]
     EmptyMesh,
-    /// A coordinate is NaN or infinite, or a triangle names a vertex that does not exist.
+    /// A coordinate is NaN or infinite, or a triangle names a missing vertex.
     #[error("triangle {triangle} of the mesh has a corner that is missing or not finite")]
     BadTriangle {
         /// Index of the triangle.
@@ -80,9 +82,9 @@ pub enum DistanceError {
     OutsideGrid,
 }
 
-/// Signed distance in meters, negative inside, at the nodes of `nodes` (whose values are not read).
+/// Signed distance in meters, negative inside, at the nodes of `nodes` (its values are not read).
 ///
-/// Nodes that `free` marks are outside whatever the mesh says. Parts of the mesh further than 1.5 spacings
+/// Nodes marked by `free` are outside regardless of the mesh. Parts of the mesh further than 1.5 spacings
 /// outside the grid are ignored. Distances are exact up to rounding within 1.5 spacings of the surface;
 /// elsewhere single nodes near the medial axis may be off (on a rough mesh under 1 % of them by more than
 /// 0.01 spacings, at most 0.4). The result does not depend on the number of threads.
@@ -104,18 +106,22 @@ pub fn signed_distance<T>(
     if let Some(free) = free.filter(|f| f.dims != dims) {
         return Err(DistanceError::FreeSpaceShape { free: free.dims, nodes: dims });
     }
-    let finite = |i: &u32| mesh.vertices.get(*i as usize).is_some_and(|p| p.iter().all(|c| c.is_finite()));
-    if let Some(triangle) = mesh.triangles.iter().position(|t| !t.iter().all(finite)) {
+    let is_finite: Vec<bool> = mesh.vertices.iter().map(|p| p.iter().all(|c| c.is_finite())).collect();
+    let bad = mesh
+        .triangles
+        .iter()
+        .position(|t| !t.iter().all(|i| is_finite.get(*i as usize).copied().unwrap_or_default()));
+    if let Some(triangle) = bad {
         return Err(DistanceError::BadTriangle { triangle });
     }
-    // Pseudo-normals need triangles that share their vertices.
+    // Pseudo-normals need triangles with common vertices.
     let mesh = weld(mesh, 0.0);
     if mesh.is_empty() {
         return Err(DistanceError::EmptyMesh);
     }
-    // In spacings from the first node the coordinates are small, which is why single precision is enough.
-    let local = |p: &nalgebra::Point3<f32>| ((p.cast::<f64>() - origin) / spacing_m).cast::<f32>();
-    let positions: Vec<Vector3<f32>> = mesh.vertices.iter().map(local).collect();
+    // In spacings from the first node the coordinates are small: single precision is enough.
+    let positions: Vec<Vector3<f32>> =
+        mesh.vertices.iter().map(|p| ((p.cast::<f64>() - origin) / spacing_m).cast::<f32>()).collect();
     let surface = Pseudonormals::of(&mesh, &positions);
     let nearest = Nearest::of(&surface, dims, options.near_m / spacing_m)?;
     let reach = options.open_reach as f32;
@@ -179,7 +185,7 @@ const FAR: u32 = NO_SEED - 1;
 
 impl Nearest {
     fn of(surface: &Pseudonormals, dims: [usize; 3], near: f64) -> Result<Self, DistanceError> {
-        // A seed is no further from its surface than that.
+        // A seed is no further from its surface.
         let near = near + f64::from(SEED);
         let band = Band::of(surface, dims);
         let seed = nearest_seed(dims, &band.seeds);
@@ -218,8 +224,8 @@ impl Nearest {
         self.band.side[at].inside
     }
 
-    /// The nearest among the candidates of a node and of its six neighbors. Neighbors whose triangle is
-    /// beside the node's own see the same piece of surface and are not asked.
+    /// The nearest among the candidates of a node and of its six neighbors. Neighbors with a triangle beside
+    /// the node's own see the same piece of surface and are not asked.
     fn refined(&self, surface: &Pseudonormals, i: usize, [x, y, z]: [usize; 3]) -> u32 {
         let own = self.triangle[i];
         if self.band.triangle[i] != NO_SEED {
@@ -280,7 +286,7 @@ struct Band {
     triangle: Vec<u32>,
     /// Whether the node hands its triangle on.
     seeds: Vec<bool>,
-    /// On which side of the surface the node is.
+    /// Side of the surface at the node.
     side: Vec<Side>,
 }
 
@@ -289,7 +295,7 @@ struct Band {
 struct Side {
     /// By the pseudo-normal there.
     inside: bool,
-    /// Whether that point is on the border of an open mesh.
+    /// Whether the closest point is on the border of an open mesh.
     open: bool,
 }
 
@@ -303,7 +309,7 @@ impl Band {
             seeds: vec![false; count],
             side: vec![Side::default(); count],
         };
-        // Each task fills layers of its own, by the triangles that reach them.
+        // Each task fills layers of its own, by the triangles near them.
         let lists = triangles_of_tasks(surface, nz.div_ceil(LAYERS_PER_TASK));
         let size = plane * LAYERS_PER_TASK;
         let chunks = band
@@ -342,7 +348,7 @@ impl Band {
     }
 }
 
-/// Triangles whose band meets the layers of each task, ascending.
+/// Triangles with their band in the layers of each task, ascending.
 fn triangles_of_tasks(surface: &Pseudonormals, tasks: usize) -> Vec<Vec<u32>> {
     let mut lists = vec![Vec::new(); tasks];
     for (t, corners) in surface.corners.iter().enumerate() {
@@ -360,8 +366,8 @@ fn triangles_of_tasks(surface: &Pseudonormals, tasks: usize) -> Vec<Vec<u32>> {
     lists
 }
 
-/// Calls `visit` with each node that may be within the band of a triangle, layers `first..end[2]`, its offset
-/// from the closest point and where that lies.
+/// Calls `visit` with each node near the band of a triangle, layers `first..end[2]`, its offset from the
+/// closest point and the feature of this point.
 fn visit_band(
     surface: &Pseudonormals,
     t: usize,
@@ -373,14 +379,10 @@ fn visit_band(
     let [a, b, c] = corners;
     let low = a.inf(b).inf(c).add_scalar(-BAND);
     let high = a.sup(b).sup(c).add_scalar(BAND);
-    let range = |k: usize, from: usize| {
-        (low[k].ceil().max(from as f32) as usize)
-            ..((high[k].floor() + 1.0).clamp(0.0, end[k] as f32) as usize)
-    };
     let normal = surface.face(t);
-    for z in range(2, first) {
-        for y in range(1, 0) {
-            let mut row = range(0, 0);
+    for z in nodes_between(low.z, high.z, first, end[2]) {
+        for y in nodes_between(low.y, high.y, 0, end[1]) {
+            let mut row = nodes_between(low.x, high.x, 0, end[0]);
             // Only nodes within the band of the triangle's plane.
             let height = normal.y * (y as f32 - a.y) + normal.z * (z as f32 - a.z) - normal.x * a.x;
             // Some slack for rounding: a node too many costs one distance, one too few is wrong.
@@ -401,11 +403,16 @@ fn visit_band(
     }
 }
 
-/// Turns outside nodes inside that neither the border of the grid nor free space reaches.
+/// Nodes of `first..end` along an axis between two coordinates.
+fn nodes_between(low: f32, high: f32, first: usize, end: usize) -> Range<usize> {
+    (low.ceil().max(first as f32) as usize)..((high.floor() + 1.0).clamp(0.0, end as f32) as usize)
+}
+
+/// Turns outside nodes inside unless they are connected to the border of the grid or to free space.
 fn fill_cavities(grid: &mut Grid3<f32>, is_free: impl Fn(usize) -> bool) {
     let [nx, ny, nz] = grid.dims;
     let plane = nx * ny;
-    // Outside spreads from the border and from what was seen empty; what it does not reach is enclosed.
+    // Outside spreads from the border and from seen empty space; the rest is enclosed.
     let mut reached = vec![false; grid.values.len()];
     let mut open = Vec::new();
     for (i, value) in grid.values.iter().enumerate() {
@@ -422,18 +429,20 @@ fn fill_cavities(grid: &mut Grid3<f32>, is_free: impl Fn(usize) -> bool) {
         let x = i % nx;
         let y = i / nx % ny;
         let z = i / plane;
-        let mut reach = |inside: bool, j: usize| {
-            if inside && !reached[j] && grid.values[j] >= 0.0 {
+        let neighbors = [
+            (x > 0).then(|| i - 1),
+            (x + 1 < nx).then(|| i + 1),
+            (y > 0).then(|| i - nx),
+            (y + 1 < ny).then(|| i + nx),
+            (z > 0).then(|| i - plane),
+            (z + 1 < nz).then(|| i + plane),
+        ];
+        for j in neighbors.into_iter().flatten() {
+            if !reached[j] && grid.values[j] >= 0.0 {
                 reached[j] = true;
                 open.push(j);
             }
-        };
-        reach(x > 0, i.wrapping_sub(1));
-        reach(x + 1 < nx, i + 1);
-        reach(y > 0, i.wrapping_sub(nx));
-        reach(y + 1 < ny, i + nx);
-        reach(z > 0, i.wrapping_sub(plane));
-        reach(z + 1 < nz, i + plane);
+        }
     }
     for (value, reached) in grid.values.iter_mut().zip(reached) {
         if !reached {

@@ -3,13 +3,13 @@
 use super::TriangleMesh;
 use numeric::lists::Lists;
 
-/// Sides of the triangles by the vertex that each begins at: where it ends.
+/// Ends of the triangles' sides, by the vertex at their beginning.
 pub(crate) fn sides_by_vertex(mesh: &TriangleMesh) -> Lists<u32> {
     Lists::of(mesh.vertices.len(), mesh.sides().map(|(p, q, _)| (p, q)))
 }
 
 /// Edges of a mesh at their lower ends, each as often as it has sides: the other end and the number of the
-/// side, of which triangle t has 3 t to 3 t + 2.
+/// side; triangle t has sides 3 t to 3 t + 2.
 pub(crate) struct Edges(Lists<(u32, u32)>);
 
 impl Edges {
@@ -23,8 +23,7 @@ impl Edges {
         self.0.all().flat_map(|(a, ends)| ends.chunk_by(|p, q| p.0 == q.0).map(move |same| (a, same)))
     }
 
-    /// Triangles that share an edge with each of so many triangles, of those that are `kept`; in the order of
-    /// the edges.
+    /// Neighbors over an edge of each of so many triangles, among those `kept`; in the order of the edges.
     pub(crate) fn neighbors(&self, triangles: usize, kept: impl Fn(u32) -> bool) -> Vec<Vec<u32>> {
         let mut near = vec![Vec::new(); triangles];
         for (_, same) in self.all() {

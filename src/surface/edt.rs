@@ -22,12 +22,12 @@ pub(super) fn nearest_seed(dims: [usize; 3], seeds: &[bool]) -> Vec<u32> {
                 &mut nearest[row],
             );
         }
-        // Along y, within the layer. Squares are whole numbers, which single precision holds exactly.
-        let mut line = Line::new(ny);
+        // Along y, within the layer. Squares are whole numbers, exact in single precision.
+        let mut envelope = Envelope::new(ny);
         for x in 0..nx {
-            let columns = |seed: u32| (seed as usize % nx) as f32 - x as f32;
-            line.merge((0..ny).map(|y| nearest[y * nx + x]), |seed| columns(seed).powi(2));
-            line.read(|y, seed| nearest[y * nx + x] = seed);
+            let seeds = (0..ny).map(|y| nearest[y * nx + x]);
+            envelope.merge(seeds, |seed| ((seed as usize % nx) as f32 - x as f32).powi(2));
+            envelope.read(|y, seed| nearest[y * nx + x] = seed);
         }
     });
     // Along z every xz plane is independent; each is written on its own and put in place afterwards.
@@ -35,14 +35,14 @@ pub(super) fn nearest_seed(dims: [usize; 3], seeds: &[bool]) -> Vec<u32> {
         .into_par_iter()
         .map(|y| {
             let mut side = vec![NO_SEED; nx * nz];
-            let mut line = Line::new(nz);
+            let mut envelope = Envelope::new(nz);
             for x in 0..nx {
-                let across = |seed: u32| {
+                let seeds = (0..nz).map(|z| nearest[z * plane + y * nx + x]);
+                envelope.merge(seeds, |seed| {
                     let s = seed as usize;
                     ((s % nx) as f32 - x as f32).powi(2) + ((s / nx % ny) as f32 - y as f32).powi(2)
-                };
-                line.merge((0..nz).map(|z| nearest[z * plane + y * nx + x]), across);
-                line.read(|z, seed| side[z * nx + x] = seed);
+                });
+                envelope.read(|z, seed| side[z * nx + x] = seed);
             }
             side
         })
@@ -55,7 +55,7 @@ pub(super) fn nearest_seed(dims: [usize; 3], seeds: &[bool]) -> Vec<u32> {
     nearest
 }
 
-/// Nearest seed within one row whose first node has index `first`.
+/// Nearest seed within one row with its first node at index `first`.
 fn nearest_in_row(seeds: &[bool], first: u32, nearest: &mut [u32]) {
     let mut last = NO_SEED;
     for (x, seed) in seeds.iter().enumerate() {
@@ -77,13 +77,21 @@ fn nearest_in_row(seeds: &[bool], first: u32, nearest: &mut [u32]) {
 }
 
 /// The lower envelope along one line of nodes.
-struct Line {
+struct Envelope {
     length: usize,
-    /// Position, height and seed of each parabola on the envelope, and where it begins to be the lowest.
-    parabolas: Vec<(f32, f32, u32, f32)>,
+    parabolas: Vec<Parabola>,
 }
 
-impl Line {
+/// A parabola of an envelope.
+struct Parabola {
+    position: f32,
+    height: f32,
+    seed: u32,
+    /// Position where it begins to be the lowest.
+    begins: f32,
+}
+
+impl Envelope {
     fn new(length: usize) -> Self {
         Self { length, parabolas: Vec::with_capacity(length) }
     }
@@ -98,8 +106,8 @@ impl Line {
             let q = position as f32;
             let f = height(seed);
             let mut begins = f32::NEG_INFINITY;
-            while let Some(&(p, g, _, other)) = self.parabolas.last() {
-                // A parabola that the new one undercuts before it becomes the lowest never is.
+            while let Some(&Parabola { position: p, height: g, begins: other, .. }) = self.parabolas.last() {
+                // A parabola undercut by the new one before it becomes the lowest never is.
                 let crossing = ((f + q * q) - (g + p * p)) / (2.0 * (q - p));
                 if crossing > other {
                     begins = crossing;
@@ -107,7 +115,7 @@ impl Line {
                 }
                 self.parabolas.pop();
             }
-            self.parabolas.push((q, f, seed, begins));
+            self.parabolas.push(Parabola { position: q, height: f, seed, begins });
         }
     }
 
@@ -118,10 +126,10 @@ impl Line {
         }
         let mut k = 0;
         for position in 0..self.length {
-            while k + 1 < self.parabolas.len() && self.parabolas[k + 1].3 < position as f32 {
+            while k + 1 < self.parabolas.len() && self.parabolas[k + 1].begins < position as f32 {
                 k += 1;
             }
-            put(position, self.parabolas[k].2);
+            put(position, self.parabolas[k].seed);
         }
     }
 }

@@ -14,7 +14,7 @@ pub struct ShellInertia {
 }
 
 /// Mass properties of triangles of one density, each with its thickness in meters (docs/method.md 10.2: a
-/// reconstructed surface need not be closed, so its volume says nothing). `None` if the area, a thickness or
+/// reconstructed surface need not be closed, its volume is meaningless). `None` if the area, a thickness or
 /// the density is not positive and finite.
 ///
 /// With `m` and `n` the mass and normal of a triangle with corners `v_i`, the second moment is the sum of `m
@@ -27,7 +27,7 @@ pub(crate) fn plates_inertia(
     density_kg_m3: f64,
 ) -> Option<ShellInertia> {
     let mut plates = plates.peekable();
-    // About a point of the first, so that what is far from the origin loses no digits.
+    // About a point of the first: far from the origin digits would be lost.
     let origin = plates.peek()?.0[0];
     let mut mass = 0.0;
     let mut first = Vector3::zeros();
@@ -54,7 +54,7 @@ pub(crate) fn plates_inertia(
         return None;
     }
     let center: Vector3<f64> = first / mass;
-    // From that point to the center of mass (parallel axes).
+    // From this point to the center of mass (parallel axes).
     let central = second - center * center.transpose() * mass;
     let inertia = Matrix3::identity() * central.trace() - central;
     Some(ShellInertia {

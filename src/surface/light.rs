@@ -1,12 +1,12 @@
-//! The light of a recording: how bright a matt surface is by where it faces.
+//! The light of a recording: the brightness of a matt surface by its direction.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
 /// Terms of the series.
 pub(crate) const TERMS: usize = 8;
 
-/// Real spherical harmonics of order 1 and 2 at a unit direction, each with mean square 1: they hold 99 % of
-/// what a matt surface makes of distant light (Ramamoorthi and Hanrahan 2001).
+/// Real spherical harmonics of order 1 and 2 at a unit direction, each with mean square 1: 99 % of a matt
+/// surface's brightness under distant light (Ramamoorthi and Hanrahan 2001).
 #[must_use]
 pub(crate) fn harmonics(n: &Vector3<f64>) -> SVector<f64, TERMS> {
     let [one, pair, zonal] = [3.0_f64, 15.0, 1.25].map(f64::sqrt);
@@ -24,12 +24,12 @@ pub(crate) fn harmonics(n: &Vector3<f64>) -> SVector<f64, TERMS> {
 }
 
 /// Logarithm of a surface's brightness by its normal in the world, a series for each channel; 0 in the mean
-/// over what the photos show, so that textures keep their brightness as a whole.
+/// over the photos' samples: textures keep their brightness as a whole.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Light {
     /// Factors of [`harmonics`], a column for each channel.
     pub terms: SMatrix<f64, TERMS, 3>,
-    /// Mean of the series over what the photos show.
+    /// Mean of the series over the photos' samples.
     pub mean: Vector3<f64>,
 }
 

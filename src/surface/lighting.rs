@@ -1,5 +1,5 @@
-//! How photos were lit: how much brighter each is than the others where both show the same surface, and how
-//! much brighter a surface is that faces one way than when it faced another.
+//! How photos were lit: the gain of each against the others where both show the same surface, and the
+//! brightness of a surface by its direction.
 
 use nalgebra::{DMatrix, SVector, Vector3};
 use rayon::prelude::*;
@@ -15,13 +15,13 @@ const COLOR: f64 = 0.1;
 /// Standard deviations of the terms of the light, of order 1 and 2.
 /// derived: the series of a distant lamp, from any side, as bright as all other light together, in sRGB
 const LIGHT: [f64; 2] = [0.06, 0.02];
-/// Spots that err together, as one of them: a shadow falls on a sixth of a mesh across.
+/// Spots with one common error: a shadow falls on a sixth of a mesh across.
 /// chosen: 3,000 spots of a mesh over 36
 const TOGETHER: f64 = 80.0;
-/// Levels of a channel that follow the exposure: darker ones are noise, lighter ones are cut off.
+/// Levels of a channel proportional to the exposure: darker ones are noise, lighter ones are cut off.
 /// chosen: three levels of noise, and a level above all others
 const FOLLOWS: std::ops::Range<f32> = 10.0..250.0;
-/// Rounds of reweighting: highlights and what moved count less in each.
+/// Rounds of reweighting: highlights and moved things count less in each.
 const ROUNDS: usize = 4;
 
 /// A spot of a surface as a photo shows it.
@@ -40,28 +40,24 @@ pub struct Shown {
 /// How the photos of a recording were lit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lighting {
-    /// Gain of every photo by channel, 1 in the mean of the logarithms; 1 for one that shares no spot.
+    /// Gain of every photo by channel, 1 in the mean of the logarithms; 1 for one without a common spot.
     pub gains: Vec<Vector3<f32>>,
-    /// Light by the direction that a surface faces; none where nothing turned.
+    /// Light by the direction of a surface; none where nothing turned.
     pub light: Light,
 }
 
 impl Lighting {
-    /// That of `photos` photos; each element of `spots` holds those that show one spot. Light is known from
-    /// surfaces that turned between photos alone: of two faces that never did, one may be brighter by its
-    /// color. See docs/method.md (3.8).
+    /// The lighting of `photos` photos; each element of `spots` holds the samples of one spot. Light is known
+    /// from surfaces turned between photos alone: of two faces at rest, one may be brighter by its color. See
+    /// docs/method.md (3.8).
     #[must_use]
     pub fn of(spots: &[Vec<Shown>], photos: usize) -> Self {
         // Gains of the photos, then terms of the light; a column a channel.
         let mut logs = DMatrix::zeros(photos + TERMS, 3);
         for _ in 0..ROUNDS {
-            let of_some = |spots: &[Vec<Shown>]| {
-                let mut sums = Equations::none(photos);
-                spots.iter().for_each(|spot| sums.add(spot, &logs));
-                sums
-            };
             // Summed in their order, whatever the number of threads.
-            let sums: Vec<Equations> = spots.par_chunks(CHUNK).map(of_some).collect();
+            let sums: Vec<Equations> =
+                spots.par_chunks(CHUNK).map(|some| Equations::of_spots(some, &logs)).collect();
             let equations = sums.into_iter().fold(Equations::new(photos), Equations::plus);
             let Some(solver) = equations.normal.cholesky() else { break };
             logs = solver.solve(&equations.right);
@@ -77,7 +73,7 @@ impl Lighting {
     }
 }
 
-/// Spots that one task adds up.
+/// Spots of one task.
 const CHUNK: usize = 256;
 
 /// Normal equations of the logarithms of gains and light.
@@ -86,28 +82,47 @@ struct Equations {
     right: DMatrix<f64>,
 }
 
-/// What a photo shows of a spot, in logarithms.
-struct Seen {
+/// A sample of a photo in logarithms.
+struct LogSample {
     photo: usize,
     weight: f64,
     color: Vector3<f64>,
     harmonics: SVector<f64, TERMS>,
 }
 
+impl LogSample {
+    fn of(s: &Shown) -> Self {
+        Self {
+            photo: s.photo,
+            weight: f64::from(s.weight),
+            color: s.color.map(|c| f64::from(c).ln()),
+            harmonics: harmonics(&s.normal),
+        }
+    }
+}
+
 impl Equations {
-    /// Those of the priors alone.
+    /// Equations of the priors alone.
     fn new(photos: usize) -> Self {
-        let size = photos + TERMS;
-        let deviation = |i: usize| match i.checked_sub(photos) {
-            None => EXPOSURE,
-            Some(term) => LIGHT[usize::from(term >= 3)] / TOGETHER.sqrt(),
-        };
-        let precision = |i: usize| (COLOR / deviation(i)).powi(2);
-        let normal = DMatrix::from_fn(size, size, |i, j| if i == j { precision(i) } else { 0.0 });
-        Self { normal, ..Self::none(photos) }
+        let mut equations = Self::none(photos);
+        for i in 0..photos + TERMS {
+            let deviation = match i.checked_sub(photos) {
+                None => EXPOSURE,
+                Some(term) => LIGHT[usize::from(term >= 3)] / TOGETHER.sqrt(),
+            };
+            equations.normal[(i, i)] = (COLOR / deviation).powi(2);
+        }
+        equations
     }
 
-    /// Of nothing.
+    /// Equations of some spots; `logs` as found so far.
+    fn of_spots(spots: &[Vec<Shown>], logs: &DMatrix<f64>) -> Self {
+        let mut sums = Self::none(logs.nrows() - TERMS);
+        spots.iter().for_each(|spot| sums.add(spot, logs));
+        sums
+    }
+
+    /// All zero.
     fn none(photos: usize) -> Self {
         let size = photos + TERMS;
         Self { normal: DMatrix::zeros(size, size), right: DMatrix::zeros(size, 3) }
@@ -122,25 +137,22 @@ impl Equations {
     /// Adds a spot, its own color eliminated; `logs` as found so far.
     fn add(&mut self, spot: &[Shown], logs: &DMatrix<f64>) {
         let usable = spot.iter().filter(|s| s.color.iter().all(|c| FOLLOWS.contains(c)));
-        let log = |s: &Shown| Seen {
-            photo: s.photo,
-            weight: f64::from(s.weight),
-            color: s.color.map(|c| f64::from(c).ln()),
-            harmonics: harmonics(&s.normal),
-        };
-        let mut seen: Vec<Seen> = usable.map(log).collect();
+        let mut seen: Vec<LogSample> = usable.map(LogSample::of).collect();
         let total: f64 = seen.iter().map(|s| s.weight).sum();
         if seen.len() < 2 || !(total > 0.0) {
             return;
         }
         let photos = logs.nrows() - TERMS;
         let terms = logs.fixed_view::<TERMS, 3>(photos, 0);
-        let own =
-            |s: &Seen| s.color - Vector3::from_fn(|k, _| logs[(s.photo, k)]) - terms.tr_mul(&s.harmonics);
-        let middle = seen.iter().map(|s| own(s) * s.weight).sum::<Vector3<f64>>() / total;
+        let mut own = Vec::with_capacity(seen.len());
+        for s in &seen {
+            let gain = Vector3::from_fn(|k, _| logs[(s.photo, k)]);
+            own.push(s.color - gain - terms.tr_mul(&s.harmonics));
+        }
+        let middle = seen.iter().zip(&own).map(|(s, own)| own * s.weight).sum::<Vector3<f64>>() / total;
         // Cauchy's weights; a spot weighs 1 in all.
-        for s in &mut seen {
-            s.weight /= total * (1.0 + (own(s) - middle).norm_squared() / (3.0 * COLOR * COLOR));
+        for (s, own) in seen.iter_mut().zip(&own) {
+            s.weight /= total * (1.0 + (own - middle).norm_squared() / (3.0 * COLOR * COLOR));
         }
         let sum: f64 = seen.iter().map(|s| s.weight).sum();
         let color = seen.iter().map(|s| s.color * s.weight).sum::<Vector3<f64>>() / sum;

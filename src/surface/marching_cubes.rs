@@ -11,10 +11,10 @@ use geometry::Grid3;
 const INSIDE: u8 = 1;
 /// Node flag: no value. Shifted left by up to three it stays clear of the inside flags.
 const UNKNOWN: u8 = 16;
-/// Vertices stay this share of an edge away from its ends, so that no triangle is so small that rounding
-/// turns it. chosen: a hundredth of a voxel is below any reading
+/// Vertices stay this share of an edge away from its ends: rounding would turn smaller triangles.
+/// chosen: a hundredth of a voxel is below any reading
 const MIN_FRACTION: f64 = 0.01;
-/// Cell layers that one task meshes.
+/// Cell layers of one task.
 const LAYERS_PER_TASK: usize = 8;
 
 /// Surface where the field crosses `iso`, in the grid's world frame; outward is towards larger values.
@@ -28,8 +28,9 @@ pub fn marching_cubes(grid: &Grid3<f32>, iso: f32) -> TriangleMesh {
     if nx < 2 || ny < 2 || nz < 2 {
         return TriangleMesh::default();
     }
-    let flag = |v: &f32| if v.is_finite() { u8::from(*v < iso) * INSIDE } else { UNKNOWN };
-    let flags: Vec<u8> = grid.values.par_iter().with_min_len(1 << 14).map(flag).collect();
+    let values = grid.values.par_iter().with_min_len(1 << 14);
+    let flags: Vec<u8> =
+        values.map(|v| if v.is_finite() { u8::from(*v < iso) * INSIDE } else { UNKNOWN }).collect();
     let layers: Vec<Layer> = (0..nz).into_par_iter().map(|z| Layer::of(grid, iso, &flags, z)).collect();
     // Vertices are numbered by layer, whichever thread made it.
     let mut firsts = Vec::with_capacity(nz);
@@ -51,7 +52,7 @@ pub fn marching_cubes(grid: &Grid3<f32>, iso: f32) -> TriangleMesh {
     for layer in layers {
         mesh.vertices.extend(layer.positions);
     }
-    // Beside unknown nodes edges were cut that no triangle uses.
+    // Beside unknown nodes there are vertices without triangles.
     if flags.par_iter().with_min_len(1 << 14).any(|&f| f == UNKNOWN) {
         super::drop_unused_vertices(&mesh)
     } else {
@@ -59,7 +60,7 @@ pub fn marching_cubes(grid: &Grid3<f32>, iso: f32) -> TriangleMesh {
     }
 }
 
-/// The vertices on the edges that start at the nodes of one layer.
+/// The vertices on the edges from the nodes of one layer.
 struct Layer {
     /// `axis * nx * ny + nx * y + x` of each cut edge, in the order of `positions`.
     slots: Vec<u32>,
@@ -101,8 +102,8 @@ impl Layer {
         layer
     }
 
-    /// Writes the vertex number of each cut edge at its slot; other slots keep what they held and are never
-    /// read.
+    /// Writes the vertex number of each cut edge at its slot; other slots keep their old numbers and are
+    /// never read.
     fn fill(&self, first: u32, numbers: &mut [u32]) {
         for (i, &slot) in self.slots.iter().enumerate() {
             numbers[slot as usize] = first + i as u32;
@@ -120,7 +121,8 @@ fn layer_triangles(
 ) -> Vec<[u32; 3]> {
     let [nx, ny, _] = dims;
     let plane = nx * ny;
-    // Where the vertex of each edge of a cell is numbered: in which layer, and how far from the cell's slot.
+    // Place of the vertex number of each edge of a cell: in the upper layer or not, and offset from the
+    // cell's slot.
     let slots: Vec<(bool, usize)> = CUBE_TABLE
         .edges
         .iter()
@@ -138,11 +140,8 @@ fn layer_triangles(
         std::mem::swap(&mut below, &mut above);
         layers[z + 1].fill(firsts[z + 1], &mut above);
         for y in 0..ny - 1 {
-            let row = |dy: usize, dz: usize| &flags[(z + dz) * plane + (y + dy) * nx..][..nx];
-            let r0 = row(0, 0);
-            let r1 = row(1, 0);
-            let r2 = row(0, 1);
-            let r3 = row(1, 1);
+            let [r0, r1, r2, r3] = [(y, z), (y + 1, z), (y, z + 1), (y + 1, z + 1)]
+                .map(|(y, z)| &flags[z * plane + y * nx..][..nx]);
             let column = |x: usize| r0[x] | r1[x] << 1 | r2[x] << 2 | r3[x] << 3;
             let mut left = column(0);
             for x in 0..nx - 1 {

@@ -61,9 +61,8 @@ impl TriangleMesh {
 
     /// Sides of the triangles, three each in their order: start, end and triangle.
     pub fn sides(&self) -> impl Iterator<Item = (u32, u32, u32)> + Clone + '_ {
-        let of_triangle =
-            |(t, &[a, b, c]): (usize, &[u32; 3])| [(a, b), (b, c), (c, a)].map(|(p, q)| (p, q, t as u32));
-        self.triangles.iter().enumerate().flat_map(of_triangle)
+        let numbered = self.triangles.iter().zip(0..);
+        numbered.flat_map(|(&[a, b, c], t)| [(a, b, t), (b, c, t), (c, a, t)])
     }
 
     /// The mesh moved by a rigid motion.

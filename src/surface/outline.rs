@@ -8,22 +8,25 @@ pub fn hull_2d(points: &[Point2<f64>]) -> Vec<Point2<f64>> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     sorted.dedup();
-    let turn = |a: &Point2<f64>, b: &Point2<f64>, c: &Point2<f64>| (b - a).perp(&(c - a));
-    let half = |points: &mut dyn Iterator<Item = &Point2<f64>>| {
-        let mut chain: Vec<Point2<f64>> = Vec::new();
-        for p in points {
-            while chain.len() >= 2 && turn(&chain[chain.len() - 2], &chain[chain.len() - 1], p) <= 0.0 {
-                chain.pop();
-            }
-            chain.push(*p);
-        }
-        chain.pop();
-        chain
-    };
     // The lower chain, then the upper one back (Andrew 1979); each leaves its last corner to the other.
-    let mut hull = half(&mut sorted.iter());
-    hull.extend(half(&mut sorted.iter().rev()));
+    let mut hull = hull_chain(sorted.iter());
+    hull.extend(hull_chain(sorted.iter().rev()));
     hull
+}
+
+/// The left-turning chain of sorted points, without its last one.
+fn hull_chain<'a>(points: impl Iterator<Item = &'a Point2<f64>>) -> Vec<Point2<f64>> {
+    let mut chain: Vec<Point2<f64>> = Vec::new();
+    for p in points {
+        while let [.., a, b] = chain[..]
+            && (b - a).perp(&(p - a)) <= 0.0
+        {
+            chain.pop();
+        }
+        chain.push(*p);
+    }
+    chain.pop();
+    chain
 }
 
 /// Area of a polygon, positive if counter-clockwise.
@@ -32,13 +35,13 @@ pub(crate) fn area(polygon: &[Point2<f64>]) -> f64 {
         * 0.5
 }
 
-/// How far a polygon reaches along a direction.
+/// Extent of a polygon along a direction.
 fn extent(polygon: &[Point2<f64>], direction: &Vector2<f64>) -> f64 {
     let all = polygon.iter().map(|p| p.coords.dot(direction));
     all.clone().fold(f64::NEG_INFINITY, f64::max) - all.fold(f64::INFINITY, f64::min)
 }
 
-/// Direction of the side on which the smallest rectangle around a convex polygon stands.
+/// Direction of a side of the smallest rectangle around a convex polygon.
 pub(crate) fn rectangle_direction(polygon: &[Point2<f64>]) -> Vector2<f64> {
     let sides = (0..polygon.len())
         .filter_map(|k| (polygon[(k + 1) % polygon.len()] - polygon[k]).try_normalize(1e-12));

@@ -6,14 +6,14 @@ use super::Rendered;
 
 /// Nothing nearer than this is drawn, meters. chosen: no object is so near
 const NEAR_M: f64 = 0.01;
-/// Share of an arrow's length that its head takes, and of the head's length that its half width takes.
+/// Length of an arrow's head as a share of the arrow's, and half width of the head as a share of its length.
 /// chosen: for the eye
 const HEAD_LENGTH: f64 = 0.12;
 const HEAD_HALF_WIDTH: f64 = 0.35;
-/// Share of its color that a hidden stretch keeps. chosen: for the eye
+/// Share of its color in a hidden stretch. chosen: for the eye
 const HIDDEN_SHARE: f32 = 0.35;
 
-/// What a surface in front of a line does to it.
+/// Effect of a surface in front of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Occlusion {
     /// Nothing: the line is on top.
@@ -24,14 +24,14 @@ pub enum Occlusion {
     Hide,
 }
 
-/// How a line looks.
+/// Style of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LineStyle {
     /// sRGB.
     pub color: [u8; 3],
     /// Width in pixels.
     pub width_px: f64,
-    /// What surfaces in front do.
+    /// Effect of surfaces in front.
     pub occlusion: Occlusion,
 }
 
@@ -52,7 +52,10 @@ impl Rendered {
             a += (b - a) * ((NEAR_M - a.z) / (b.z - a.z));
         }
         let (Some(p), Some(q)) = (self.intrinsics.project(&a), self.intrinsics.project(&b)) else { return };
-        let ends = [(p.0, p.1, 1.0 / a.z), (q.0, q.1, 1.0 / b.z)];
+        let ends = [
+            ImagePoint { u: p.0, v: p.1, inverse_depth: 1.0 / a.z },
+            ImagePoint { u: q.0, v: q.1, inverse_depth: 1.0 / b.z },
+        ];
         if let Some([p, q]) =
             clipped(ends, self.intrinsics.width as f64, self.intrinsics.height as f64, style.width_px)
         {
@@ -73,31 +76,26 @@ impl Rendered {
         }
     }
 
-    /// Draws between two pixel positions with inverse depths; each pixel once.
-    fn stroke(&mut self, p: (f64, f64, f64), q: (f64, f64, f64), style: &LineStyle) {
+    /// Draws between two places of the image; each pixel once.
+    fn stroke(&mut self, p: ImagePoint, q: ImagePoint, style: &LineStyle) {
         let width = self.intrinsics.width;
         let height = self.intrinsics.height;
         let radius = 0.5 * style.width_px.max(1.0);
-        let range = |a: f64, b: f64, count: usize| {
-            let low = a.min(b) - radius;
-            let high = a.max(b) + radius;
-            low.ceil().max(0.0) as usize..(high.floor() + 1.0).clamp(0.0, count as f64) as usize
-        };
-        let du = q.0 - p.0;
-        let dv = q.1 - p.1;
+        let du = q.u - p.u;
+        let dv = q.v - p.v;
         let length2 = du * du + dv * dv;
         // Each pixel once: a faded line would be mixed in twice where strokes overlap.
-        for y in range(p.1, q.1, height) {
-            for x in range(p.0, q.0, width) {
-                let u = x as f64 - p.0;
-                let v = y as f64 - p.1;
+        for y in pixels_about([p.v, q.v], radius, height) {
+            for x in pixels_about([p.u, q.u], radius, width) {
+                let u = x as f64 - p.u;
+                let v = y as f64 - p.v;
                 let share = if length2 > 0.0 { ((u * du + v * dv) / length2).clamp(0.0, 1.0) } else { 0.0 };
                 if (u - share * du).hypot(v - share * dv) > radius {
                     continue;
                 }
                 let i = y * width + x;
                 // Inverse depth is linear in the image, depth is not.
-                let depth_m = 1.0 / (p.2 + (q.2 - p.2) * share);
+                let depth_m = 1.0 / (p.inverse_depth + (q.inverse_depth - p.inverse_depth) * share);
                 let surface_m = f64::from(self.depth_m[i]);
                 let hidden = style.occlusion != Occlusion::Ignore && surface_m > 0.0 && surface_m < depth_m;
                 let keep = match (hidden, style.occlusion) {
@@ -115,12 +113,30 @@ impl Rendered {
     }
 }
 
+/// A place in the image.
+#[derive(Clone, Copy)]
+struct ImagePoint {
+    /// Column, pixels.
+    u: f64,
+    /// Row, pixels.
+    v: f64,
+    /// One over the depth, 1/m.
+    inverse_depth: f64,
+}
+
+/// Pixels, of `count`, between two places along an axis, with a margin.
+fn pixels_about([a, b]: [f64; 2], radius: f64, count: usize) -> std::ops::Range<usize> {
+    let low = a.min(b) - radius;
+    let high = a.max(b) + radius;
+    low.ceil().max(0.0) as usize..(high.floor() + 1.0).clamp(0.0, count as f64) as usize
+}
+
 /// The part of a line near the image (Liang and Barsky 1984); inverse depth is linear along it.
-fn clipped(ends: [(f64, f64, f64); 2], width: f64, height: f64, margin: f64) -> Option<[(f64, f64, f64); 2]> {
+fn clipped(ends: [ImagePoint; 2], width: f64, height: f64, margin: f64) -> Option<[ImagePoint; 2]> {
     let [p, q] = ends;
     let mut first = 0.0f64;
     let mut last = 1.0f64;
-    for (from, step, limit) in [(p.0, q.0 - p.0, width), (p.1, q.1 - p.1, height)] {
+    for (from, step, limit) in [(p.u, q.u - p.u, width), (p.v, q.v - p.v, height)] {
         for (delta, room) in [(-step, from + margin), (step, limit + margin - from)] {
             if delta == 0.0 && room < 0.0 {
                 return None;
@@ -131,8 +147,18 @@ fn clipped(ends: [(f64, f64, f64); 2], width: f64, height: f64, margin: f64) -> 
             }
         }
     }
-    let at = |t: f64| (p.0 + (q.0 - p.0) * t, p.1 + (q.1 - p.1) * t, p.2 + (q.2 - p.2) * t);
-    (first <= last).then(|| [at(first), at(last)])
+    (first <= last).then(|| [p.towards(&q, first), p.towards(&q, last)])
+}
+
+impl ImagePoint {
+    /// The place at a share of the line to another.
+    fn towards(&self, other: &Self, share: f64) -> Self {
+        Self {
+            u: self.u + (other.u - self.u) * share,
+            v: self.v + (other.v - self.v) * share,
+            inverse_depth: self.inverse_depth + (other.inverse_depth - self.inverse_depth) * share,
+        }
+    }
 }
 
 #[cfg(test)]

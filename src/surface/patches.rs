@@ -1,4 +1,4 @@
-//! A mesh cut into patches that are flat to a tolerance.
+//! A mesh cut into patches, flat to a tolerance.
 
 use std::collections::VecDeque;
 
@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::{TriangleMesh, edges::Edges};
 
-/// Cosine of the largest angle between a triangle and its patch, and the triangle that the patch began with.
+/// Cosine of the largest angle between a triangle and its patch, and the first triangle of the patch.
 /// chosen: 35 degrees
 const MIN_COSINE: f64 = 0.82;
 
@@ -40,15 +40,15 @@ impl Sums {
     }
 }
 
-/// Patches that grow from the largest triangle that is left over triangles whose corners lie within
-/// `tolerance_m` of the patch's plane; largest area first.
+/// Patches grown from the largest free triangle over triangles with corners within `tolerance_m` of the
+/// patch's plane; largest area first.
 pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
     let count = mesh.triangles.len();
     let corners: Vec<[Point3<f64>; 3]> = (0..count).map(|t| mesh.corners(t).map(|p| p.cast())).collect();
     let normals: Vec<Vector3<f64>> = corners.iter().map(|[a, b, c]| (b - a).cross(&(c - a))).collect();
     let neighbors = Edges::of(mesh).neighbors(mesh.triangles.len(), |_| true);
     let mut order: Vec<usize> = (0..count).filter(|&t| normals[t].norm() > 0.0).collect();
-    // Large triangles have the surest normals, so that patches begin there. Equal ones go by number.
+    // Large triangles have the surest normals: patches begin there. Equal ones go by number.
     order.sort_by(|a, b| normals[*b].norm_squared().total_cmp(&normals[*a].norm_squared()).then(a.cmp(b)));
     let mut taken = vec![false; count];
     let mut found = Vec::new();
@@ -64,15 +64,18 @@ pub(crate) fn patches(mesh: &TriangleMesh, tolerance_m: f64) -> Vec<Patch> {
         while let Some(t) = queue.pop_front() {
             triangles.push(t as u32);
             sums.add(&normals[t], &corners[t]);
-            // The plane follows what has joined so far.
+            // The plane follows the triangles so far.
             let normal = sums.normal.normalize();
             let center = sums.center / sums.area;
             for &n in &neighbors[t] {
                 let n = n as usize;
-                let flat = |p: &Point3<f64>| (p.coords - center).dot(&normal).abs() <= tolerance_m;
-                let turned = |normal: &Vector3<f64>| normals[n].dot(normal) < MIN_COSINE * normals[n].norm();
+                let least = MIN_COSINE * normals[n].norm();
                 // Against the first triangle as well: around a cylinder small turns would add up.
-                if !taken[n] && !turned(&normal) && !turned(&first) && corners[n].iter().all(flat) {
+                let is_turned = normals[n].dot(&normal) < least || normals[n].dot(&first) < least;
+                if !taken[n]
+                    && !is_turned
+                    && corners[n].iter().all(|p| (p.coords - center).dot(&normal).abs() <= tolerance_m)
+                {
                     taken[n] = true;
                     queue.push_back(n);
                 }

@@ -1,4 +1,4 @@
-//! Normals of the faces, sides and corners of a mesh whose sign distinguishes inside from outside at any
+//! Normals of the faces, sides and corners of a mesh: their sign distinguishes inside from outside at any
 //! closest point (angle-weighted pseudo-normals, Baerentzen and Aanaes 2005).
 
 use nalgebra::Vector3;
@@ -31,14 +31,24 @@ pub(super) struct Pseudonormals {
     open: Vec<u8>,
 }
 
+/// The closest point of a triangle to a query.
+struct ClosestFeature {
+    /// Squared distance.
+    distance2: f32,
+    triangle: u32,
+    /// Feature of the point.
+    feature: Feature,
+}
+
 impl Pseudonormals {
-    /// For a mesh whose vertices were moved to `positions`.
+    /// For a mesh with its vertices moved to `positions`.
     pub(crate) fn of(mesh: &TriangleMesh, positions: &[Vector3<f32>]) -> Self {
         let corners: Vec<[Vector3<f32>; 3]> =
             mesh.triangles.iter().map(|t| t.map(|i| positions[i as usize])).collect();
-        let face =
-            |[a, b, c]: &[Vector3<f32>; 3]| (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
-        let faces: Vec<Vector3<f32>> = corners.iter().map(face).collect();
+        let faces: Vec<Vector3<f32>> = corners
+            .iter()
+            .map(|[a, b, c]| (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default())
+            .collect();
         let mut vertices = vec![Vector3::zeros(); positions.len()];
         for ((t, c), face) in mesh.triangles.iter().zip(&corners).zip(&faces) {
             for k in 0..3 {
@@ -72,7 +82,7 @@ impl Pseudonormals {
         let mut open_vertices = vec![false; self.vertices.len()];
         for (a, same) in edges.all() {
             let place = |side: u32| (side as usize / 3, side as usize % 3);
-            // Both faces of a side open half a turn to it, so that they count alike.
+            // Both faces of a side open half a turn to it: they count alike.
             let sum: Vector3<f32> = same.iter().map(|s| self.faces[place(s.1).0]).sum();
             for (t, k) in same.iter().map(|s| place(s.1)) {
                 self.sides[t][k] = sum;
@@ -128,30 +138,31 @@ impl Pseudonormals {
         (p - closest_on_triangle(p, &self.corners[triangle as usize]).0).norm_squared()
     }
 
-    /// Walks over the mesh from the closer of two triangles to neighbors that are closer to the point, until
-    /// none is.
+    fn closest_feature(&self, p: &Vector3<f32>, triangle: u32) -> ClosestFeature {
+        let (q, feature) = closest_on_triangle(p, &self.corners[triangle as usize]);
+        ClosestFeature { distance2: (p - q).norm_squared(), triangle, feature }
+    }
+
+    /// Walks over the mesh from the closer of two triangles to neighbors closer to the point, until there is
+    /// none; returns the last triangle.
     pub(crate) fn descend(&self, p: &Vector3<f32>, starts: [u32; 2]) -> u32 {
-        let measure = |t: u32| {
-            let (q, feature) = closest_on_triangle(p, &self.corners[t as usize]);
-            ((p - q).norm_squared(), t, feature)
-        };
-        let mut best = measure(starts[0]);
+        let mut best = self.closest_feature(p, starts[0]);
         if starts[1] != starts[0] {
-            let other = measure(starts[1]);
-            if other.0 < best.0 {
+            let other = self.closest_feature(p, starts[1]);
+            if other.distance2 < best.distance2 {
                 best = other;
             }
         }
         for _ in 0..MAX_STEPS {
-            let before = best.0;
-            let t = best.1 as usize;
-            match best.2 {
+            let before = best.distance2;
+            let t = best.triangle as usize;
+            match best.feature {
                 Feature::Face => break,
                 Feature::Edge(i) => {
                     let next = self.across[t][i as usize];
                     if next != NONE {
-                        let other = measure(next);
-                        if other.0 < best.0 {
+                        let other = self.closest_feature(p, next);
+                        if other.distance2 < best.distance2 {
                             best = other;
                         }
                     }
@@ -165,17 +176,17 @@ impl Pseudonormals {
                         if self.corners[next as usize].iter().all(|c| away.dot(&(c - corner)) <= 0.0) {
                             continue;
                         }
-                        let other = measure(next);
-                        if other.0 < best.0 {
+                        let other = self.closest_feature(p, next);
+                        if other.distance2 < best.distance2 {
                             best = other;
                         }
                     }
                 }
             }
-            if best.0 >= before {
+            if best.distance2 >= before {
                 break;
             }
         }
-        best.1
+        best.triangle
     }
 }

@@ -8,7 +8,7 @@ use geometry::{Intrinsics, Pose};
 
 /// Nothing nearer than this is drawn, meters. chosen: no object is so near
 const NEAR_M: f32 = 0.01;
-/// Image rows that one task fills.
+/// Image rows of one task.
 const ROWS_PER_TASK: usize = 16;
 /// Color of pixels without a surface.
 pub(crate) const BACKGROUND: [u8; 3] = [255; 3];
@@ -16,8 +16,8 @@ pub(crate) const BACKGROUND: [u8; 3] = [255; 3];
 const PLAIN: [u8; 3] = [180; 3];
 /// Brightness of a surface seen edge-on, against one facing the camera. chosen: for the eye
 const AMBIENT: f32 = 0.35;
-/// A pixel this far outside a side (in triangle heights) still belongs to it, so that no rounding opens a
-/// gap. chosen: above the rounding of single precision
+/// A pixel this far outside a side (in triangle heights) still belongs to it: no rounding opens a gap.
+/// chosen: above the rounding of single precision
 const SIDE_TOLERANCE: f32 = 1e-5;
 /// Share of an item's tint in its color. chosen: for the eye
 const TINT_SHARE: f32 = 0.65;
@@ -27,13 +27,13 @@ const TINT_SHARE: f32 = 0.65;
 pub struct RenderItem<'a> {
     /// The mesh.
     pub mesh: &'a TriangleMesh,
-    /// Where it stands.
+    /// Its pose.
     pub world_from_mesh: Pose,
-    /// What it shows.
+    /// Its colors.
     pub paint: Paint<'a>,
 }
 
-/// What is drawn on a mesh.
+/// Colors of a drawn mesh.
 #[derive(Clone, Copy, Default)]
 pub enum Paint<'a> {
     /// The colors of its vertices.
@@ -60,8 +60,8 @@ pub struct Rendered {
     pub item: Vec<Option<u16>>,
 }
 
-/// A corner in the image. `inverse` is 1/z; `color` (of a texture the place in it, pixels) is divided by z,
-/// which makes both linear in the image.
+/// A corner in the image. `inverse` is 1/z; `color` (of a texture the place in it, pixels) is divided by z:
+/// both are linear in the image.
 #[derive(Clone, Copy)]
 struct Corner {
     u: f32,
@@ -131,7 +131,7 @@ pub fn render(
                     Paint::Texture(texture) => texture.color(color.xy() / near),
                     Paint::Vertices | Paint::Tint(_) => color / near,
                 };
-                // Cutting off rounds, and keeps to what a byte holds.
+                // The cast rounds and limits to a byte.
                 rgb[i] = color.map(|c| (c + 0.5) as u8).into();
                 depth_m[i] = 1.0 / near;
                 item[i] = Some(facet.item);
@@ -154,65 +154,94 @@ fn facets(
     let positions: Vec<Vector3<f32>> =
         mesh.vertices.par_iter().with_min_len(4096).map(|p| (camera_from_mesh * p).coords).collect();
     let normals = if shading { vertex_normals(mesh) } else { Vec::new() };
-    let color = |i: usize| {
-        let own = Vector3::from(mesh.colors.get(i).copied().unwrap_or(PLAIN).map(f32::from));
-        let mixed = match item.paint {
-            Paint::Vertices => own,
-            Paint::Tint(t) => own.lerp(&Vector3::from(t.map(f32::from)), TINT_SHARE),
-            Paint::Texture(texture) => return texture.place_px(i).push(0.0),
-        };
-        let light = if shading {
-            let cosine =
-                (camera_from_mesh * normals[i]).dot(&positions[i]).abs() / positions[i].norm().max(1e-9);
-            AMBIENT + (1.0 - AMBIENT) * cosine
-        } else {
-            1.0
-        };
-        mixed * light
-    };
-    let colors: Vec<Vector3<f32>> =
-        (0..positions.len()).into_par_iter().with_min_len(4096).map(color).collect();
-    let corner = |(p, color): (Vector3<f32>, Vector3<f32>)| {
-        let inverse = 1.0 / p.z;
-        let u = k.fx as f32 * p.x * inverse + k.cx as f32;
-        let v = k.fy as f32 * p.y * inverse + k.cy as f32;
-        Corner { u, v, inverse, color: color * inverse }
-    };
+    let indices = (0..positions.len()).into_par_iter().with_min_len(4096);
+    let colors = indices.map(|i| {
+        let light = normals.get(i).map_or(1.0, |n| headlight(&(camera_from_mesh * n), &positions[i]));
+        vertex_color(item, i, light)
+    });
+    let colors: Vec<Vector3<f32>> = colors.collect();
     let mut facets = Vec::with_capacity(mesh.triangles.len());
     for t in &mesh.triangles {
-        let whole = t.map(|i| (positions[i as usize], colors[i as usize]));
-        if whole.iter().all(|(p, _)| p.z >= NEAR_M) {
-            facets.push(Facet { corners: whole.map(corner), item: index });
+        let whole = t.map(|i| CameraVertex { position: positions[i as usize], color: colors[i as usize] });
+        if whole.iter().all(CameraVertex::is_in_front) {
+            facets.push(Facet { corners: whole.map(|v| v.corner(k)), item: index });
             continue;
         }
         let cut = in_front(&whole);
         // Cut at the near plane, a triangle has up to four corners: a fan.
         for i in 2..cut.len() {
-            facets.push(Facet { corners: [cut[0], cut[i - 1], cut[i]].map(corner), item: index });
+            let corners = [cut[0], cut[i - 1], cut[i]].map(|v| v.corner(k));
+            facets.push(Facet { corners, item: index });
         }
     }
     facets
 }
 
+/// Brightness of a surface under a lamp at the camera, by unit normal and position in the camera.
+fn headlight(normal: &Vector3<f32>, position: &Vector3<f32>) -> f32 {
+    let cosine = normal.dot(position).abs() / position.norm().max(1e-9);
+    AMBIENT + (1.0 - AMBIENT) * cosine
+}
+
+/// Color of a vertex in a light, levels; of a texture the place in it, pixels.
+fn vertex_color(item: &RenderItem, vertex: usize, light: f32) -> Vector3<f32> {
+    let own = Vector3::from(item.mesh.colors.get(vertex).copied().unwrap_or(PLAIN).map(f32::from));
+    match item.paint {
+        Paint::Vertices => own * light,
+        Paint::Tint(t) => own.lerp(&Vector3::from(t.map(f32::from)), TINT_SHARE) * light,
+        Paint::Texture(texture) => texture.place_px(vertex).push(0.0),
+    }
+}
+
+/// A vertex in the optical frame, meters, with its color.
+#[derive(Clone, Copy)]
+struct CameraVertex {
+    position: Vector3<f32>,
+    color: Vector3<f32>,
+}
+
+impl CameraVertex {
+    fn is_in_front(&self) -> bool {
+        self.position.z >= NEAR_M
+    }
+
+    fn corner(&self, k: &Intrinsics) -> Corner {
+        let p = self.position;
+        let inverse = 1.0 / p.z;
+        let u = k.fx as f32 * p.x * inverse + k.cx as f32;
+        let v = k.fy as f32 * p.y * inverse + k.cy as f32;
+        Corner { u, v, inverse, color: self.color * inverse }
+    }
+}
+
 /// The part of a triangle in front of the near plane, as a polygon.
-fn in_front(triangle: &[(Vector3<f32>, Vector3<f32>); 3]) -> Vec<(Vector3<f32>, Vector3<f32>)> {
+fn in_front(triangle: &[CameraVertex; 3]) -> Vec<CameraVertex> {
     let mut kept = Vec::with_capacity(4);
     for i in 0..3 {
         let a = triangle[i];
         let b = triangle[(i + 1) % 3];
-        if a.0.z >= NEAR_M {
+        if a.is_in_front() {
             kept.push(a);
         }
-        if (a.0.z >= NEAR_M) != (b.0.z >= NEAR_M) {
-            let share = (NEAR_M - a.0.z) / (b.0.z - a.0.z);
-            kept.push((a.0.lerp(&b.0, share), a.1.lerp(&b.1, share)));
+        if a.is_in_front() != b.is_in_front() {
+            let share = (NEAR_M - a.position.z) / (b.position.z - a.position.z);
+            let position = a.position.lerp(&b.position, share);
+            kept.push(CameraVertex { position, color: a.color.lerp(&b.color, share) });
         }
     }
     kept
 }
 
-/// Visits the pixels of a facet that are nearer than `inverse` says, and updates it. Rows begin at
-/// `first_row`.
+/// Pixels between the least and the largest place along an axis, of `count` from `first` on; counted from
+/// `first`.
+fn pixels_between(places: [f32; 3], first: usize, count: usize) -> std::ops::Range<usize> {
+    let low = places[0].min(places[1]).min(places[2]);
+    let high = places[0].max(places[1]).max(places[2]);
+    let start = (low.ceil() - first as f32).max(0.0) as usize;
+    start..((high.floor() - first as f32 + 1.0).clamp(0.0, count as f32) as usize)
+}
+
+/// Visits the pixels of a facet nearer than by `inverse`, and updates it. Rows begin at `first_row`.
 fn fill(
     facet: &Facet,
     width: usize,
@@ -227,14 +256,8 @@ fn fill(
         return;
     }
     let rows = inverse.len() / width;
-    let span = |values: [f32; 3], from: usize, count: usize| {
-        let low = values[0].min(values[1]).min(values[2]);
-        let high = values[0].max(values[1]).max(values[2]);
-        let first = (low.ceil() - from as f32).max(0.0) as usize;
-        first..((high.floor() - from as f32 + 1.0).clamp(0.0, count as f32) as usize)
-    };
-    let columns = span([a.u, b.u, c.u], 0, width);
-    for row in span([a.v, b.v, c.v], first_row, rows) {
+    let columns = pixels_between([a.u, b.u, c.u], 0, width);
+    for row in pixels_between([a.v, b.v, c.v], first_row, rows) {
         let v = (first_row + row) as f32;
         for column in columns.clone() {
             let u = column as f32;

@@ -1,5 +1,5 @@
-//! A row of nodes read by one view, many nodes at once: what is seen empty is added up, what lies near a
-//! surface is listed for a closer look.
+//! A row of nodes read by one view, many nodes at once: nodes seen empty are added up, nodes near a surface
+//! are listed for a closer look.
 
 use super::{
     rows::{LANES, Row, RowCamera},
@@ -7,7 +7,7 @@ use super::{
 };
 use numeric::vectorized;
 
-/// A view as a row meets it.
+/// A view for a row.
 #[derive(Clone, Copy)]
 pub(super) struct Sweep<'a> {
     /// The grid in front of the view's camera.
@@ -27,8 +27,8 @@ pub(super) struct RowSums<'a> {
 }
 
 vectorized! {
-    /// Adds a view's free space to a row, and appends to `near` the x of nodes within the truncation of a
-    /// surface that it reads, rising.
+    /// Adds a view's free space to a row, and appends to `near` the x of nodes within the truncation of its
+    /// surface, ascending.
     pub(super) fn sweep_over(sweep: Sweep<'_>, row: &Row, sums: RowSums<'_>, near: &mut Vec<usize>) = over_any
 }
 
@@ -60,8 +60,7 @@ fn add(sums: &mut [f32], weights: &mut [f32], free: &[f32]) {
     }
 }
 
-/// Weight with which each of the nodes from `first` on is seen empty, and 1 for each that lies near what is
-/// read.
+/// Weight of empty space at each of the nodes from `first` on, and 1 for each near a read surface.
 #[inline(always)]
 fn lanes(sweep: Sweep<'_>, row: &Row, first: usize) -> ([f32; LANES], [u8; LANES]) {
     let Sweep { camera, readings, truncation_m } = sweep;
@@ -88,7 +87,7 @@ mod tests {
     use crate::{
         TsdfView,
         shapes::{looking_at_origin, sphere, view_of},
-        tsdf_view::{Said, said},
+        tsdf_view::{NodeReading, said},
     };
     use capture::NoiseConfig;
     use geometry::Intrinsics;
@@ -115,8 +114,8 @@ mod tests {
                 let mut listed = Vec::new();
                 for x in row.range.clone() {
                     match said(&view.readings, &k, &camera, &row.at(x), truncation_m) {
-                        Some(Said::Free { weight }) => sums[x] = FREE_WEIGHT * weight,
-                        Some(Said::Near { .. }) => listed.push(x),
+                        Some(NodeReading::Free { weight }) => sums[x] = FREE_WEIGHT * weight,
+                        Some(NodeReading::Near { .. }) => listed.push(x),
                         None => {}
                     }
                 }

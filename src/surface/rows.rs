@@ -9,7 +9,7 @@ use geometry::{Intrinsics, Pose};
 
 /// Nodes closer to the camera plane than this are not seen, meters. chosen: no camera reads so near
 const NEAR_M: f64 = 0.01;
-/// Nodes of a row that are projected at once.
+/// Nodes of a row projected at once.
 pub(super) const LANES: usize = 16;
 
 /// A node-aligned grid in front of one camera.
@@ -23,7 +23,7 @@ pub(super) struct RowCamera {
     center: [f32; 2],
 }
 
-/// The nodes of one row that fall into the image.
+/// The nodes of one row within the image.
 pub(super) struct Row {
     /// Their x.
     pub range: Range<usize>,
@@ -35,7 +35,7 @@ impl Row {
     /// Position of node x in the optical frame, meters.
     #[inline(always)]
     pub(crate) fn at(&self, x: usize) -> Vector3<f32> {
-        // Numbers of nodes are small, and 32 bits are what vector instructions convert.
+        // Numbers of nodes are small, and vector instructions convert 32 bits.
         self.start + self.step * (x as i32) as f32
     }
 }
@@ -48,13 +48,13 @@ impl RowCamera {
         origin: &Point3<f64>,
         spacing_m: f64,
     ) -> Self {
-        let step = |axis: Vector3<f64>| camera_from_grid * (axis * spacing_m);
+        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
         Self {
             intrinsics: *intrinsics,
             origin: (camera_from_grid * origin).coords,
-            steps: [step(Vector3::x()), step(Vector3::y()), step(Vector3::z())],
+            steps: axes.map(|axis| camera_from_grid * (axis * spacing_m)),
             focal: [intrinsics.fx as f32, intrinsics.fy as f32],
-            // Half a pixel more, so that truncation gives the pixel whose center is nearest.
+            // Half a pixel more: truncation gives the pixel with the nearest center.
             center: [intrinsics.cx as f32 + 0.5, intrinsics.cy as f32 + 0.5],
         }
     }
@@ -105,15 +105,15 @@ impl RowCamera {
         f64::from(depth_m) > NEAR_M
     }
 
-    /// Pixel coordinates plus one half of a point of a [`Row`], so that the integer part is the pixel.
+    /// Pixel coordinates plus one half of a point of a [`Row`]: the integer part is the pixel.
     #[inline(always)]
     pub(crate) fn project(&self, p: &Vector3<f32>) -> [f32; 2] {
         let inverse = 1.0 / p.z;
         [self.focal[0] * p.x * inverse + self.center[0], self.focal[1] * p.y * inverse + self.center[1]]
     }
 
-    /// Index of the pixel that holds each of the nodes of a [`Row`] from x on, and their depths, meters.
-    /// Nodes outside the row's range get some pixel of the image.
+    /// Index of the pixel of each of the nodes of a [`Row`] from x on, and their depths, meters. Nodes
+    /// outside the row's range get some pixel of the image.
     #[inline(always)]
     pub(crate) fn pixels(&self, row: &Row, x: usize) -> ([u32; LANES], [f32; LANES]) {
         let width = self.intrinsics.width as u32;
@@ -123,8 +123,8 @@ impl RowCamera {
         for k in 0..LANES {
             let p = row.at(x + k);
             let [u, v] = self.project(&p);
-            // `max` first: it turns what is no number into 0.
-            // SAFETY: both are whole numbers of the image then, which fit.
+            // `max` first: it turns NaN into 0.
+            // SAFETY: both are whole numbers of the image then, they fit.
             let [column, line] = [u.max(0.0).min(last[0]), v.max(0.0).min(last[1])]
                 .map(|at| unsafe { at.to_int_unchecked::<u32>() });
             (pixels[k], depths_m[k]) = (line * width + column, p.z);
@@ -132,7 +132,7 @@ impl RowCamera {
         (pixels, depths_m)
     }
 
-    /// Index of the pixel that holds a point of a [`Row`].
+    /// Index of the pixel of a point of a [`Row`].
     pub(crate) fn pixel(&self, p: &Vector3<f32>) -> usize {
         let [u, v] = self.project(p);
         // Rounding may put a point of the row's ends just outside.

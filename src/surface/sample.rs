@@ -34,7 +34,7 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> 
     }
     for _ in 0..count {
         let at = unit(rng) * total;
-        // The first triangle whose end lies beyond; triangles without area have no width.
+        // The first triangle with its end beyond; triangles without area have no width.
         let t = cumulative.partition_point(|&end| end <= at).min(cumulative.len() - 1);
         // Uniform on the triangle (Osada et al. 2002).
         let root = unit(rng).sqrt();
@@ -46,9 +46,10 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut impl Rng) -> 
         samples.triangles.push(t as u32);
         if mesh.colors.len() == mesh.vertices.len() {
             let colors = mesh.triangles[t].map(|i| mesh.colors[i as usize]);
-            let mix =
-                |k: usize| (0..3).map(|i| shares[i] * f32::from(colors[i][k])).sum::<f32>().round() as u8;
-            samples.colors.push([0, 1, 2].map(mix));
+            samples.colors.push(
+                [0, 1, 2]
+                    .map(|k| (0..3).map(|i| shares[i] * f32::from(colors[i][k])).sum::<f32>().round() as u8),
+            );
         }
     }
     samples

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::{TriangleMesh, drop_unused_vertices, edges::Edges};
 
-/// Weight of the planes that hold open borders in place, against the surface.
+/// Weight of the planes of open borders, against the surface.
 /// chosen: borders move less than the surface
 const BORDER_WEIGHT: f64 = 10.0;
 /// Pull towards the middle of a collapsed edge, relative to the quadric: decides where the surface is flat.
@@ -17,10 +17,10 @@ const MIN_TURN_COSINE: f64 = 0.3;
 /// Triangles about a vertex for which there is room at once: six are usual.
 const USUAL_RING: usize = 8;
 
-/// The mesh with at most `max_triangles` triangles, or as few as collapses allow that keep its topology and
-/// turn no triangle over. Collapses the edge that changes the shape least, one after the other; stops early
-/// when the next would move the surface by more than `max_error_m` (root mean square over the area it stands
-/// for). Colors are interpolated. Deterministic.
+/// The mesh with at most `max_triangles` triangles, or as few as possible: collapses keep its topology and
+/// turn no triangle over. Collapses the edge with the least change of shape, one after the other; stops early
+/// when the next would move the surface by more than `max_error_m` (root mean square over its area). Colors
+/// are interpolated. Deterministic.
 #[must_use]
 pub fn simplify(mesh: &TriangleMesh, max_triangles: usize, max_error_m: f64) -> TriangleMesh {
     let mut work = Collapse::of(mesh, max_error_m * max_error_m);
@@ -68,8 +68,8 @@ impl Quadric {
     }
 }
 
-/// Solves a symmetric system by its Cholesky factor, to the last bit as nalgebra does, whose loops are for
-/// any size; `None` where it is not positive definite.
+/// Solution of a symmetric system by its Cholesky factor, to the last bit as nalgebra's for any size; `None`
+/// where it is not positive definite.
 fn solved(a: &Matrix3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
     let root = |square: f64| (square > 0.0).then(|| square.sqrt());
     let l00 = root(a[(0, 0)])?;
@@ -89,21 +89,21 @@ fn solved(a: &Matrix3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
 /// An edge in the queue; stale once one of its ends has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Candidate {
-    /// Bits of the cost, which is not negative, so that they sort like it.
+    /// Bits of the cost: it is not negative, they sort like it.
     cost_bits: u64,
     ends: [u32; 2],
     versions: [u32; 2],
 }
 
-/// Bits of a cost that its bin leaves out: bins hold costs that differ by less than a quarter.
+/// Bits of a cost without influence on its bin: costs of a bin differ by less than a quarter.
 const BIN_SHIFT: u32 = 50;
-/// Bins of all costs that are not negative.
+/// Bins of all non-negative costs.
 const BINS: usize = 1 << (63 - BIN_SHIFT);
 
 /// Candidates in their order. Only those of the lowest bin are sorted: a heap of all would not stay near the
 /// processor.
 struct Queue {
-    /// The bin that is in the heap.
+    /// The bin in the heap.
     bin: usize,
     heap: BinaryHeap<Reverse<Candidate>>,
     /// The rest; of the bins up to `bin` nothing.
@@ -120,7 +120,7 @@ impl Queue {
         if bin <= self.bin { self.heap.push(Reverse(candidate)) } else { self.bins[bin].push(candidate) }
     }
 
-    /// The least candidate; those of a bin that are not `valid` when the queue comes to it are dropped.
+    /// The least candidate; invalid ones of a bin are dropped when the queue comes to it.
     fn pop(&mut self, valid: impl Fn(&Candidate) -> bool) -> Option<Candidate> {
         while self.heap.is_empty() {
             self.bin += 1;
@@ -143,7 +143,7 @@ struct Collapse {
     rings: Vec<Vec<u32>>,
     alive: usize,
     queue: Queue,
-    /// Edges that cost more are not collapsed, square meters.
+    /// Most cost of a collapse, square meters.
     max_cost: f64,
 }
 
@@ -212,7 +212,7 @@ impl Collapse {
         (b - a).cross(&(c - a))
     }
 
-    /// Summed quadric of an edge's ends and the best place for the vertex that replaces it.
+    /// Summed quadric of an edge's ends and the best place for its new vertex.
     fn target(&self, [a, b]: [u32; 2]) -> (Quadric, Vector3<f64>) {
         let mut quadric = self.quadrics[a as usize];
         quadric.add(&self.quadrics[b as usize]);
@@ -230,7 +230,7 @@ impl Collapse {
         }
     }
 
-    /// The edge that costs least.
+    /// The edge with the least cost.
     fn next(&mut self) -> Option<Candidate> {
         let versions = &self.versions;
         self.queue.pop(|c| c.versions == c.ends.map(|v| versions[v as usize]))
@@ -253,8 +253,9 @@ impl Collapse {
         if candidate.versions != [self.versions[a as usize], self.versions[b as usize]] {
             return;
         }
-        let shared = |t: &&u32| self.triangles[**t as usize].is_some_and(|c| c.contains(&b));
-        let between: Vec<u32> = self.rings[a as usize].iter().filter(shared).copied().collect();
+        let ring = self.rings[a as usize].iter().copied();
+        let between: Vec<u32> =
+            ring.filter(|t| self.triangles[*t as usize].is_some_and(|c| c.contains(&b))).collect();
         let others = self.neighbors(b);
         let common = self.neighbors(a).iter().filter(|v| others.binary_search(v).is_ok()).count();
         // The link condition: only the triangles at the edge may join both ends.
@@ -293,7 +294,7 @@ impl Collapse {
         }
     }
 
-    /// Whether moving a vertex turns a triangle that stays (one without `gone`) too far.
+    /// Whether moving a vertex turns a remaining triangle (one without `gone`) too far.
     fn turns_over(&self, moved: u32, gone: u32, place: &Vector3<f64>) -> bool {
         self.rings[moved as usize]
             .iter()

@@ -29,14 +29,15 @@ impl Texture<'_> {
         let row = y as usize;
         let fx = x - column as f32;
         let fy = y - row as f32;
-        let at =
-            |dx: usize, dy: usize| self.pixels[(row + dy).min(last) * self.size_px + (column + dx).min(last)];
-        bilinear(at, [fx, fy])
+        bilinear(
+            |dx, dy| self.pixels[(row + dy).min(last) * self.size_px + (column + dx).min(last)],
+            [fx, fy],
+        )
     }
 }
 
-/// Color between four pixels, levels; `at` gives that of a pixel by its steps to the right and down, `shares`
-/// how far it is to the right and down.
+/// Color between four pixels, levels; `at` gives the color of a pixel by its steps to the right and down,
+/// `shares` are the distances to the right and down, pixels.
 pub(super) fn bilinear(at: impl Fn(usize, usize) -> [u8; 3], shares: [f32; 2]) -> Vector3<f32> {
     let [fx, fy] = shares;
     let at = |dx, dy| Vector3::from(at(dx, dy).map(f32::from));

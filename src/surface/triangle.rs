@@ -22,7 +22,7 @@ pub(super) fn closest_on_triangle(p: &Vector3<f32>, corners: &[Vector3<f32>; 3])
     let ap = p - a;
     let d1 = ab.dot(&ap);
     let d2 = ac.dot(&ap);
-    // The regions of corners and sides in turn; the interior is what remains.
+    // The regions of corners and sides in turn; the interior is the rest.
     if d1 <= 0.0 && d2 <= 0.0 {
         return (*a, Feature::Corner(0));
     }
@@ -51,8 +51,7 @@ pub(super) fn closest_on_triangle(p: &Vector3<f32>, corners: &[Vector3<f32>; 3])
         return (b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6))), Feature::Edge(1));
     }
     let sum = va + vb + vc;
-    // Without area, rounding decides which of the regions above a point falls into; the sides are then all
-    // there is.
+    // Without area, rounding decides about the regions above; only sides are left then.
     let area2 = ab.cross(&ac).norm_squared();
     if sum > 0.0 && area2 > 1e-12 * ab.norm_squared() * ac.norm_squared() {
         (a + ab * (vb / sum) + ac * (vc / sum), Feature::Face)

@@ -1,6 +1,6 @@
 //! Fusion of depth maps into a truncated signed distance volume (Curless and Levoy 1996).
 //!
-//! Per node this is the weighted least-squares solution of the same targets that the field's losses set:
+//! Per node this is the weighted least-squares solution of the same targets as those of the field's losses:
 //! projective distance near a surface, 1 in front of it (docs/method.md 3.2).
 
 use nalgebra::{Point3, Vector3};
@@ -10,13 +10,13 @@ use super::{
     TriangleMesh, marching_cubes,
     row_sweep::{RowSums, Sweep, sweep_over},
     rows::RowCamera,
-    tsdf_view::{FREE_WEIGHT, Said, TsdfView, behind_weight, said},
+    tsdf_view::{FREE_WEIGHT, NodeReading, TsdfView, behind_weight, said},
 };
 use geometry::Grid3;
 
-/// Layers that one task fills, and rows of it that all views are added to before the next rows.
-/// derived: sums of so many rows of 224 nodes and the pixels that they fall on are less than a cache of 1 MB;
-/// other sizes were not tried
+/// Layers of one task, and rows of it: all views are added to these before the next rows.
+/// derived: sums of so many rows of 224 nodes and their pixels are less than a cache of 1 MB; other sizes
+/// were not tried
 const LAYERS: usize = 8;
 const LINES: usize = 16;
 
@@ -43,8 +43,8 @@ impl TsdfVolume {
         }
     }
 
-    /// Fuses views into an empty volume by all that see a node, and once more near the surface by those that
-    /// see its side (3.4): those of the other side of a thin panel would push it outwards.
+    /// Fuses views into an empty volume by all views of a node, and once more near the surface by the views
+    /// of its side (3.4): those of the other side of a thin panel would push it outwards.
     pub fn fuse(&mut self, views: &[TsdfView]) {
         self.integrate(views);
         self.face(views);
@@ -61,7 +61,7 @@ impl TsdfVolume {
             let mut near = Vec::new();
             // All views of a few rows at a time: both then stay in the cache.
             for lines in (0..ny).step_by(LINES) {
-                for (view, (camera, _)) in views.iter().zip(&cameras) {
+                for (view, ViewCamera { camera, .. }) in views.iter().zip(&cameras) {
                     let sweep = Sweep { camera, readings: &view.readings, truncation_m };
                     for (z, y) in
                         (0..layers).flat_map(|z| (lines..(lines + LINES).min(ny)).map(move |y| (z, y)))
@@ -80,9 +80,10 @@ impl TsdfVolume {
                                 &row.at(x),
                                 truncation_m,
                             );
-                            if let Some(near @ Said::Near { .. }) = said {
-                                let sums = (&mut sums[x], &mut weights[x], &mut slab.colors[at + x]);
-                                add_said(sums, &near, view, 1.0);
+                            if let Some(near @ NodeReading::Near { .. }) = said {
+                                let color = &mut slab.colors[at + x];
+                                let sums = NodeSums { sum: &mut sums[x], weight: &mut weights[x], color };
+                                sums.add(&near, view, 1.0);
                             }
                         }
                     }
@@ -91,10 +92,10 @@ impl TsdfVolume {
         });
     }
 
-    /// Fuses the same views again, near the surface, each node by those alone that see the side of the
-    /// surface that it is on: in a plate that is thinner than the truncation the readings of one side push
-    /// the other outwards, by half its thickness at most. (Splietker and Behnke 2019 keep a volume for each
-    /// of six directions instead.) Nodes that no view sees so stay. See docs/method.md (3.4).
+    /// Fuses the same views again, near the surface, each node by the views of its side of the surface alone:
+    /// in a plate thinner than the truncation the readings of one side push the other outwards, by half its
+    /// thickness at most. (Splietker and Behnke 2019 keep a volume for each of six directions instead.) Nodes
+    /// without such a view stay. See docs/method.md (3.4).
     pub fn face(&mut self, views: &[TsdfView]) {
         let cameras = self.cameras(views);
         let first = self.tsdf(0.0);
@@ -108,10 +109,11 @@ impl TsdfVolume {
                 let layer = slab.first + z;
                 near.clear();
                 let start = first.index(0, y, layer);
-                // A node that no view measured is NaN and left out as well.
-                let is_near = |x: &usize| first.values[start + x].abs() < 0.999 * truncation_m;
-                near.extend((0..nx).filter(is_near).map(|x| FacedNode::new(&first, [x, y, layer])));
-                for (view, (camera, eye)) in views.iter().zip(&cameras) {
+                // A node without a reading is NaN and left out as well.
+                for x in (0..nx).filter(|x| first.values[start + x].abs() < 0.999 * truncation_m) {
+                    near.push(FacedNode::new(&first, [x, y, layer]));
+                }
+                for (view, ViewCamera { camera, eye }) in views.iter().zip(&cameras) {
                     if near.is_empty() {
                         break;
                     }
@@ -128,17 +130,17 @@ impl TsdfVolume {
         });
     }
 
-    /// Of each view its camera before the nodes, and its eye.
-    fn cameras(&self, views: &[TsdfView]) -> Vec<(RowCamera, Vector3<f32>)> {
-        let of = |view: &TsdfView| {
+    fn cameras(&self, views: &[TsdfView]) -> Vec<ViewCamera> {
+        let mut cameras = Vec::with_capacity(views.len());
+        for view in views {
             let volume_from_camera = view.volume_from_world * view.frame.world_from_camera;
             let origin = &self.sums.origin;
             let spacing_m = self.sums.spacing_m;
             let inverse = volume_from_camera.inverse();
             let camera = RowCamera::new(&view.frame.intrinsics, &inverse, origin, spacing_m);
-            (camera, volume_from_camera.translation.vector.cast())
-        };
-        views.iter().map(of).collect()
+            cameras.push(ViewCamera { camera, eye: volume_from_camera.translation.vector.cast() });
+        }
+        cameras
     }
 
     /// Some layers of nodes at a time.
@@ -157,13 +159,19 @@ impl TsdfVolume {
     /// Distances in meters, cut at the truncation; NaN where the weight is at most `min_weight`.
     #[must_use]
     pub fn tsdf(&self, min_weight: f32) -> Grid3<f32> {
-        let value = |(&sum, &weight): (&f32, &f32)| {
-            // docs/method.md (3.3).
-            if weight > min_weight { sum / weight * self.truncation_m } else { f32::NAN }
-        };
-        let values =
-            self.sums.values.par_iter().zip(&self.weights).with_min_len(1 << 14).map(value).collect();
-        Grid3 { origin: self.sums.origin, spacing_m: self.sums.spacing_m, dims: self.sums.dims, values }
+        let nodes = self.sums.values.par_iter().zip(&self.weights).with_min_len(1 << 14);
+        // docs/method.md (3.3).
+        let values = nodes.map(
+            |(&sum, &weight)| {
+                if weight > min_weight { sum / weight * self.truncation_m } else { f32::NAN }
+            },
+        );
+        Grid3 {
+            origin: self.sums.origin,
+            spacing_m: self.sums.spacing_m,
+            dims: self.sums.dims,
+            values: values.collect(),
+        }
     }
 
     /// Sum of the weights at each node, in the order of the grid's values.
@@ -172,8 +180,8 @@ impl TsdfVolume {
         &self.weights
     }
 
-    /// Mean color at a point in the world, interpolated between the nodes that have one; `None` where none
-    /// has.
+    /// Mean color at a point in the world, interpolated between the colored nodes; `None` where there is
+    /// none.
     #[must_use]
     pub fn color_at(&self, point: &Point3<f64>) -> Option<[u8; 3]> {
         let grid = &self.sums;
@@ -201,11 +209,11 @@ impl TsdfVolume {
 
     /// Gives each vertex of a mesh in the world the color there; gray where none was seen.
     pub fn paint(&self, mesh: &mut TriangleMesh) {
-        let color = |p: &Point3<f32>| self.color_at(&p.cast()).unwrap_or([128; 3]);
-        mesh.colors = mesh.vertices.par_iter().with_min_len(1024).map(color).collect();
+        let vertices = mesh.vertices.par_iter().with_min_len(1024);
+        mesh.colors = vertices.map(|p| self.color_at(&p.cast()).unwrap_or([128; 3])).collect();
     }
 
-    /// The colored surface between the nodes whose weight is above `min_weight`.
+    /// The colored surface between the nodes with a weight above `min_weight`.
     #[must_use]
     pub fn mesh(&self, min_weight: f32) -> TriangleMesh {
         let mut mesh = marching_cubes(&self.tsdf(min_weight), 0.0);
@@ -214,7 +222,14 @@ impl TsdfVolume {
     }
 }
 
-/// Layers of a volume, which one task fills.
+/// A view's camera before the nodes.
+struct ViewCamera {
+    camera: RowCamera,
+    /// Its place in the volume, meters.
+    eye: Vector3<f32>,
+}
+
+/// Layers of a volume for one task.
 struct Slab<'a> {
     /// The first layer.
     first: usize,
@@ -223,7 +238,7 @@ struct Slab<'a> {
     colors: &'a mut [[f32; 4]],
 }
 
-/// A node near the surface, as the views that see its side make it.
+/// A node near the surface, by the views of its side.
 struct FacedNode {
     x: usize,
     position: Vector3<f32>,
@@ -236,20 +251,16 @@ struct FacedNode {
 
 impl FacedNode {
     fn new(distance: &Grid3<f32>, node: [usize; 3]) -> Self {
-        let slope = Vector3::from_fn(|k, _| {
-            let at = |step: isize| {
-                let mut other = node;
-                other[k] = other[k].saturating_add_signed(step).min(distance.dims[k] - 1);
-                distance.values[distance.index(other[0], other[1], other[2])]
-            };
-            let slope = at(1) - at(-1);
+        let slope = Vector3::from_fn(|axis, _| {
+            let [before, behind] = [-1, 1].map(|step| value_beside(distance, node, axis, step));
+            let slope = behind - before;
             if slope.is_nan() { 0.0 } else { slope }
         });
         let position = distance.node(node[0], node[1], node[2]).coords.cast();
         Self { x: node[0], position, slope, sum: 0.0, weight: 0.0, color: [0.0; 4] }
     }
 
-    /// Adds what a view says of it, at `p` in its optical frame, that sees free space there or its side.
+    /// Adds a view's reading, the node at `p` in its optical frame, if it sees free space there or its side.
     fn add(
         &mut self,
         view: &TsdfView,
@@ -262,31 +273,42 @@ impl FacedNode {
             return;
         };
         // docs/method.md (3.4).
-        let faces = || self.slope.dot(&(eye - self.position)) >= 0.0;
-        if matches!(said, Said::Free { .. }) || faces() {
-            // Even weights about the surface leave it where noisy readings have their mean.
-            add_said((&mut self.sum, &mut self.weight, &mut self.color), &said, view, 2.0);
+        if matches!(said, NodeReading::Free { .. }) || self.slope.dot(&(eye - self.position)) >= 0.0 {
+            // Even weights about the surface leave it at the mean of noisy readings.
+            let sums = NodeSums { sum: &mut self.sum, weight: &mut self.weight, color: &mut self.color };
+            sums.add(&said, view, 2.0);
         }
     }
 }
 
-/// Adds what a view says to the sums of a node: weighted distance, weight, color.
-fn add_said(
-    (sum, weights, color): (&mut f32, &mut f32, &mut [f32; 4]),
-    said: &Said,
-    view: &TsdfView,
-    steepness: f32,
-) {
-    match *said {
-        Said::Free { weight } => {
-            *sum += FREE_WEIGHT * weight;
-            *weights += FREE_WEIGHT * weight;
-        }
-        Said::Near { s, weight, pixel } => {
-            let w = weight * behind_weight(s, steepness);
-            *sum += w * s.min(1.0);
-            *weights += w;
-            add_color(color, view.frame.rgb[pixel], w * (1.0 - s.abs()).max(0.0));
+/// Value of a node some steps along an axis from another, at most at the border of the grid.
+fn value_beside(grid: &Grid3<f32>, node: [usize; 3], axis: usize, step: isize) -> f32 {
+    let mut other = node;
+    other[axis] = other[axis].saturating_add_signed(step).min(grid.dims[axis] - 1);
+    grid.values[grid.index(other[0], other[1], other[2])]
+}
+
+/// The sums of a node: weighted distance, weight, color.
+struct NodeSums<'a> {
+    sum: &'a mut f32,
+    weight: &'a mut f32,
+    color: &'a mut [f32; 4],
+}
+
+impl NodeSums<'_> {
+    /// Adds a view's reading.
+    fn add(self, reading: &NodeReading, view: &TsdfView, steepness: f32) {
+        match *reading {
+            NodeReading::Free { weight } => {
+                *self.sum += FREE_WEIGHT * weight;
+                *self.weight += FREE_WEIGHT * weight;
+            }
+            NodeReading::Near { s, weight, pixel } => {
+                let w = weight * behind_weight(s, steepness);
+                *self.sum += w * s.min(1.0);
+                *self.weight += w;
+                add_color(self.color, view.frame.rgb[pixel], w * (1.0 - s.abs()).max(0.0));
+            }
         }
     }
 }

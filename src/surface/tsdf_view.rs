@@ -1,4 +1,4 @@
-//! What a view says to a volume that fuses depth: the readings of its pixels, and what they say of a place.
+//! A view for the fusion of depth: the readings of its pixels, and of places in space.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -9,12 +9,12 @@ use geometry::{Intrinsics, Pose};
 
 /// Depth at which a reading has weight 1, meters. derived: the unit of length
 const REFERENCE_DEPTH_M: f64 = 1.0;
-/// Weight of a node seen through, against one near a surface: rays that pass close by an edge would otherwise
-/// push its zero crossing inwards. (On a sphere of 20 node spacings the mean error is 0.11 spacings at weight
-/// 1 and 0.01 at 0.05.) chosen: between these two, so that free space still counts
+/// Weight of a node seen through, against one near a surface: rays close by an edge would otherwise push its
+/// zero crossing inwards. (On a sphere of 20 node spacings the mean error is 0.11 spacings at weight 1 and
+/// 0.01 at 0.05.) chosen: between these two: free space still counts
 pub(super) const FREE_WEIGHT: f32 = 0.1;
 
-/// What a pixel says about the volume.
+/// Role of a pixel for the volume.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PixelRole {
     /// Its depth is a surface of the volume's object: carves in front and sets distances.
@@ -22,7 +22,7 @@ pub enum PixelRole {
     /// It shows something else: space in front of its depth is free, or the whole ray where its depth is
     /// unknown.
     FreeOnly,
-    /// It says nothing.
+    /// It has no evidence.
     Skip,
 }
 
@@ -30,29 +30,30 @@ pub enum PixelRole {
 /// are free space, object pixels without a usable depth are skipped.
 #[must_use]
 pub(crate) fn object_roles(frame: &RgbdFrame, weights: &[f32]) -> Vec<PixelRole> {
-    let role = |(pixel, &weight): (usize, &f32)| match (
-        frame.is_object(pixel),
-        weight > 0.0 && frame.depth_m[pixel] > 0.0,
-    ) {
-        (false, _) => PixelRole::FreeOnly,
-        (true, true) => PixelRole::Surface,
-        (true, false) => PixelRole::Skip,
-    };
-    weights.iter().enumerate().map(role).collect()
+    let mut roles = Vec::with_capacity(weights.len());
+    for (pixel, weight) in weights.iter().enumerate() {
+        let is_usable = *weight > 0.0 && frame.depth_m[pixel] > 0.0;
+        roles.push(match (frame.is_object(pixel), is_usable) {
+            (false, _) => PixelRole::FreeOnly,
+            (true, true) => PixelRole::Surface,
+            (true, false) => PixelRole::Skip,
+        });
+    }
+    roles
 }
 
-/// What a pixel says, as fusion takes it.
+/// The reading of a pixel for fusion.
 #[derive(Clone, Copy)]
 pub(super) struct Reading {
     /// z-depth, meters; infinite where nothing but free space is known.
     pub depth_m: f32,
     /// Its weight, 1 for a pixel of weight 1 at the reference depth, negative where its depth is no surface
-    /// of the volume's object; 0: it says nothing.
+    /// of the volume's object; 0: it has no evidence.
     signed_weight: f32,
 }
 
 impl Reading {
-    /// It says nothing.
+    /// No evidence.
     pub(crate) const NOTHING: Self = Self { depth_m: 0.0, signed_weight: 0.0 };
 
     /// A surface of the volume's object.
@@ -60,7 +61,7 @@ impl Reading {
         Self { depth_m, signed_weight: weight }
     }
 
-    /// Empty space up to a depth, which may be infinite.
+    /// Empty space up to a depth; it may be infinite.
     pub(crate) fn free(depth_m: f32, weight: f32) -> Self {
         Self { depth_m, signed_weight: -weight }
     }
@@ -77,14 +78,14 @@ impl Reading {
         self.signed_weight.abs()
     }
 
-    /// Whether it says that a surface of the volume's object is there.
+    /// Whether it is a surface of the volume's object.
     #[inline(always)]
     pub(crate) fn is_surface(self) -> bool {
         self.signed_weight > 0.0
     }
 }
 
-/// One view as the volume takes it.
+/// One view for the volume.
 pub struct TsdfView<'a> {
     /// The frame.
     pub(super) frame: &'a RgbdFrame,
@@ -95,7 +96,7 @@ pub struct TsdfView<'a> {
 }
 
 impl<'a> TsdfView<'a> {
-    /// A view whose pixels have these weights, e.g. of [`capture::pixel_weights`], and roles, e.g. of
+    /// A view with pixels of these weights, e.g. of [`capture::pixel_weights`], and roles, e.g. of
     /// [`object_roles`]. `volume_from_world` moves it before it is fused: the identity, or the motion of a
     /// part from the frame's state to the volume's.
     ///
@@ -120,9 +121,9 @@ impl<'a> TsdfView<'a> {
     }
 }
 
-/// What a view says about a node.
-pub(super) enum Said {
-    /// It lies in front of the truncation: no distance is measured, only that space is free.
+/// A view's reading of a node.
+pub(super) enum NodeReading {
+    /// It lies in front of the truncation, in free space; no distance is measured.
     Free {
         /// Weight of the reading.
         weight: f32,
@@ -138,14 +139,14 @@ pub(super) enum Said {
     },
 }
 
-/// What readings say about a node at a place in the optical frame, inside the image.
+/// A view's reading of a node at a place in the optical frame, inside the image; `None` without evidence.
 pub(super) fn said(
     readings: &[Reading],
     intrinsics: &Intrinsics,
     camera: &RowCamera,
     p: &Vector3<f32>,
     truncation_m: f32,
-) -> Option<Said> {
+) -> Option<NodeReading> {
     let pixel = camera.pixel(p);
     let reading = readings[pixel];
     let weight = reading.weight();
@@ -154,7 +155,7 @@ pub(super) fn said(
         return None;
     }
     if ahead_m >= truncation_m {
-        return Some(Said::Free { weight });
+        return Some(NodeReading::Free { weight });
     }
     if !reading.is_surface() {
         return None;
@@ -162,23 +163,24 @@ pub(super) fn said(
     let between = interpolated_depth(readings, intrinsics, camera.project(p), truncation_m);
     // docs/method.md (3.2).
     let s = (between.unwrap_or(reading.depth_m) - p.z) / truncation_m;
-    (s > -1.0).then_some(Said::Near { s, weight, pixel })
+    (s > -1.0).then_some(NodeReading::Near { s, weight, pixel })
 }
 
-/// Share of a reading's weight at a distance in truncations: falls to zero behind the surface, so that both
-/// sides of a thin wall survive.
+/// Share of a reading's weight at a distance in truncations: falls to zero behind the surface, for both sides
+/// of a thin wall to survive.
 pub(super) fn behind_weight(s: f32, steepness: f32) -> f32 {
     (steepness * (1.0 + s)).min(1.0)
 }
 
-/// Depth and weight of each pixel as fusion uses them.
+/// Reading of each pixel for fusion.
 fn readings(frame: &RgbdFrame, weights: &[f32], roles: &[PixelRole], noise: &NoiseConfig) -> Vec<Reading> {
     assert!(
         weights.len() == frame.depth_m.len() && roles.len() == frame.depth_m.len(),
         "one weight and role a pixel"
     );
     let reference_m = noise.sigma_m(REFERENCE_DEPTH_M);
-    let reading = |pixel: usize| {
+    let pixels = (0..frame.depth_m.len()).into_par_iter().with_min_len(1 << 14);
+    let readings = pixels.map(|pixel| {
         let depth_m = frame.depth_m[pixel];
         let precision = || (reference_m / frame.sigma_m(pixel, noise)).powi(2) as f32;
         match roles[pixel] {
@@ -187,8 +189,8 @@ fn readings(frame: &RgbdFrame, weights: &[f32], roles: &[PixelRole], noise: &Noi
             PixelRole::FreeOnly => Reading::free(f32::INFINITY, 1.0),
             _ => Reading::NOTHING,
         }
-    };
-    (0..frame.depth_m.len()).into_par_iter().with_min_len(1 << 14).map(reading).collect()
+    });
+    readings.collect()
 }
 
 /// Depth between four pixels of one surface, linear in inverse depth (exact on planes); `None` at its edges.

@@ -98,8 +98,8 @@ fn said_at(reading: Reading, z_m: f32, truncation_m: f32) -> Option<(Option<f32>
     let camera = RowCamera::new(&K, &Pose::identity(), &Point3::origin(), 0.1);
     let ray = K.ray(2.0, 1.0).cast::<f32>();
     match said(&[reading; K.width * K.height], &K, &camera, &(ray * z_m), truncation_m)? {
-        Said::Free { weight } => Some((None, weight)),
-        Said::Near { s, weight, pixel } => {
+        NodeReading::Free { weight } => Some((None, weight)),
+        NodeReading::Near { s, weight, pixel } => {
             assert_eq!(pixel, K.width + 2);
             Some((Some(s), weight))
         }

@@ -1,4 +1,4 @@
-//! Which nodes some view sees, and which are certainly empty.
+//! Nodes seen by some view, and certainly empty nodes.
 
 use rayon::prelude::*;
 
@@ -10,7 +10,7 @@ use super::{
 use capture::{NoiseConfig, RgbdFrame};
 use geometry::Grid3;
 
-/// When a node counts as seen through.
+/// Rule for nodes seen through.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FreeSpaceRule {
     /// Depth noise.
@@ -19,7 +19,7 @@ pub struct FreeSpaceRule {
     pub margin_sigmas: f64,
     /// ... and by at least this, meters.
     pub margin_m: f64,
-    /// Views that must see through the node.
+    /// Least number of views through the node.
     pub min_views: u8,
 }
 
@@ -30,65 +30,71 @@ impl Default for FreeSpaceRule {
 }
 
 /// Whether each node of `nodes` is visible by docs/method.md (3.5): in at least one view it projects onto an
-/// object pixel with known depth and is not further behind that depth than `epsilon_m`.
+/// object pixel with known depth and is not further behind this depth than `epsilon_m`.
 #[must_use]
 pub fn visibility_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, epsilon_m: f64) -> Grid3<bool> {
-    let reach = |frame: &RgbdFrame| {
-        let reach =
-            |(i, &d): (usize, &f32)| if d > 0.0 && frame.is_object(i) { d + epsilon_m as f32 } else { 0.0 };
-        frame.depth_m.iter().enumerate().map(reach).collect()
-    };
-    views_in_front(frames, nodes, 1, reach)
+    views_in_front(frames, nodes, 1, |frame| {
+        let depths = frame.depth_m.iter().enumerate();
+        depths.map(|(i, &d)| if d > 0.0 && frame.is_object(i) { d + epsilon_m as f32 } else { 0.0 }).collect()
+    })
 }
 
 /// Whether each node of `nodes` is certainly empty: at least `rule.min_views` views see it clearly in front
-/// of a known depth, or on a ray without known depth that misses the object (off the mask). The nearest of
-/// the 3x3 readings around a pixel counts, so that depth bleeding and masks that are a pixel off carve
-/// nothing.
+/// of a known depth, or on a ray off the object (off the mask) without known depth. The nearest of the 3x3
+/// readings around a pixel counts: depth bleeding and masks a pixel off carve nothing.
 #[must_use]
 pub fn free_space_grid<T>(frames: &[RgbdFrame], nodes: &Grid3<T>, rule: &FreeSpaceRule) -> Grid3<bool> {
     views_in_front(frames, nodes, rule.min_views, |frame| free_reach(frame, rule))
 }
 
-/// For each pixel the z-depth up to which its ray is certainly empty; 0 where nothing is known.
+/// For each pixel the depth of certainly empty space along its ray, meters; 0 where nothing is known.
 fn free_reach(frame: &RgbdFrame, rule: &FreeSpaceRule) -> Vec<f32> {
     let w = frame.intrinsics.width;
     let h = frame.intrinsics.height;
-    let reach = |i: usize| {
-        let d = f64::from(frame.depth_m[i]);
-        if d > 0.0 {
-            // docs/method.md (3.6).
-            (d - rule.margin_m.max(rule.margin_sigmas * frame.sigma_m(i, &rule.noise))).max(0.0) as f32
-        // An object without depth may begin anywhere on the ray: nothing on it is certainly empty.
-        } else if frame.is_object(i) {
-            0.0
-        } else {
-            f32::INFINITY
-        }
-    };
-    let single: Vec<f32> = (0..w * h).map(reach).collect();
-    // A pixel without reach says nothing, but does not silence its neighbors.
-    let nearest = |a: f32, b: f32| if b > 0.0 { a.min(b) } else { a };
-    // The least of 3 x 3 pixels: along rows, then along columns.
+    let single: Vec<f32> = (0..w * h).map(|i| free_reach_of_pixel(frame, rule, i)).collect();
+    // The least of 3 x 3 pixels: along rows, then along columns. A pixel without reach has no evidence, and
+    // takes none from its neighbors.
     let mut across = single.clone();
     for y in 0..h {
         for x in 0..w {
-            let row = &single[y * w..(y + 1) * w];
-            across[y * w + x] =
-                (x.saturating_sub(1)..(x + 2).min(w)).fold(f32::INFINITY, |a, x| nearest(a, row[x]));
+            let row = &single[y * w + x.saturating_sub(1)..y * w + (x + 2).min(w)];
+            let known = row.iter().filter(|reach| **reach > 0.0);
+            across[y * w + x] = known.fold(f32::INFINITY, |least, reach| least.min(*reach));
         }
     }
-    let around = |i: usize| {
+    let mut reach = vec![0.0; w * h];
+    for i in (0..w * h).filter(|i| single[*i] > 0.0) {
         let x = i % w;
         let y = i / w;
-        let least =
-            (y.saturating_sub(1)..(y + 2).min(h)).fold(f32::INFINITY, |a, y| a.min(across[y * w + x]));
-        if single[i] > 0.0 { least } else { 0.0 }
-    };
-    (0..w * h).map(around).collect()
+        let column = y.saturating_sub(1)..(y + 2).min(h);
+        reach[i] = column.fold(f32::INFINITY, |least, y| least.min(across[y * w + x]));
+    }
+    reach
 }
 
-/// Nodes that at least `min_views` frames see nearer than the reach of the pixel they fall on.
+/// The same by the reading of one pixel alone.
+fn free_reach_of_pixel(frame: &RgbdFrame, rule: &FreeSpaceRule, pixel: usize) -> f32 {
+    let d = f64::from(frame.depth_m[pixel]);
+    if d > 0.0 {
+        // docs/method.md (3.6).
+        (d - rule.margin_m.max(rule.margin_sigmas * frame.sigma_m(pixel, &rule.noise))).max(0.0) as f32
+    // An object without depth may begin anywhere on the ray: nothing on it is certainly empty.
+    } else if frame.is_object(pixel) {
+        0.0
+    } else {
+        f32::INFINITY
+    }
+}
+
+/// A view with a reach.
+struct ReachView {
+    camera: RowCamera,
+    /// Largest depth of a counted node for each pixel, meters.
+    reach_m: Vec<f32>,
+    tiles: DepthTiles,
+}
+
+/// Whether at least `min_views` frames see each node nearer than the reach of its pixel.
 fn views_in_front<T>(
     frames: &[RgbdFrame],
     nodes: &Grid3<T>,
@@ -98,27 +104,28 @@ fn views_in_front<T>(
     let origin = nodes.origin;
     let spacing_m = nodes.spacing_m;
     let [nx, ny, nz] = nodes.dims;
-    let views: Vec<(RowCamera, Vec<f32>, DepthTiles)> = frames
+    let views: Vec<ReachView> = frames
         .par_iter()
         .map(|f| {
             let k = &f.intrinsics;
-            let reach = reach(f);
-            let tiles = DepthTiles::of(k.width, k.height, |i| [reach[i]; 2]);
-            (RowCamera::new(k, &f.world_from_camera.inverse(), &origin, spacing_m), reach, tiles)
+            let reach_m = reach(f);
+            let tiles = DepthTiles::of(k.width, k.height, |i| [reach_m[i]; 2]);
+            let camera = RowCamera::new(k, &f.world_from_camera.inverse(), &origin, spacing_m);
+            ReachView { camera, reach_m, tiles }
         })
         .collect();
     let mut votes = vec![0u8; nx * ny * nz];
     votes.par_chunks_mut((nx * ny * BLOCK).max(1)).enumerate().for_each(|(slab, votes)| {
         let layers = slab * BLOCK..((slab + 1) * BLOCK).min(nz);
         for lines in blocks(ny) {
-            // Of each block of the row: views that see all of it.
+            // Of each block of the row: views of all of it.
             let mut all = vec![0u8; nx.div_ceil(BLOCK)];
-            for (camera, reach, tiles) in &views {
+            for ReachView { camera, reach_m, tiles } in &views {
                 let mut mixed = Vec::new();
                 for (all, range) in all.iter_mut().zip(blocks(nx)).filter(|(all, _)| **all < min_views) {
                     match sight(tiles, camera, &[range.clone(), lines.clone(), layers.clone()]) {
                         Sight::Nothing => {}
-                        // Nothing is asked about a node that has its votes, and a byte cannot run over.
+                        // A node with all its votes is left out: a byte cannot overflow.
                         Sight::InFront => *all += 1,
                         Sight::Mixed => mixed.push((range, min_views - *all)),
                     }
@@ -133,7 +140,7 @@ fn views_in_front<T>(
                         for x in range.start.max(row.range.start)..range.end.min(row.range.end) {
                             if votes[x] < *needed {
                                 let p = row.at(x);
-                                votes[x] += u8::from(p.z < reach[camera.pixel(&p)]);
+                                votes[x] += u8::from(p.z < reach_m[camera.pixel(&p)]);
                             }
                         }
                     }

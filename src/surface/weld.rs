@@ -1,10 +1,10 @@
-//! Joining meshes and vertices, and what remains connected.
+//! Joining meshes and vertices; defects of edges.
 
 use nalgebra::Point3;
 
 use super::TriangleMesh;
 
-/// The mesh without the vertices that no triangle uses; the order of the others stays.
+/// The mesh without unused vertices; the order of the others stays.
 #[must_use]
 pub fn drop_unused_vertices(mesh: &TriangleMesh) -> TriangleMesh {
     let mut used = vec![false; mesh.vertices.len()];
@@ -41,8 +41,9 @@ pub fn merge(meshes: &[&TriangleMesh]) -> TriangleMesh {
     all
 }
 
-/// Joins vertices that fall into the same cell of a lattice of the given spacing (0: same position exactly),
-/// at the first of them; triangles that lose a corner and unused vertices go.
+/// The mesh with vertices of the same cell of a lattice of the given spacing (0: same position exactly)
+/// joined at the first of them, without triangles of fewer than three corners then, and without unused
+/// vertices.
 #[must_use]
 pub fn weld(mesh: &TriangleMesh, spacing_m: f32) -> TriangleMesh {
     let representative = representatives(&mesh.vertices, spacing_m);
@@ -53,12 +54,10 @@ pub fn weld(mesh: &TriangleMesh, spacing_m: f32) -> TriangleMesh {
 
 /// For each vertex, the first vertex of its lattice cell.
 fn representatives(vertices: &[Point3<f32>], spacing_m: f32) -> Vec<u32> {
-    // Adding 0 turns -0 into +0, so that equal positions have equal keys.
-    let key = |x: f32| {
-        if spacing_m > 0.0 { (x / spacing_m).floor() as i64 } else { i64::from((x + 0.0).to_bits()) }
-    };
-    let mut order: Vec<([i64; 3], u32)> =
-        vertices.iter().enumerate().map(|(i, p)| ([p.x, p.y, p.z].map(key), i as u32)).collect();
+    let mut order: Vec<([i64; 3], u32)> = Vec::with_capacity(vertices.len());
+    for (p, i) in vertices.iter().zip(0..) {
+        order.push(([p.x, p.y, p.z].map(|x| lattice_key(x, spacing_m)), i));
+    }
     // By cell and then by number: each run begins with the first vertex of its cell.
     order.sort_unstable();
     let mut representative = vec![0; vertices.len()];
@@ -72,13 +71,19 @@ fn representatives(vertices: &[Point3<f32>], spacing_m: f32) -> Vec<u32> {
     representative
 }
 
-/// Sides of the triangles that do not belong to exactly one triangle in each direction: the open sides have
-/// one triangle, the non-manifold ones more than two or two that turn against each other.
+/// Key of a coordinate's lattice cell.
+fn lattice_key(x: f32, spacing_m: f32) -> i64 {
+    // Adding 0 turns -0 into +0: equal positions have equal keys.
+    if spacing_m > 0.0 { (x / spacing_m).floor() as i64 } else { i64::from((x + 0.0).to_bits()) }
+}
+
+/// Sides of the triangles other than those of exactly one triangle in each direction: the open sides have one
+/// triangle, the non-manifold ones more than two or two of opposite winding.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EdgeDefects {
     /// Sides of one triangle only.
     pub open: usize,
-    /// Sides that are neither open nor shared by two triangles of consistent winding.
+    /// Sides neither open nor shared by two triangles of consistent winding.
     pub non_manifold: usize,
 }
 

@@ -120,8 +120,10 @@ fn all_positions_of_one_hinge_are_found() {
     assert!(joint.axis.angle(&Vector3::new(0.1, 0.2, 1.0)) < 4e-3);
     assert!(
         line_distance_m(
-            (&joint.point, &joint.axis),
-            (&Point3::new(-0.1, 0.05, 0.0), &Vector3::new(0.1, 0.2, 1.0))
+            &joint.point,
+            &joint.axis,
+            &Point3::new(-0.1, 0.05, 0.0),
+            &Vector3::new(0.1, 0.2, 1.0)
         ) < 2e-3
     );
     for (found, truth) in joint.positions.iter().zip(angles) {
@@ -188,7 +190,7 @@ fn a_turned_box_is_revolute_about_its_line() {
         Screw { direction: axis, point: Point3::new(-0.1, 0.05, 0.0), angle_rad: 0.6, advance_m: 0.0 };
     let e = check(&screw.motion(), JointKind::Revolute);
     assert!(e.axis.angle(&axis) < 4e-3, "{}", e.axis.angle(&axis));
-    assert!(line_distance_m((&e.point, &e.axis), (&screw.point, &axis)) < 2e-3);
+    assert!(line_distance_m(&e.point, &e.axis, &screw.point, &axis) < 2e-3);
     assert!((e.motion() - 0.6).abs() < 2e-3);
 }
 

@@ -46,7 +46,7 @@ impl<'a> GrayFrames<'a> {
         let (u, v) = f.intrinsics.project(&in_camera)?;
         let w = f.intrinsics.width;
         let h = f.intrinsics.height;
-        let pixel = f.intrinsics.pixel_at((u, v))?;
+        let pixel = f.intrinsics.pixel_at(u, v)?;
         let depth = f64::from(f.depth_m[pixel]);
         // A reading at another depth is of a surface before or behind the point, with another texture.
         if depth <= 0.0

@@ -48,7 +48,7 @@ fn tree_of(scene: &Scene) -> Vec<TreeJointEstimate> {
 
 /// Distance of a joint's axis from the line through a point along a direction, meters.
 fn line_error_m(joint: &JointEstimate, point: [f64; 3], direction: Vector3<f64>) -> f64 {
-    line_distance_m((&joint.point, &joint.axis), (&Point3::from(point), &direction))
+    line_distance_m(&joint.point, &joint.axis, &Point3::from(point), &direction)
 }
 
 #[test]

@@ -1,8 +1,8 @@
-//! What an input may cost: one constant a limit with its reason, and the checks of texts whose parsers have
-//! none.
+//! Largest costs of an input: one constant a limit with its reason, and checks of texts for parsers without
+//! any.
 //!
-//! A limit is generous: no recording, twin or dataset that is known comes near it. What is beyond is refused
-//! with the limit in the message, before it is held in memory or worked on.
+//! A limit is generous: no known recording, twin or dataset comes near it. A larger input is refused with the
+//! limit in the message, before it is held in memory or worked on.
 
 mod xml;
 mod yaml;
@@ -31,13 +31,13 @@ pub const PARAMETERS: FileLimit = limit("a parameter file", 1 << 20);
 pub const METADATA: FileLimit = limit("a metadata.yaml", 4 << 20);
 /// A URDF; 10,000 links have 5 MB.
 pub const URDF: FileLimit = limit("a URDF", 16 << 20);
-/// An SDF that stands beside a twin.
+/// An SDF beside a twin.
 pub const SDF: FileLimit = limit("an SDF", 16 << 20);
-/// A USD layer in text, which holds its meshes.
+/// A USD layer in text, with its meshes.
 pub const USD: FileLimit = limit("a USD layer", 1 << 30);
 /// A mesh of 20 million elements.
 pub const MESH: FileLimit = limit("a mesh", 1 << 30);
-/// All files of a folder that is checked.
+/// All files of a checked folder.
 pub const MODEL_FOLDER: FileLimit = limit("a model folder", 1 << 30);
 /// An array of numbers.
 pub const NPY: FileLimit = limit("a NumPy array", 1 << 30);
@@ -46,7 +46,7 @@ pub const NPY: FileLimit = limit("a NumPy array", 1 << 30);
 pub const DATASET: FileLimit = limit("a file of a dataset", 256 << 20);
 /// Truth of a recording.
 pub const TRUTH: FileLimit = limit("a truth.json", 16 << 20);
-/// Report of a run, which holds its series.
+/// Report of a run, with its series.
 pub const REPORT: FileLimit = limit("a report", 256 << 20);
 
 /// Elements within elements of an XML text. Readers go down by recursion: measured, they end the process at
@@ -54,8 +54,8 @@ pub const REPORT: FileLimit = limit("a report", 256 << 20);
 pub const XML_DEPTH: usize = 128;
 /// Elements of an XML text; a URDF of [`LINKS`] links has 200,000.
 pub const XML_ELEMENTS: usize = 1_000_000;
-/// Lists within lists of a YAML text, which is what its reader takes; finding that out costs it the square of
-/// the depth.
+/// Lists within lists of a YAML text, as many as its reader takes; its own check costs the square of the
+/// depth.
 pub const YAML_DEPTH: usize = 128;
 /// Scalars and groups of a YAML text: 100,000 frames of a dataset have 2.3 million. A reader keeps about 100
 /// bytes of each.
@@ -63,11 +63,11 @@ pub const YAML_EVENTS: usize = 4_000_000;
 /// Links of a twin; the largest robots have some hundreds.
 pub const LINKS: usize = 10_000;
 
-/// Joints that move, times links, of a twin that is diagnosed: every joint asks for the dynamics of the whole
-/// chain at every sample. Measured: 500 x 500 take 25 s for 6 s of log. A humanoid with hands has 100 x 150.
+/// Moving joints times links of a diagnosed twin: every joint needs the dynamics of the whole chain at every
+/// sample. Measured: 500 x 500 take 25 s for 6 s of log. A humanoid with hands has 100 x 150.
 pub const CHAIN_WORK: usize = 1 << 16;
 
-/// Decompressed bytes that a bag may have beside [`EXPANSION`] times its own: a small bag of black images.
+/// Most decompressed bytes of a bag beside [`EXPANSION`] times its own: a small bag of black images.
 pub const EXPANDED_FREE: u64 = 1 << 30;
 /// Decompressed bytes for each byte of a bag. Measured: raw depth and color expand 2 to 8 times, raw masks up
 /// to 200 times.
@@ -83,16 +83,16 @@ pub const PICKLE_VALUES: usize = 2_000_000;
 /// Characters of a NumPy type or of a function's name in a pickle.
 pub const PICKLE_NAME: usize = 256;
 
-/// Bytes of a pixel of a frame that is kept: color 3, depth 4, mask 1, readings 4. Measured: each further
-/// frame of 1920x480 adds 17 bytes a pixel to the most that a run holds.
+/// Bytes of a pixel of a kept frame: color 3, depth 4, mask 1, readings 4. Measured: each further frame of
+/// 1920x480 adds 17 bytes a pixel to the peak of a run.
 pub const BYTES_PER_PIXEL: u64 = 12;
 
-/// Bytes of the meshes that the shapes of a URDF name, each counted as often as it is named. Text is read at
-/// some 100 MB/s.
+/// Bytes of the meshes of a URDF's shapes, each counted as often as it is named. Text is read at some
+/// 100 MB/s.
 pub const NAMED_MESHES: u64 = 1 << 30;
-/// Collision shapes of a URDF, of each of which the hull is made; a decomposed robot has 2,000.
+/// Collision shapes of a URDF, each with a hull to make; a decomposed robot has 2,000.
 pub const SHAPES: usize = 20_000;
-/// Lines of a list that is shown: topics, transforms, warnings of one kind.
+/// Lines of a shown list: topics, transforms, warnings of one kind.
 pub const SHOWN: usize = 200;
 /// Findings of a URDF.
 pub const FINDINGS: usize = 10_000;

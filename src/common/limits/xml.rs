@@ -1,4 +1,4 @@
-//! XML texts looked through before a reader that goes down by recursion gets them.
+//! XML texts checked before a recursive reader gets them.
 
 use std::borrow::Cow;
 
@@ -6,7 +6,7 @@ use roxmltree::Document;
 
 use super::{XML_DEPTH, XML_ELEMENTS};
 
-/// Why a text is no XML that is read.
+/// Why an XML text is refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum XmlError {
     /// It declares entities.
@@ -29,8 +29,8 @@ pub enum XmlError {
     Parse(#[from] roxmltree::Error),
 }
 
-/// The text with a declaration that is one: `<?xml ...?>` without a version is no XML, and simulators, which
-/// do not look at it, load such files.
+/// The text with a valid declaration: `<?xml ...?>` without a version is no XML, and simulators do not look
+/// at it and load such files.
 #[must_use]
 pub fn with_declaration(text: &str) -> Cow<'_, str> {
     let after = text.strip_prefix("<?xml ").and_then(|rest| rest.split_once("?>"));
@@ -40,7 +40,7 @@ pub fn with_declaration(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// The document of a text that [`check_xml`] accepts.
+/// The document of a text accepted by [`check_xml`].
 ///
 /// # Errors
 /// [`XmlError`].
@@ -50,7 +50,7 @@ pub fn parse_xml(text: &str) -> Result<Document<'_>, XmlError> {
 }
 
 /// Refuses elements nested deeper than [`XML_DEPTH`], more than [`XML_ELEMENTS`] of them, and declared
-/// entities. What is no XML may pass: the reader refuses it.
+/// entities. Text that is not XML may pass: the reader refuses it.
 ///
 /// # Errors
 /// [`XmlError`] but for [`XmlError::Parse`].
@@ -96,7 +96,7 @@ fn check_xml(text: &str) -> Result<(), XmlError> {
     Ok(())
 }
 
-/// Place of the `>` that ends a tag; those in quotes do not.
+/// Place of the `>` at the end of a tag; those in quotes do not count.
 fn tag_end(tag: &str) -> Option<usize> {
     let mut quote = None;
     for (at, byte) in tag.bytes().enumerate() {

@@ -1,8 +1,8 @@
-//! YAML texts looked through before they are read.
+//! YAML texts checked before they are read.
 //!
-//! The reader scans a list within lists in time that grows with the square of the depth, before it refuses
-//! the depth: 200 kB of brackets cost minutes (measured). Its own scanner, stopped in time, finds the depth
-//! in linear time and is never of another opinion about what a bracket is.
+//! The reader scans a list within lists in time quadratic in the depth, before it refuses the depth: 200 kB
+//! of brackets cost minutes (measured). Its own scanner, stopped in time, finds the depth in linear time and
+//! agrees with it about brackets.
 
 use std::mem::MaybeUninit;
 
@@ -11,7 +11,7 @@ use unsafe_libyaml_norway as unsafe_sys;
 
 use super::{YAML_DEPTH, YAML_EVENTS};
 
-/// Why a text is no YAML that is read.
+/// Why a YAML text is refused.
 #[derive(Debug, thiserror::Error)]
 pub enum YamlError {
     /// Lists within lists.
@@ -25,7 +25,7 @@ pub enum YamlError {
     /// Too many values.
     #[error("it has more than {YAML_EVENTS} values; split it")]
     Large,
-    /// It is none, or not what is wanted.
+    /// It is no YAML, or not of the wanted form.
     #[error(transparent)]
     Parse(#[from] serde_norway::Error),
 }
@@ -43,7 +43,7 @@ fn check(text: &str) -> Result<(), YamlError> {
     let mut scanner = Scanner::new(text);
     let mut depth = 0usize;
     for _ in 0..YAML_EVENTS {
-        // What is no YAML, the reader refuses in better words.
+        // The reader refuses text that is not YAML in better words.
         let Some((kind, line)) = scanner.next() else { return Ok(()) };
         match kind {
             unsafe_sys::YAML_STREAM_END_EVENT => return Ok(()),
@@ -82,7 +82,7 @@ impl<'a> Scanner<'a> {
         Self { parser, _text: text }
     }
 
-    /// Kind and line of the next event; `None` where the text is no YAML. Not to be called after that.
+    /// Kind and line of the next event; `None` where the text is no YAML. Not to be called after `None`.
     fn next(&mut self) -> Option<(unsafe_sys::yaml_event_type_t, u64)> {
         let mut event = MaybeUninit::<unsafe_sys::yaml_event_t>::uninit();
         // SAFETY: the parser was initialized; a successful call writes the event, which is freed once.

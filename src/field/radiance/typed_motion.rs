@@ -73,7 +73,7 @@ mod tests {
         let screw = Screw::of(&whole).unwrap();
         assert!((screw.angle_rad - 0.7).abs() < 1e-9 && screw.direction.dot(&axis) > 1.0 - 1e-12);
         let world = scene().world(&pivot);
-        assert!(line_distance_m((&screw.point, &screw.direction), (&world, &axis)) < 1e-9);
+        assert!(line_distance_m(&screw.point, &screw.direction, &world, &axis) < 1e-9);
         // A point taken along in the world and in normalised coordinates.
         let x = Point3::new(0.5, 0.1, 0.2);
         let there = scene().world(&(half.pose() * (half.pose() * scene().normalise(&x))));

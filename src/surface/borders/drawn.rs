@@ -9,19 +9,19 @@ use capture::{NoiseConfig, RgbdFrame};
 use geometry::Pose;
 
 /// A rim is looked for from here within the surface to there beyond it, voxels.
-/// chosen: marching cubes want eight known corners, so that a surface ends up to two voxels before its
-/// readings do, and a node is known up to one beyond them
+/// chosen: marching cubes want eight known corners: a surface ends up to two voxels before its readings, and
+/// a node is known up to one beyond them
 pub(super) const SEARCH: [f64; 2] = [-1.5, 3.0];
 /// Steps of that, voxels.
 /// chosen: finer than half a pixel of usual recordings
 const STEP: f64 = 0.25;
-/// Surface around a vertex that its outward direction is taken from, voxels.
+/// Radius of the surface for a vertex's outward direction, voxels.
 /// tuned: made and recorded objects (docs/method.md 16); more than a tooth
 const AROUND: f64 = 3.0;
-/// Readings at a smaller cosine say little of where a surface ends.
+/// Readings at a smaller cosine tell little about the end of a surface.
 /// chosen: their pixels are twice as long on the surface
 const MIN_COSINE: f64 = 0.5;
-/// Deviations of a reading up to which it is of the surface.
+/// Most deviations of a reading from the surface.
 /// chosen: one in 370 of a normal distribution is farther
 const OF_SURFACE: f64 = 3.0;
 
@@ -32,17 +32,17 @@ pub struct DepthView<'a> {
     pub frame: &'a RgbdFrame,
     /// Where the mesh stood in the world.
     pub world_from_mesh: Pose,
-    /// State that the frame is of: what one state saw end, ends.
+    /// State of the frame: a surface ends where one state saw it end.
     pub state: usize,
 }
 
-/// What a recording says of places around a mesh.
+/// Evidence of a recording about places around a mesh.
 pub struct Readings<'a> {
     /// Frames of all states, those of a state together.
     pub views: &'a [DepthView<'a>],
     /// Noise of their depth.
     pub noise: NoiseConfig,
-    /// Whether views saw that nothing of the mesh is at a place (frame of the mesh, meters).
+    /// Whether views saw a place empty of the mesh (frame of the mesh, meters).
     pub is_seen_empty: &'a (dyn Fn(&Point3<f64>) -> bool + Sync),
 }
 
@@ -60,29 +60,17 @@ pub(super) fn drawn_out(
     }
     let neighbors = Neighbors::of(mesh);
     let mut reach = Reach::new(mesh, &neighbors);
-    let mut outward = |v: u32| {
-        let mut middle = Vector3::zeros();
-        let mut normal = Vector3::zeros();
-        let around = reach.from(&[(v, 0.0)], AROUND * voxel_m);
-        for &n in around {
-            middle += mesh.vertices[n as usize].coords.cast::<f64>() / around.len() as f64;
-            normal += normals[n as usize];
-        }
-        let normal = normal.try_normalize(0.0)?;
-        let away = mesh.vertices[v as usize].coords.cast::<f64>() - middle;
-        Some((normal, (away - normal * normal.dot(&away)).try_normalize(1e-3 * voxel_m)?))
-    };
-    let moves = |rim: &Vec<u32>| {
-        let frames: Vec<_> = rim.iter().map(|&v| outward(v)).collect();
-        let to_end = |(&v, frame): (&u32, &Option<(Vector3<f64>, Vector3<f64>)>)| {
-            let place = mesh.vertices[v as usize].cast();
-            let (normal, outward) = (*frame)?;
-            let way = Way { place, outward, normal, voxel_m };
-            Some(outward * readings.end_m(&way)?)
-        };
-        rim.par_iter().zip(&frames).with_min_len(16).map(to_end).collect()
-    };
-    loops.iter().map(moves).collect()
+    let mut moves = Vec::with_capacity(loops.len());
+    for rim in loops {
+        let ways: Vec<Option<Way>> =
+            rim.iter().map(|&v| Way::out_of(mesh, normals, &mut reach, v, voxel_m)).collect();
+        let moves_of_rim = ways.par_iter().with_min_len(16).map(|way| {
+            let way = way.as_ref()?;
+            Some(way.outward * readings.end_m(way)?)
+        });
+        moves.push(moves_of_rim.collect());
+    }
+    moves
 }
 
 /// A way out of a surface, within its plane.
@@ -93,9 +81,33 @@ struct Way {
     voxel_m: f64,
 }
 
+impl Way {
+    /// The way from a border vertex away from the surface around it; `None` where it has no direction.
+    fn out_of(
+        mesh: &TriangleMesh,
+        normals: &[Vector3<f64>],
+        reach: &mut Reach<'_>,
+        vertex: u32,
+        voxel_m: f64,
+    ) -> Option<Self> {
+        let mut middle = Vector3::zeros();
+        let mut normal = Vector3::zeros();
+        let around = reach.from(&[(vertex, 0.0)], AROUND * voxel_m);
+        for &n in around {
+            middle += mesh.vertices[n as usize].coords.cast::<f64>() / around.len() as f64;
+            normal += normals[n as usize];
+        }
+        let normal = normal.try_normalize(0.0)?;
+        let place: Point3<f64> = mesh.vertices[vertex as usize].cast();
+        let away = place.coords - middle;
+        let outward = (away - normal * normal.dot(&away)).try_normalize(1e-3 * voxel_m)?;
+        Some(Self { place, outward, normal, voxel_m })
+    }
+}
+
 impl Readings<'_> {
-    /// Distance along the way at which the surface ends in every state that shows it end, meters: the middle
-    /// of a state's views, the nearest of the states.
+    /// Distance along the way to the end of the surface, meters: the middle of a state's views, the nearest
+    /// of the states with an end.
     fn end_m(&self, way: &Way) -> Option<f64> {
         let mut end_m = f64::INFINITY;
         for state in self.views.chunk_by(|a, b| a.state == b.state) {
@@ -105,7 +117,7 @@ impl Readings<'_> {
                 end_m = end_m.min(ends[ends.len() / 2]);
             }
         }
-        // What goes on into space that is empty or another part's is not the rim of this one.
+        // A surface that goes on into empty space or another part is not the rim of this one.
         let step_m = STEP * way.voxel_m;
         let slack_m = 0.5 * way.voxel_m;
         let mut steps = (1..)
@@ -126,22 +138,27 @@ impl Readings<'_> {
         if -normal.dot(&place.coords) < MIN_COSINE * place.coords.norm() {
             return None;
         }
-        let is_of_surface = |s: f64| {
-            let p = place + outward * s;
-            let Some(pixel) = frame.intrinsics.pixel(&p) else { return false };
-            let measured_m = f64::from(frame.depth_m[pixel]);
-            let slack_m = OF_SURFACE * frame.sigma_m(pixel, &self.noise) + 0.5 * way.voxel_m;
-            frame.is_object(pixel) && measured_m > 0.0 && (measured_m - p.z).abs() <= slack_m
-        };
         let [from, to] = SEARCH.map(|s| s * way.voxel_m);
         let step_m = STEP * way.voxel_m;
         let count = ((to - from) / step_m).round() as usize;
-        let first = (0..=count).find(|i| !is_of_surface(from + *i as f64 * step_m));
+        let mut steps = 0..=count;
+        let first = steps.find(|i| {
+            let p = place + outward * (from + *i as f64 * step_m);
+            !self.show_surface(frame, &p, way.voxel_m)
+        });
         match first {
             Some(0) => None,
             Some(i) => Some(from + (i as f64 - 0.5) * step_m),
             None => Some(f64::INFINITY),
         }
+    }
+
+    /// Whether a frame's reading is of the surface at a point of its camera.
+    fn show_surface(&self, frame: &RgbdFrame, p: &Point3<f64>, voxel_m: f64) -> bool {
+        let Some(pixel) = frame.intrinsics.pixel(p) else { return false };
+        let measured_m = f64::from(frame.depth_m[pixel]);
+        let slack_m = OF_SURFACE * frame.sigma_m(pixel, &self.noise) + 0.5 * voxel_m;
+        frame.is_object(pixel) && measured_m > 0.0 && (measured_m - p.z).abs() <= slack_m
     }
 }
 

@@ -10,16 +10,16 @@ use crate::TriangleMesh;
 /// A gap is no wider than this, voxels.
 /// tuned: made and recorded objects (docs/method.md 16); a twentieth of the object at the default resolution
 const MAX_WIDTH: f64 = 12.0;
-/// The surface around is looked at up to half of the gap's width, and at least up to here, voxels: tuned.
+/// The surface around is examined up to half of the gap's width, and at least up to here, voxels.
 /// tuned: made and recorded objects (docs/method.md 16)
 const LEAST_MARGIN: f64 = 2.0;
 /// Root mean square distance of the surface around from its plane, voxels.
-/// chosen: half a voxel is the error of a rim's place anyway, and a surface that bends no more inside than
-/// around lies as near inside
+/// chosen: half a voxel is the error of a rim's place anyway, and a surface with an even bend lies as near
+/// inside
 const MAX_RMS: f64 = 0.5;
 /// The vertices of the rim itself are no farther from the plane, voxels. chosen: three times [`MAX_RMS`]
 const MAX_STEP: f64 = 1.5;
-/// Length of the mean of unit normals around, weighted by area: tuned; about a right angle it is 0.71.
+/// Length of the mean of unit normals around, weighted by area.
 /// tuned: made and recorded objects (docs/method.md 16); about a right angle it is 0.71
 const MIN_AGREEMENT: f64 = 0.75;
 
@@ -31,10 +31,9 @@ pub(super) struct Face {
 }
 
 impl Face {
-    /// The face around a rim of vertices that has the surface on its left; the side from its last vertex to
-    /// the first may be missing. `triangles` are those at each vertex. `None` where the rim is too wide or
-    /// goes around surface in place of a gap, and where the surface around it is not flat or less than the
-    /// gap.
+    /// The face around a rim of vertices with the surface on its left; the side from its last vertex to the
+    /// first may be missing. `triangles` are those at each vertex. `None` where the rim is too wide or goes
+    /// around surface in place of a gap, and where the surface around it is not flat or less than the gap.
     pub(super) fn around(
         mesh: &TriangleMesh,
         rim: &[u32],
@@ -42,9 +41,9 @@ impl Face {
         triangles: &[Vec<u32>],
         voxel_m: f64,
     ) -> Option<Self> {
-        let position = |v: u32| mesh.vertices[v as usize].cast::<f64>();
-        let center = mean(rim.iter().map(|&v| position(v)));
-        let half_m = rim.iter().map(|&v| (position(v) - center).norm()).fold(0.0, f64::max);
+        let rim_points: Vec<Point3<f64>> = rim.iter().map(|&v| mesh.vertices[v as usize].cast()).collect();
+        let center = mean(&rim_points);
+        let half_m = rim_points.iter().map(|p| (p - center).norm()).fold(0.0, f64::max);
         if 2.0 * half_m > MAX_WIDTH * voxel_m {
             return None;
         }
@@ -53,13 +52,14 @@ impl Face {
         let faces: BTreeSet<u32> = near.iter().flat_map(|&v| &triangles[v as usize]).copied().collect();
         let area_normals = faces.iter().map(|&t| mesh.area_normal(t as usize).cast::<f64>() * 0.5);
         let (sum, area_m2) = area_normals.fold((Vector3::zeros(), 0.0), |(s, a), n| (s + n, a + n.norm()));
-        let middle = mean(near.iter().map(|&v| position(v)));
-        let offsets = near.iter().map(|&v| position(v) - middle);
+        let near: Vec<Point3<f64>> = near.iter().map(|&v| mesh.vertices[v as usize].cast()).collect();
+        let middle = mean(&near);
+        let offsets = near.iter().map(|p| p - middle);
         let scatter = offsets.fold(Matrix3::zeros(), |m, d| m + d * d.transpose()) / near.len() as f64;
         let eigen = scatter.symmetric_eigen();
         let normal: Vector3<f64> = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into();
         let normal = if normal.dot(&sum) < 0.0 { -normal } else { normal };
-        let step = rim.iter().map(|&v| (position(v) - middle).dot(&normal).abs()).fold(0.0, f64::max);
+        let step = rim_points.iter().map(|p| (p - middle).dot(&normal).abs()).fold(0.0, f64::max);
         if eigen.eigenvalues.min().max(0.0).sqrt() > MAX_RMS * voxel_m
             || step > MAX_STEP * voxel_m
             || sum.dot(&normal) < MIN_AGREEMENT * area_m2
@@ -69,7 +69,7 @@ impl Face {
         let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
         let face = Self { middle, along: [first, normal.cross(&first)] };
         // With the surface on its left the rim of a gap turns clockwise.
-        let gap_m2 = -signed_area(&rim.iter().map(|&v| face.flat(&position(v))).collect::<Vec<_>>());
+        let gap_m2 = -signed_area(&rim_points.iter().map(|p| face.flat(p)).collect::<Vec<_>>());
         (gap_m2 > 0.0 && gap_m2 <= area_m2).then_some(face)
     }
 
@@ -80,9 +80,8 @@ impl Face {
     }
 }
 
-fn mean(points: impl ExactSizeIterator<Item = Point3<f64>>) -> Point3<f64> {
-    let count = points.len() as f64;
-    (points.map(|p| p.coords).sum::<Vector3<f64>>() / count).into()
+fn mean(points: &[Point3<f64>]) -> Point3<f64> {
+    (points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len() as f64).into()
 }
 
 fn signed_area(polygon: &[Point2<f64>]) -> f64 {

@@ -11,13 +11,13 @@ use super::{
 };
 use crate::TriangleMesh;
 
-/// A fill is examined at points no farther apart, voxels. derived: half of what a grid can distinguish
+/// A fill is examined at points no farther apart, voxels. derived: half of a grid's resolution
 const SAMPLE_STEP: f64 = 0.5;
 
-/// Whether views saw that a point (meters) is empty.
+/// Whether views saw an empty place at a point (meters).
 pub(super) type SeenEmpty<'a> = &'a dyn Fn(&Point3<f64>) -> bool;
 
-/// Triangles that are to fill gaps of a mesh.
+/// New triangles in gaps of a mesh.
 pub(super) struct Fill<'a> {
     mesh: &'a TriangleMesh,
     neighbors: &'a Neighbors,
@@ -49,15 +49,12 @@ impl<'a> Fill<'a> {
         Self { mesh, neighbors, reach, around, voxel_m, is_seen_empty, taken, triangles }
     }
 
-    /// Fills the gap within a rim, which has the surface on its left; from its last vertex to the first goes
-    /// a side of the border or, with `is_bay`, a new one. Whether it was filled: not where `others`, vertices
-    /// of the border, lie in it, where the face is not flat, or where a point of it was seen empty.
+    /// Fills the gap within a rim with the surface on its left; from its last vertex to the first goes a side
+    /// of the border or, with `is_bay`, a new one. Whether it was filled: not where `others`, vertices of the
+    /// border, lie in it, where the face is not flat, or where a point of it was seen empty.
     pub(super) fn gap(&mut self, rim: &[u32], is_bay: bool, others: impl Iterator<Item = u32>) -> bool {
         let mesh = self.mesh;
-        let position = |v: u32| mesh.vertices[v as usize].cast::<f64>();
-        let is_taken =
-            |a: u32, b: u32| self.neighbors.are_joined(a, b) || self.taken.contains(&(a.min(b), a.max(b)));
-        if is_bay && is_taken(rim[0], rim[rim.len() - 1]) {
+        if is_bay && self.has_side(rim[0], rim[rim.len() - 1]) {
             return false;
         }
         let Some(face) = Face::around(mesh, rim, &mut self.reach, &self.around, self.voxel_m) else {
@@ -65,23 +62,28 @@ impl<'a> Fill<'a> {
         };
         // Turned around: the new triangles lie on the other side.
         let at = |k: usize| rim[rim.len() - 1 - k];
+        let position = |v: u32| mesh.vertices[v as usize].cast::<f64>();
         let flat: Vec<Point2<f64>> = (0..rim.len()).map(|k| face.flat(&position(at(k)))).collect();
         let mut others = others.map(|v| face.flat(&position(v)));
         if others.any(|p| is_inside(&p, &flat)) {
             return false;
         }
-        let Some(cut) = triangulate(&flat, |i, j| is_taken(at(i), at(j))) else { return false };
+        let Some(cut) = triangulate(&flat, |i, j| self.has_side(at(i), at(j))) else { return false };
         let new: Vec<[u32; 3]> = cut.into_iter().map(|t| t.map(at)).collect();
-        let is_empty = |t: &[u32; 3]| {
-            samples(&t.map(position), SAMPLE_STEP * self.voxel_m).any(|p| (self.is_seen_empty)(&p))
-        };
-        if new.iter().any(is_empty) {
+        let step_m = SAMPLE_STEP * self.voxel_m;
+        let mut points = new.iter().flat_map(|t| samples(&t.map(position), step_m));
+        if points.any(|p| (self.is_seen_empty)(&p)) {
             return false;
         }
         let sides = new.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
         self.taken.extend(sides.map(|(p, q)| (p.min(q), p.max(q))));
         self.triangles.extend(new);
         true
+    }
+
+    /// Whether the mesh or a new triangle has a side between two vertices.
+    fn has_side(&self, a: u32, b: u32) -> bool {
+        self.neighbors.are_joined(a, b) || self.taken.contains(&(a.min(b), a.max(b)))
     }
 }
 

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::{
-    bays::bays,
+    bays::{Bay, bays},
     fill::{Fill, SeenEmpty},
     loops::border_loops,
     reach::Neighbors,
@@ -24,9 +24,9 @@ pub(super) fn close_holes(sheet: &mut Sheet, voxel_m: f64, is_seen_empty: SeenEm
             count += 1;
             continue;
         }
-        // Inner vertices of the bays that were filled.
+        // Inner vertices of the filled bays.
         let mut is_filled = vec![false; rim.len()];
-        for (from, sides) in bays(mesh, rim, &normals, voxel_m) {
+        for Bay { from, sides, .. } in bays(mesh, rim, &normals, voxel_m) {
             let at = |k: usize| (from + k) % rim.len();
             if (0..=sides).any(|k| is_filled[at(k)]) {
                 continue;

@@ -13,8 +13,8 @@ pub(super) fn border_loops(mesh: &TriangleMesh) -> Option<Vec<Vec<u32>>> {
     }
     let all = sides.all().flat_map(|(p, ends)| ends.iter().map(move |q| (p, *q)));
     let open: Vec<(u32, u32)> = all.filter(|&(p, q)| !sides.at(q).contains(&p)).collect();
-    // As many open sides begin at a vertex as end there: every triangle brings one of each, and so does
-    // every pair that is taken away. So every walk along unused ones comes back.
+    // As many open sides begin at a vertex as end there: every triangle brings one of each, and so does every
+    // pair taken away. So every walk along unused ones comes back.
     let mut used = vec![false; open.len()];
     let mut place = vec![usize::MAX; mesh.vertices.len()];
     let mut loops = Vec::new();
@@ -35,7 +35,7 @@ pub(super) fn border_loops(mesh: &TriangleMesh) -> Option<Vec<Vec<u32>>> {
                 place[to as usize] = path.len();
                 path.push(to);
             } else {
-                // Back at a vertex of the path: what lies between is a loop of its own.
+                // Back at a vertex of the path: the vertices between are a loop of their own.
                 let closed = path.split_off(back);
                 closed.iter().for_each(|&v| place[v as usize] = usize::MAX);
                 loops.push(closed);

@@ -34,20 +34,20 @@ pub use self::drawn::{DepthView, Readings};
 pub struct Mended {
     /// The mesh, without colors where anything changed.
     pub mesh: TriangleMesh,
-    /// Holes that were closed.
+    /// Number of closed holes.
     pub holes: usize,
-    /// Area that no view saw, square meters.
+    /// Unseen area, square meters.
     pub assumed_m2: f64,
 }
 
-/// Rounds of closing and taking off: tuned. What the first takes off lets the second close what was in
-/// pieces.
+/// Rounds of closing and taking off: tuned. The first takes off shreds; then the second closes holes between
+/// them.
 const ROUNDS: usize = 2;
 
-/// The mesh with mended borders: triangles and strips that hang loose are taken off, with `close` small holes
-/// in flat faces are closed unless views saw through them, rims become straight or smooth where the
-/// `readings` end. `voxel_m` is the spacing of the grid that the mesh comes from, meters. A mesh without a
-/// border, or without a clear one, comes back as it is.
+/// The mesh with mended borders: loose triangles and strips are taken off, with `close` small holes in flat
+/// faces are closed unless views saw through them, rims become straight or smooth where the `readings` end.
+/// `voxel_m` is the spacing of the mesh's grid, meters. A mesh without a border, or without a clear one,
+/// comes back as it is.
 #[must_use]
 pub fn mend_borders(mesh: &TriangleMesh, voxel_m: f64, close: bool, readings: &Readings<'_>) -> Mended {
     if border_loops(mesh).is_none_or(|loops| loops.is_empty()) {

@@ -5,10 +5,10 @@ use nalgebra::Point2;
 /// More corners than this are refused: the cut takes time by their third power.
 const MAX_CORNERS: usize = 256;
 
-/// Triangles of a simple counter-clockwise polygon by its corners' indices, without a side that `is_taken`
-/// says of two corners. `None` where sides cross or there is no such cut. Of all cuts it is the one with the
-/// least sum of longest side squared per area (dynamic programming, Klincsek 1980). Its triangles turn as
-/// the polygon does, so that they cover it once.
+/// Triangles of a simple counter-clockwise polygon by its corners' indices, without sides between two corners
+/// with `is_taken`. `None` where sides cross or there is no such cut. Of all cuts it is the one with the
+/// least sum of longest side squared per area (dynamic programming, Klincsek 1980). Its triangles turn as the
+/// polygon does, and cover it once.
 pub(super) fn triangulate(
     corners: &[Point2<f64>],
     is_taken: impl Fn(usize, usize) -> bool,
@@ -23,10 +23,11 @@ pub(super) fn triangulate(
         for i in 0..n - span {
             let j = i + span;
             let is_side = span + 1 == n;
-            let cost = |k: usize| {
-                best[i * n + k].0 + best[k * n + j].0 + sliver(&corners[i], &corners[k], &corners[j])
-            };
-            let least = (i + 1..j).map(|k| (cost(k), k)).min_by(|a, b| a.0.total_cmp(&b.0));
+            let cuts = (i + 1..j).map(|k| {
+                let third = sliver(&corners[i], &corners[k], &corners[j]);
+                (best[i * n + k].0 + best[k * n + j].0 + third, k)
+            });
+            let least = cuts.min_by(|a, b| a.0.total_cmp(&b.0));
             let open = least.filter(|_| is_side || !is_taken(i, j));
             best[i * n + j] = open.unwrap_or((f64::INFINITY, 0));
         }
@@ -46,7 +47,7 @@ pub(super) fn triangulate(
     Some(triangles)
 }
 
-/// Longest side squared per twice the area, infinite for a triangle that is flat or clockwise.
+/// Longest side squared per twice the area, infinite for a flat or clockwise triangle.
 fn sliver(a: &Point2<f64>, b: &Point2<f64>, c: &Point2<f64>) -> f64 {
     let longest2 = (b - a).norm_squared().max((c - b).norm_squared()).max((a - c).norm_squared());
     let area2 = turn(a, b, c);
@@ -62,24 +63,23 @@ fn turn(a: &Point2<f64>, b: &Point2<f64>, c: &Point2<f64>) -> f64 {
 /// Whether a point lies in a polygon: a ray from it along x crosses an odd number of sides.
 pub(super) fn is_inside(p: &Point2<f64>, polygon: &[Point2<f64>]) -> bool {
     let n = polygon.len();
-    let crosses = |k: &usize| {
-        let a = &polygon[*k];
-        let b = &polygon[(k + 1) % n];
-        (a.y > p.y) != (b.y > p.y) && p.x < a.x + (p.y - a.y) / (b.y - a.y) * (b.x - a.x)
-    };
-    (0..n).filter(crosses).count() % 2 == 1
+    (0..n).filter(|&k| ray_crosses(p, &polygon[k], &polygon[(k + 1) % n])).count() % 2 == 1
+}
+
+/// Whether the ray from `p` along x crosses the side from `a` to `b`.
+fn ray_crosses(p: &Point2<f64>, a: &Point2<f64>, b: &Point2<f64>) -> bool {
+    (a.y > p.y) != (b.y > p.y) && p.x < a.x + (p.y - a.y) / (b.y - a.y) * (b.x - a.x)
 }
 
 /// Whether two sides cross.
 fn sides_cross(corners: &[Point2<f64>]) -> bool {
     let n = corners.len();
-    let side = |k: usize| (&corners[k], &corners[(k + 1) % n]);
-    let cross = |i: usize, j: usize| {
-        let (a, b) = side(i);
-        let (c, d) = side(j);
-        turn(a, b, c) * turn(a, b, d) < 0.0 && turn(c, d, a) * turn(c, d, b) < 0.0
-    };
-    (0..n).any(|i| (i + 2..n).filter(|&j| (j + 1) % n != i).any(|j| cross(i, j)))
+    let side = |k: usize| [&corners[k], &corners[(k + 1) % n]];
+    (0..n).any(|i| (i + 2..n).filter(|&j| (j + 1) % n != i).any(|j| segments_cross(side(i), side(j))))
+}
+
+fn segments_cross([a, b]: [&Point2<f64>; 2], [c, d]: [&Point2<f64>; 2]) -> bool {
+    turn(a, b, c) * turn(a, b, d) < 0.0 && turn(c, d, a) * turn(c, d, b) < 0.0
 }
 
 #[cfg(test)]

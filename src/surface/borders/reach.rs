@@ -5,7 +5,7 @@ use std::{cmp::Ordering, collections::BinaryHeap};
 use crate::TriangleMesh;
 use numeric::lists::Lists;
 
-/// The vertices that share a side with each vertex, ascending.
+/// Neighbors of each vertex by sides, ascending.
 pub(super) struct Neighbors(Lists<u32>);
 
 impl Neighbors {
@@ -23,7 +23,7 @@ impl Neighbors {
     }
 }
 
-/// A search along the surface that starts at some vertices; its memory serves many searches.
+/// A search along the surface from some vertices; its memory serves many searches.
 pub(super) struct Reach<'a> {
     mesh: &'a TriangleMesh,
     neighbors: &'a Neighbors,
@@ -40,17 +40,18 @@ impl<'a> Reach<'a> {
 
     /// Vertices with a distance of at most `limit_m` in the order of their distance. `sources` are vertices
     /// with a start value each; a vertex takes the least start value plus straight distance of the sources
-    /// that come to it from vertex to vertex. On short ways over a smooth surface that is the way along it,
+    /// connected to it from vertex to vertex. On short ways over a smooth surface this is the way along it,
     /// without the zigzag of the sides.
     pub(super) fn from(&mut self, sources: &[(u32, f64)], limit_m: f64) -> &[u32] {
         for v in self.reached.drain(..) {
             self.distance_m[v as usize] = f64::INFINITY;
         }
         let position = |v: u32| self.mesh.vertices[v as usize].cast::<f64>();
-        let start =
-            |&(vertex, start): &(u32, f64)| Candidate { distance_m: start, vertex, source: (vertex, start) };
-        let mut queue: BinaryHeap<Candidate> = sources.iter().map(start).collect();
-        while let Some(Candidate { distance_m, vertex, source }) = queue.pop() {
+        let mut queue: BinaryHeap<QueuedVertex> = sources
+            .iter()
+            .map(|&source| QueuedVertex { distance_m: source.1, vertex: source.0, source })
+            .collect();
+        while let Some(QueuedVertex { distance_m, vertex, source }) = queue.pop() {
             // They come in the order of distance: the first one has the vertex.
             if self.distance_m[vertex as usize].is_finite() || distance_m > limit_m {
                 continue;
@@ -61,7 +62,7 @@ impl<'a> Reach<'a> {
             for &n in self.neighbors.at(vertex).iter().filter(|&&n| self.distance_m[n as usize].is_infinite())
             {
                 let distance_m = source.1 + (position(n) - from).norm();
-                queue.push(Candidate { distance_m, vertex: n, source });
+                queue.push(QueuedVertex { distance_m, vertex: n, source });
             }
         }
         &self.reached
@@ -73,36 +74,36 @@ impl<'a> Reach<'a> {
     }
 }
 
-/// A vertex that a search may come to.
+/// A vertex in the queue of a search.
 #[derive(Clone, Copy, Debug)]
-struct Candidate {
+struct QueuedVertex {
     distance_m: f64,
     vertex: u32,
     /// Where the way began, and the start value there.
     source: (u32, f64),
 }
 
-impl Ord for Candidate {
+impl Ord for QueuedVertex {
     /// The nearest is the greatest, of equally near ones the vertex with the lowest number.
     fn cmp(&self, other: &Self) -> Ordering {
-        let key = |c: &Self| (c.vertex, c.source.0);
-        other.distance_m.total_cmp(&self.distance_m).then_with(|| key(other).cmp(&key(self)))
+        let by_distance = other.distance_m.total_cmp(&self.distance_m);
+        by_distance.then_with(|| (other.vertex, other.source.0).cmp(&(self.vertex, self.source.0)))
     }
 }
 
-impl PartialOrd for Candidate {
+impl PartialOrd for QueuedVertex {
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
         Some(self.cmp(other))
     }
 }
 
-impl PartialEq for Candidate {
+impl PartialEq for QueuedVertex {
     fn eq(&self, other: &Self) -> bool {
         self.cmp(other).is_eq()
     }
 }
 
-impl Eq for Candidate {}
+impl Eq for QueuedVertex {}
 
 #[cfg(test)]
 mod tests {

@@ -12,19 +12,18 @@ pub(super) struct Rim<'a> {
     voxel_m: f64,
 }
 
-/// Half the length of the rim that a vertex is fitted to, voxels.
+/// Half the length of the fitted rim about a vertex, voxels.
 /// tuned: made and recorded objects (docs/method.md 16); three teeth of two voxels
 const WINDOW: f64 = 6.0;
-/// Cosine of the change of direction from which a corner is one.
+/// A corner has a smaller cosine of its change of direction.
 /// tuned: made and recorded objects (docs/method.md 16); 40 degrees
 const CORNER_COSINE: f64 = 0.77;
 /// A piece is a line if no point of it is farther from its line, voxels.
-/// tuned: made and recorded objects (docs/method.md 16); what teeth of one voxel and the error of a corner
-/// make
+/// tuned: made and recorded objects (docs/method.md 16); teeth of one voxel and the error of a corner
 const LINE: f64 = 1.25;
 
 impl<'a> Rim<'a> {
-    /// Of points of which some count.
+    /// Rim of points, some of which count.
     pub(super) fn new(points: &'a [Point3<f64>], counts: Vec<bool>, voxel_m: f64) -> Self {
         let mut length_m = vec![0.0];
         let mut sum = 0.0;
@@ -39,7 +38,7 @@ impl<'a> Rim<'a> {
         self.length_m[self.points.len()]
     }
 
-    /// The place of every point: `None` for a rim that is too short to have a direction.
+    /// The place of every point: `None` for a rim too short to have a direction.
     pub(super) fn places(&self) -> Option<Vec<Point3<f64>>> {
         let n = self.points.len();
         if self.whole_m() < 4.0 * WINDOW * self.voxel_m {
@@ -73,29 +72,36 @@ impl<'a> Rim<'a> {
         Some(places)
     }
 
-    /// Points about which the rim's direction changes most, those of a window before it against a window
-    /// behind it, and by enough.
+    /// Points with the greatest change of the rim's direction, from a window before to a window behind, and
+    /// by enough.
     fn corners(&self) -> Vec<usize> {
         let n = self.points.len();
-        let cosine = |k: usize| match (self.direction(k, false), self.direction(k, true)) {
+        let cosines: Vec<f64> = (0..n).map(|k| self.turn_cosine(k)).collect();
+        (0..n).filter(|&k| self.is_corner(&cosines, k)).collect()
+    }
+
+    /// Cosine of the change of direction at a point; 1 where it is unknown.
+    fn turn_cosine(&self, k: usize) -> f64 {
+        match (self.direction(k, false), self.direction(k, true)) {
             (Some(a), Some(b)) => a.dot(&b),
             _ => 1.0,
-        };
-        let cosines: Vec<f64> = (0..n).map(cosine).collect();
-        let is_sharpest = |k: usize| {
-            let rivals = self.window(k, false).chain(self.window(k, true));
-            cosines[k] < CORNER_COSINE
-                && rivals.filter(|&j| j != k).all(|j| (cosines[k], k) < (cosines[j], j))
-        };
-        (0..n).filter(|&k| is_sharpest(k)).collect()
+        }
+    }
+
+    /// Whether a point turns by enough, and most within its windows.
+    fn is_corner(&self, cosines: &[f64], k: usize) -> bool {
+        let rivals = self.window(k, false).chain(self.window(k, true));
+        cosines[k] < CORNER_COSINE && rivals.filter(|&j| j != k).all(|j| (cosines[k], k) < (cosines[j], j))
     }
 
     /// The points within a window before or behind a point, from it on.
     fn window(&self, k: usize, forward: bool) -> impl Iterator<Item = usize> {
         let n = self.points.len();
-        let far = move |j: usize| if forward { self.along(k, j) } else { self.along(j, k) };
-        let step = move |i: usize| if forward { (k + i) % n } else { (k + n - i) % n };
-        (0..n).map(step).take_while(move |&j| far(j) <= WINDOW * self.voxel_m)
+        let points = (0..n).map(move |i| if forward { (k + i) % n } else { (k + n - i) % n });
+        points.take_while(move |&j| {
+            let length_m = if forward { self.along(k, j) } else { self.along(j, k) };
+            length_m <= WINDOW * self.voxel_m
+        })
     }
 
     /// Length of the rim from one point forward to another, less than all of it.
@@ -104,7 +110,7 @@ impl<'a> Rim<'a> {
         if d < 0.0 { d + self.whole_m() } else { d }
     }
 
-    /// The direction in which the rim goes before or behind a point: the slope of a line fitted by length.
+    /// Direction of the rim before or behind a point: the slope of a line fitted by length.
     fn direction(&self, k: usize, forward: bool) -> Option<Vector3<f64>> {
         let mut sums = [0.0; 2];
         let mut weight = 0.0;
@@ -133,7 +139,7 @@ impl<'a> Rim<'a> {
         2 * known > all
     }
 
-    /// Half the length of both sides at a point: what it stands for; 0 where it does not count.
+    /// Half the length of both sides at a point, its weight; 0 where it does not count.
     fn share_m(&self, k: usize) -> f64 {
         let n = self.points.len();
         if !self.counts[k] {
@@ -144,7 +150,7 @@ impl<'a> Rim<'a> {
     }
 
     /// The line of a piece of `count` sides from a corner, if it is one.
-    fn line(&self, from: usize, count: usize) -> Option<Line> {
+    fn line(&self, from: usize, count: usize) -> Option<RimLine> {
         let n = self.points.len();
         let inner = || (1..count).map(|k| (from + k) % n).filter(|&k| self.counts[k]);
         let weight: f64 = inner().map(|k| self.share_m(k)).sum();
@@ -158,13 +164,14 @@ impl<'a> Rim<'a> {
         });
         let eigen = scatter.symmetric_eigen();
         let direction: Vector3<f64> = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into();
-        let line = Line { middle: middle.into(), direction };
-        let off = |k: usize| (line.nearest(&self.points[k]) - self.points[k]).norm();
-        inner().all(|k| off(k) <= LINE * self.voxel_m).then_some(line)
+        let line = RimLine { middle: middle.into(), direction };
+        let limit_m = LINE * self.voxel_m;
+        let is_line = inner().all(|k| (line.nearest(&self.points[k]) - self.points[k]).norm() <= limit_m);
+        is_line.then_some(line)
     }
 
-    /// The place of a point on a parabola fitted to the window around it, which ends where its piece (first
-    /// corner and number of sides) does.
+    /// The place of a point on a parabola fitted to the window around it, cut at the ends of its piece (first
+    /// corner and number of sides).
     fn curve(&self, k: usize, piece: Option<(usize, usize)>) -> Point3<f64> {
         let n = self.points.len();
         let mut normal = SMatrix::<f64, 3, 3>::zeros();
@@ -193,17 +200,17 @@ impl<'a> Rim<'a> {
 }
 
 /// A line in space.
-struct Line {
+struct RimLine {
     middle: Point3<f64>,
     direction: Vector3<f64>,
 }
 
-impl Line {
+impl RimLine {
     fn nearest(&self, p: &Point3<f64>) -> Point3<f64> {
         self.middle + self.direction * self.direction.dot(&(p - self.middle))
     }
 
-    /// The middle between two lines where they are nearest; `None` for lines that are near to parallel.
+    /// The middle between two lines where they are nearest; `None` for almost parallel lines.
     fn meeting(&self, other: &Self) -> Option<Point3<f64>> {
         let u = self.direction;
         let v = other.direction;

@@ -2,7 +2,7 @@
 
 use crate::{TriangleMesh, drop_unused_vertices};
 
-/// A mesh without colors, and which of its triangles no view saw.
+/// A mesh without colors, with marks of its unseen triangles.
 #[derive(Clone, Debug)]
 pub(super) struct Sheet {
     pub mesh: TriangleMesh,
@@ -15,7 +15,7 @@ impl Sheet {
         Self { mesh: mesh.clone(), is_assumed: vec![false; mesh.triangles.len()] }
     }
 
-    /// Keeps the triangles that are marked; vertices keep their numbers.
+    /// Keeps the marked triangles; vertices keep their numbers.
     pub(super) fn keep(&mut self, is_kept: &[bool]) {
         let mut each = is_kept.iter();
         self.mesh.triangles.retain(|_| each.next() == Some(&true));

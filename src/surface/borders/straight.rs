@@ -14,14 +14,13 @@ use crate::{TriangleMesh, vertex_normals};
 /// A vertex moves no farther than this from where the readings end, voxels.
 /// chosen: a rim's place is known to a voxel
 pub(super) const MAX_MOVE: f64 = 1.0;
-/// Vertices up to here from a rim follow it, voxels: tuned; moves of one voxel spread over four compress
-/// triangles by a quarter.
+/// Vertices up to here from a rim follow it, voxels.
 /// tuned: made and recorded objects (docs/method.md 16); moves of one voxel spread over four compress
 /// triangles by a quarter
 const FOLLOWING: f64 = 4.0;
-/// Rounds in which the moves of vertices near a rim settle: tuned.
+/// Rounds to settle the moves of vertices near a rim: tuned.
 const ROUNDS: usize = 20;
-/// Times that the moves of a triangle that would turn too much are halved before they are given up.
+/// Most halvings of the moves of a triangle that turns too much; then they are given up.
 const HALVINGS: usize = 6;
 
 /// A triangle turns by no more than this cosine, and keeps so much of its area: tuned.
@@ -33,8 +32,6 @@ const MIN_AREA: f32 = 0.1;
 pub(super) fn straighten(mesh: &TriangleMesh, voxel_m: f64, readings: &Readings<'_>) -> TriangleMesh {
     let Some(loops) = border_loops(mesh) else { return mesh.clone() };
     let normals: Vec<Vector3<f64>> = vertex_normals(mesh).iter().map(|n| n.cast()).collect();
-    let within = |v: u32, d: Vector3<f64>| d - normals[v as usize] * normals[v as usize].dot(&d);
-    let position = |v: u32| mesh.vertices[v as usize].cast::<f64>();
     let mut moves = vec![Vector3::zeros(); mesh.vertices.len()];
     let mut passes = vec![0_u8; mesh.vertices.len()];
     loops.iter().flatten().for_each(|&v| passes[v as usize] = passes[v as usize].saturating_add(1));
@@ -45,14 +42,15 @@ pub(super) fn straighten(mesh: &TriangleMesh, voxel_m: f64, readings: &Readings<
         let drawn = drawn.iter().map(|d| d.filter(|_| is_drawn));
         let counts: Vec<bool> = drawn.clone().map(|d| d.is_some() || !is_drawn).collect();
         let drawn: Vec<Vector3<f64>> = drawn.map(Option::unwrap_or_default).collect();
-        let points: Vec<Point3<f64>> = rim.iter().zip(&drawn).map(|(&v, d)| position(v) + d).collect();
+        let points: Vec<Point3<f64>> =
+            rim.iter().zip(&drawn).map(|(&v, d)| mesh.vertices[v as usize].cast::<f64>() + d).collect();
         let Some(places) = Rim::new(&points, counts.clone(), voxel_m).places() else { continue };
         for (k, (&v, place)) in rim.iter().zip(places).enumerate() {
-            // Where loops touch, what is right for one is wrong for the other.
+            // Where loops touch, a move right for one is wrong for the other.
             if passes[v as usize] == 1 {
-                // One whose end no reading shows follows as far as ends are looked for.
+                // A vertex without an end in the readings follows as far as ends are looked for.
                 let most_m = if counts[k] { MAX_MOVE } else { SEARCH[1] } * voxel_m;
-                let d = within(v, place - points[k]);
+                let d = tangential(&(place - points[k]), &normals[v as usize]);
                 moves[v as usize] = drawn[k] + d * (most_m / d.norm()).min(1.0);
             }
         }
@@ -66,35 +64,36 @@ pub(super) fn straighten(mesh: &TriangleMesh, voxel_m: f64, readings: &Readings<
     let mut inner = reach.from(&border, FOLLOWING * voxel_m).to_vec();
     inner.retain(|&v| passes[v as usize] == 0);
     for _ in 0..ROUNDS {
-        // In the order of distance, with what was found this round: the moves run inward.
+        // In the order of distance, with the moves of this round: they run inward.
         for &v in &inner {
             let around = neighbors.at(v);
             let sum: Vector3<f64> = around.iter().map(|&n| moves[n as usize]).sum();
-            moves[v as usize] = within(v, sum / around.len() as f64);
+            moves[v as usize] = tangential(&(sum / around.len() as f64), &normals[v as usize]);
         }
     }
     moved(mesh, moves)
 }
 
+/// A vector without its part along a unit normal.
+fn tangential(d: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
+    d - normal * normal.dot(d)
+}
+
 /// The mesh with its vertices moved, less where a triangle would turn or shrink too much.
 fn moved(mesh: &TriangleMesh, mut moves: Vec<Vector3<f64>>) -> TriangleMesh {
-    let apply = |moves: &[Vector3<f64>]| {
-        let place = |(p, d): (&Point3<f32>, &Vector3<f64>)| {
-            if *d == Vector3::zeros() { *p } else { (p.cast::<f64>() + d).cast() }
-        };
-        TriangleMesh { vertices: mesh.vertices.iter().zip(moves).map(place).collect(), ..mesh.clone() }
-    };
     let mut halvings = vec![0; mesh.vertices.len()];
     loop {
-        let result = apply(&moves);
-        let turns = |&t: &usize| {
-            let is_moved = mesh.triangles[t].iter().any(|&v| moves[v as usize] != Vector3::zeros());
-            let new = result.area_normal(t);
-            let old = mesh.area_normal(t);
-            is_moved && new.dot(&old) <= (MIN_COSINE * new.norm()).max(MIN_AREA * old.norm()) * old.norm()
-        };
-        let mut turned: Vec<u32> =
-            (0..mesh.triangles.len()).filter(turns).flat_map(|t| mesh.triangles[t]).collect();
+        let mut result = mesh.clone();
+        for (p, d) in result.vertices.iter_mut().zip(&moves).filter(|(_, d)| **d != Vector3::zeros()) {
+            *p = (p.cast::<f64>() + d).cast();
+        }
+        let mut turned: Vec<u32> = Vec::new();
+        for (t, corners) in mesh.triangles.iter().enumerate() {
+            let is_moved = corners.iter().any(|&v| moves[v as usize] != Vector3::zeros());
+            if is_moved && turns_too_much(&mesh.area_normal(t), &result.area_normal(t)) {
+                turned.extend(corners);
+            }
+        }
         if turned.is_empty() {
             return result;
         }
@@ -105,4 +104,10 @@ fn moved(mesh: &TriangleMesh, mut moves: Vec<Vector3<f64>>) -> TriangleMesh {
             moves[v] = if halvings[v] > HALVINGS { Vector3::zeros() } else { moves[v] * 0.5 };
         }
     }
+}
+
+/// Whether a triangle with these normals (as long as twice its area) before and after turns or shrinks too
+/// much.
+fn turns_too_much(old: &Vector3<f32>, new: &Vector3<f32>) -> bool {
+    new.dot(old) <= (MIN_COSINE * new.norm()).max(MIN_AREA * old.norm()) * old.norm()
 }

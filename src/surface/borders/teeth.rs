@@ -1,4 +1,4 @@
-//! Teeth and shreds of a border: what no disk of the surface reaches.
+//! Teeth and shreds of a border: surface outside every disk.
 
 use super::{
     loops::border_loops,
@@ -16,14 +16,14 @@ const LEAST_RADIUS: f64 = 1.0;
 /// derived: a rim of 8 voxels bends by one, [`SLACK`], from such a disk
 const LARGEST_RADIUS: f64 = 8.0;
 /// A vertex may lie this far out of a disk, voxels.
-/// derived: so far it can be moved into line; it also makes up for disks that stand on vertices only
+/// derived: so far it can be moved into line; it also makes up for disks on vertices only
 const SLACK: f64 = MAX_MOVE;
 
-/// A piece by itself is a shred if its area is less than that of a disk of this radius, voxels: tuned.
+/// A piece by itself is a shred if its area is less than a disk's of this radius, voxels.
 /// tuned: made and recorded objects (docs/method.md 16)
 const SHRED_RADIUS: f64 = 4.0;
 
-/// Takes off the pieces that are shreds; the largest stays.
+/// Takes off shreds; the largest piece stays.
 pub(super) fn drop_shreds(sheet: &mut Sheet, voxel_m: f64) {
     let (labels, sizes) = components(&sheet.mesh);
     let mut areas_m2 = vec![0.0; sizes.len()];
@@ -36,15 +36,15 @@ pub(super) fn drop_shreds(sheet: &mut Sheet, voxel_m: f64) {
     sheet.keep(&kept);
 }
 
-/// Takes off triangles that hang by one side, until none does.
+/// Takes off triangles joined by one side only, until there is none.
 pub(super) fn drop_hanging(sheet: &mut Sheet) {
     loop {
         let sides = sides_by_vertex(&sheet.mesh);
-        let is_open = |(p, q): (u32, u32)| !sides.at(q).contains(&p);
-        let holds = |&[a, b, c]: &[u32; 3]| {
-            [(a, b), (b, c), (c, a)].into_iter().filter(|&side| is_open(side)).count() < 2
-        };
-        let kept: Vec<bool> = sheet.mesh.triangles.iter().map(holds).collect();
+        let mut kept = Vec::with_capacity(sheet.mesh.triangles.len());
+        for &[a, b, c] in &sheet.mesh.triangles {
+            let open = [(a, b), (b, c), (c, a)].into_iter().filter(|&(p, q)| !sides.at(q).contains(&p));
+            kept.push(open.count() < 2);
+        }
         if kept.iter().all(|k| *k) {
             return;
         }
@@ -52,8 +52,8 @@ pub(super) fn drop_hanging(sheet: &mut Sheet) {
     }
 }
 
-/// Takes off the triangles with a corner that no disk reaches: a disk lies on the surface around a vertex,
-/// up to the border, and is one voxel or more in radius. That is the opening of mathematical morphology.
+/// Takes off the triangles with a corner outside every disk: a disk lies on the surface around a vertex, up
+/// to the border, and is one voxel or more in radius. This is the opening of mathematical morphology.
 pub(super) fn drop_teeth(sheet: &mut Sheet, voxel_m: f64) {
     let Some(loops) = border_loops(&sheet.mesh) else { return };
     let kept: Vec<bool> = {
@@ -67,17 +67,12 @@ pub(super) fn drop_teeth(sheet: &mut Sheet, voxel_m: f64) {
             .map(|v| (v, -reach.distance_m(v)))
             .filter(|(_, less)| *less <= -LEAST_RADIUS * voxel_m)
             .collect();
-        let is_border_near = |v: &u32| reach.distance_m(*v) < LARGEST_RADIUS * voxel_m;
-        let mut candidate = vec![false; sheet.mesh.vertices.len()];
-        sheet
-            .mesh
-            .triangles
-            .iter()
-            .flatten()
-            .filter(|v| is_border_near(v))
-            .for_each(|&v| candidate[v as usize] = true);
+        let mut is_border_near = vec![false; sheet.mesh.vertices.len()];
+        for &v in sheet.mesh.triangles.iter().flatten() {
+            is_border_near[v as usize] = reach.distance_m(v) < LARGEST_RADIUS * voxel_m;
+        }
         reach.from(&middles, SLACK * voxel_m);
-        let is_tooth = |v: &u32| candidate[*v as usize] && reach.distance_m(*v).is_infinite();
+        let is_tooth = |v: &u32| is_border_near[*v as usize] && reach.distance_m(*v).is_infinite();
         sheet.mesh.triangles.iter().map(|t| !t.iter().any(is_tooth)).collect()
     };
     sheet.keep(&kept);

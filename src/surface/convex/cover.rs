@@ -1,5 +1,5 @@
-//! A surface covered by few convex solids: cells are cut in two where that takes most of the error away, then
-//! the two that add least are joined until they are few enough.
+//! A surface covered by few convex solids: cells are cut in two where a cut takes most of the error away,
+//! then the pair with the least added error is joined until they are few enough.
 
 use std::sync::Arc;
 
@@ -9,36 +9,36 @@ use rayon::prelude::*;
 use super::{
     ConvexSolid, Plane,
     fit::{Fit, error},
-    pieces::{Piece, Seen},
+    pieces::{Piece, SeenSurface},
     sample_columns::SampleColumns,
 };
 
-/// Faces with the most error that a cell is cut along.
+/// A cell is cut along so many of its faces, those with the most error.
 const CUT_FACES: usize = 12;
 /// Shares of a cell's surface at which it is cut across its axes. chosen: quarters
 const CUT_SHARES: [f64; 3] = [0.25, 0.5, 0.75];
-/// Share of a cell's error that a cut is hoped to open the way to, where it takes less by itself.
+/// Share of a cell's error hoped for from cuts after a first cut, where the first takes less.
 /// tuned: made and recorded objects (docs/method.md 16)
 const HOPE: f64 = 0.1;
-/// What lies along a cut and within so many tolerances of it is not cut: noise.
+/// Surface along a cut and within so many tolerances of it is not cut: noise.
 /// tuned: made and recorded objects (docs/method.md 16)
 const SLACK: f64 = 1.5;
-/// Share of the surface that a solid must take the error of.
+/// A solid must take away the error of so large a share of the surface.
 /// tuned: made and recorded objects (docs/method.md 16)
 const WORTH: f64 = 1e-3;
-/// Samples by which the planes that a cell may be cut at are ranked, and about as many of all by which a
-/// solid is known to stand before others' surface.
+/// Samples for the ranking of a cell's cutting planes, and about the number of samples for the error of a
+/// solid before others' surface.
 const RANKED: usize = 400;
 const FOREIGN: usize = 1000;
-/// Cells that are made for each that is kept: what is joined again was cut for the sake of others.
+/// Cells made for each kept cell: cells joined again were cut for the sake of others.
 const SPARE: usize = 2;
 
-/// What is asked of a cover.
+/// Requirements of a cover.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wanted {
     /// Most solids.
     pub solids: usize,
-    /// Stand-off that is tolerated, meters.
+    /// Tolerated stand-off, meters.
     pub tolerance_m: f64,
     /// Least thickness of a solid, meters.
     pub thin_m: f64,
@@ -47,7 +47,7 @@ pub(super) struct Wanted {
 }
 
 /// Some pieces of the surface, the solid around them and its error.
-struct Cell {
+struct CoverCell {
     pieces: Vec<Arc<Piece>>,
     samples: Vec<u32>,
     fit: Fit,
@@ -56,7 +56,7 @@ struct Cell {
 }
 
 /// Convex solids around the pieces of a surface, those with most of it first.
-pub(super) fn cover(seen: &Seen, wanted: &Wanted) -> Vec<ConvexSolid> {
+pub(super) fn cover(seen: &SeenSurface, wanted: &Wanted) -> Vec<ConvexSolid> {
     if seen.samples.is_empty() {
         return Vec::new();
     }
@@ -64,27 +64,27 @@ pub(super) fn cover(seen: &Seen, wanted: &Wanted) -> Vec<ConvexSolid> {
     let pieces = seen.pieces.iter().map(|p| Arc::new(p.clone())).collect();
     let whole = cover.cell(pieces, (0..seen.samples.len() as u32).collect(), 1);
     let mut cells = cover.joined(cover.cut_up(whole));
-    let area = |c: &Cell| c.samples.iter().map(|&i| seen.samples[i as usize].area_m2).sum::<f64>();
+    let area = |c: &CoverCell| c.samples.iter().map(|&i| seen.samples[i as usize].area_m2).sum::<f64>();
     cells.sort_by(|a, b| area(b).total_cmp(&area(a)));
     cells.iter().filter_map(|c| c.fit.solid(0.25 * wanted.tolerance_m, wanted.thin_m)).collect()
 }
 
 struct Cover<'a> {
-    seen: &'a Seen,
+    seen: &'a SeenSurface,
     wanted: Wanted,
     frame: Vec<Vector3<f64>>,
 }
 
-/// Two halves of a cell and what the cut takes off the error.
+/// Two halves of a cell and the error taken away by the cut.
 struct Cut {
     gain: f64,
-    halves: [Cell; 2],
+    halves: [CoverCell; 2],
 }
 
 impl Cover<'_> {
-    /// The cell of some pieces and samples; its solid and error by all of them, or by a part of either that
-    /// `step` being more than one asks for.
-    fn cell(&self, pieces: Vec<Arc<Piece>>, samples: Vec<u32>, step: usize) -> Cell {
+    /// The cell of some pieces and samples; its solid and error by every `step`-th sample and, with `step`
+    /// above one, by a part of the pieces.
+    fn cell(&self, pieces: Vec<Arc<Piece>>, samples: Vec<u32>, step: usize) -> CoverCell {
         let of = self.columns(samples.iter().step_by(step).copied());
         let tolerance_m = self.wanted.tolerance_m;
         let sizes = [tolerance_m, self.wanted.thin_m];
@@ -93,31 +93,29 @@ impl Cover<'_> {
         let fit = Fit::new(self.seen, around, &of, &self.frame, sizes);
         let own: f64 = fit.errors(&of, tolerance_m).iter().sum();
         let loss = own * step as f64 + self.covered(&fit, &samples);
-        Cell { pieces, samples, fit, loss }
+        CoverCell { pieces, samples, fit, loss }
     }
 
     fn columns(&self, samples: impl Iterator<Item = u32>) -> SampleColumns {
         SampleColumns::of(samples.map(|i| &self.seen.samples[i as usize]))
     }
 
-    /// The error of a solid that stands before samples which are not its own (sorted), by a part of all.
+    /// The error of a solid before samples of others, by a part of all; `own` are its samples, sorted.
     fn covered(&self, fit: &Fit, own: &[u32]) -> f64 {
         let count = self.seen.samples.len();
         let step = count.div_ceil(FOREIGN).max(1);
-        let is_foreign = |i: &u32| {
-            let place = &self.seen.samples[*i as usize].place;
-            let inside = fit.planes.iter().all(|p| p.normal.dot(place) < p.offset_m);
-            inside && own.binary_search(i).is_err()
-        };
-        let foreign = self.columns((0..count as u32).step_by(step).filter(is_foreign));
+        let foreign = (0..count as u32)
+            .step_by(step)
+            .filter(|i| fit.holds(&self.seen.samples[*i as usize].place) && own.binary_search(i).is_err());
+        let foreign = self.columns(foreign);
         fit.errors(&foreign, self.wanted.tolerance_m).iter().sum::<f64>() * step as f64
     }
 
     /// Cells cut where it helps most, until no cut is worth a solid or there are enough to join.
-    fn cut_up(&self, whole: Cell) -> Vec<Cell> {
+    fn cut_up(&self, whole: CoverCell) -> Vec<CoverCell> {
         let least = WORTH * self.seen.area_m2;
         let mut done = Vec::new();
-        let mut open: Vec<(Cell, Cut)> = Vec::new();
+        let mut open: Vec<(CoverCell, Cut)> = Vec::new();
         let mut fresh = vec![whole];
         while done.len() + open.len() + fresh.len() < SPARE * self.wanted.solids || !fresh.is_empty() {
             let cuts: Vec<_> = fresh.par_iter().map(|cell| self.best_cut(cell)).collect();
@@ -131,9 +129,8 @@ impl Cover<'_> {
                 break;
             }
             // Much error may take more than one cut to go.
-            let hope = |(cell, cut): &(Cell, Cut)| cut.gain.max(HOPE * cell.loss);
-            let most =
-                (0..open.len()).max_by(|&a, &b| hope(&open[a]).total_cmp(&hope(&open[b])).then(b.cmp(&a)));
+            let hopes: Vec<f64> = open.iter().map(|(cell, cut)| cut.gain.max(HOPE * cell.loss)).collect();
+            let most = (0..open.len()).max_by(|&a, &b| hopes[a].total_cmp(&hopes[b]).then(b.cmp(&a)));
             let Some(i) = most else { break };
             fresh.extend(open.remove(i).1.halves);
         }
@@ -141,25 +138,25 @@ impl Cover<'_> {
         done
     }
 
-    /// The cut of a cell that takes most of the error away.
-    fn best_cut(&self, cell: &Cell) -> Option<Cut> {
+    /// The cut of a cell with the most gain.
+    fn best_cut(&self, cell: &CoverCell) -> Option<Cut> {
         if cell.loss <= WORTH * self.seen.area_m2 {
             return None;
         }
         // All planes by a part of the samples, the best by all.
         let step = (cell.samples.len() / RANKED).max(1);
-        let halves: Vec<Option<[Cell; 2]>> =
+        let halves: Vec<Option<[CoverCell; 2]>> =
             self.planes(cell).par_iter().map(|plane| self.cut(cell, plane, step)).collect();
-        let loss = |h: &[Cell; 2]| h[0].loss + h[1].loss;
+        let loss = |h: &[CoverCell; 2]| h[0].loss + h[1].loss;
         let best = halves.into_iter().flatten().min_by(|a, b| loss(a).total_cmp(&loss(b)))?;
-        let whole = |h: Cell| if step > 1 { self.cell(h.pieces, h.samples, 1) } else { h };
+        let whole = |h: CoverCell| if step > 1 { self.cell(h.pieces, h.samples, 1) } else { h };
         let [left, right] = best;
-        let halves: [Cell; 2] = rayon::join(|| whole(left), || whole(right)).into();
+        let halves: [CoverCell; 2] = rayon::join(|| whole(left), || whole(right)).into();
         Some(Cut { gain: cell.loss - loss(&halves), halves })
     }
 
-    /// Planes that a cell may be cut at: along its faces that it stands farthest from, and across its axes.
-    fn planes(&self, cell: &Cell) -> Vec<Plane> {
+    /// Planes for cuts of a cell: along its faces with the most error, and across its axes.
+    fn planes(&self, cell: &CoverCell) -> Vec<Plane> {
         let mut by_face: Vec<(u32, f64, f64, u32)> = Vec::new();
         let samples = self.columns(cell.samples.iter().copied());
         let distances = samples.distances_m(&cell.fit.planes);
@@ -204,7 +201,7 @@ impl Cover<'_> {
         planes
     }
 
-    fn principal_axes(&self, cell: &Cell) -> [Vector3<f64>; 3] {
+    fn principal_axes(&self, cell: &CoverCell) -> [Vector3<f64>; 3] {
         let of = || cell.samples.iter().map(|&i| &self.seen.samples[i as usize]);
         let area: f64 = of().map(|s| s.area_m2).sum();
         let middle = of().map(|s| s.place * s.area_m2).sum::<Vector3<f64>>() / area.max(f64::MIN_POSITIVE);
@@ -216,7 +213,7 @@ impl Cover<'_> {
     }
 
     /// The two halves of a cell; `None` where one would be empty.
-    fn cut(&self, cell: &Cell, plane: &Plane, step: usize) -> Option<[Cell; 2]> {
+    fn cut(&self, cell: &CoverCell, plane: &Plane, step: usize) -> Option<[CoverCell; 2]> {
         let slack_m = SLACK * self.wanted.tolerance_m;
         let mut pieces = [Vec::new(), Vec::new()];
         for piece in &cell.pieces {
@@ -239,11 +236,11 @@ impl Cover<'_> {
         Some([self.cell(behind, back, step), self.cell(before, front, step)])
     }
 
-    /// Cells joined, the pair first that adds least, while there are too many or the pair adds no more than a
-    /// solid is worth. A cell may be left out instead, where that costs least.
-    fn joined(&self, cells: Vec<Cell>) -> Vec<Cell> {
+    /// Cells joined, the pair with the least added error first, while there are too many or the pair adds no
+    /// more than a solid is worth. A cell may be left out instead, where this costs least.
+    fn joined(&self, cells: Vec<CoverCell>) -> Vec<CoverCell> {
         let free = WORTH * self.seen.area_m2;
-        let mut cells: Vec<Option<Cell>> = cells.into_iter().map(Some).collect();
+        let mut cells: Vec<Option<CoverCell>> = cells.into_iter().map(Some).collect();
         let mut count = cells.len();
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
         let near: Vec<(usize, usize)> =
@@ -272,63 +269,71 @@ impl Cover<'_> {
         cells.into_iter().flatten().collect()
     }
 
-    fn union(&self, a: &Cell, b: &Cell) -> Cell {
+    fn union(&self, a: &CoverCell, b: &CoverCell) -> CoverCell {
         let pieces = a.pieces.iter().chain(&b.pieces).cloned().collect();
         let mut samples: Vec<u32> = a.samples.iter().chain(&b.samples).copied().collect();
         samples.sort_unstable();
         self.cell(pieces, samples, 1)
     }
 
-    /// What joining pairs of cells would add to the error; of those that come near each other.
-    fn added(&self, cells: &[Option<Cell>], pairs: Vec<(usize, usize)>) -> Vec<(f64, usize, usize)> {
-        let cost = |(a, b): (usize, usize)| {
+    /// Error added by the union of each pair of cells near each other, with the pair.
+    fn added(&self, cells: &[Option<CoverCell>], pairs: Vec<(usize, usize)>) -> Vec<(f64, usize, usize)> {
+        let near_pairs = pairs.into_par_iter().filter_map(|(a, b)| {
             let left = cells[a].as_ref()?;
             let right = cells[b].as_ref()?;
             near(left, right, self.wanted.wall_m).then_some(())?;
             Some((self.union(left, right).loss - left.loss - right.loss, a, b))
-        };
-        pairs.into_par_iter().filter_map(cost).collect()
+        });
+        near_pairs.collect()
     }
 
-    /// The cell that costs least to leave out, with that cost.
-    fn cheapest(&self, cells: &[Option<Cell>]) -> (f64, usize) {
+    /// The cell that costs least to leave out, after its cost.
+    fn cheapest(&self, cells: &[Option<CoverCell>]) -> (f64, usize) {
         let nothing = error(2.0 * self.wanted.wall_m, self.wanted.tolerance_m);
-        let cost = |c: &Cell| {
-            c.samples.iter().map(|&i| self.seen.samples[i as usize].area_m2).sum::<f64>() * nothing - c.loss
-        };
-        let all = cells.iter().enumerate().filter_map(|(i, c)| c.as_ref().map(|c| (cost(c), i)));
-        all.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))).unwrap_or((f64::INFINITY, 0))
+        let mut costs = Vec::with_capacity(cells.len());
+        for (i, cell) in cells.iter().enumerate() {
+            if let Some(cell) = cell {
+                let areas_m2 = cell.samples.iter().map(|&i| self.seen.samples[i as usize].area_m2);
+                costs.push((areas_m2.sum::<f64>() * nothing - cell.loss, i));
+            }
+        }
+        let cheapest = costs.into_iter().min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        cheapest.unwrap_or((f64::INFINITY, 0))
     }
 }
 
 /// Whether some face of either keeps the other more than a gap away.
-fn near(a: &Cell, b: &Cell, gap_m: f64) -> bool {
-    let apart = |fit: &Fit, other: &Cell| {
-        fit.planes.iter().any(|plane| {
-            let lowest = |p: &Arc<Piece>| {
-                p.front.iter().map(|v| plane.normal.dot(v)).fold(f64::INFINITY, f64::min)
-                    + plane.normal.dot(&p.back).min(0.0)
-            };
-            other.pieces.iter().all(|p| lowest(p) > plane.offset_m + gap_m)
-        })
-    };
-    !apart(&a.fit, b) && !apart(&b.fit, a)
+fn near(a: &CoverCell, b: &CoverCell, gap_m: f64) -> bool {
+    !is_apart(&a.fit, b, gap_m) && !is_apart(&b.fit, a, gap_m)
 }
 
-/// Directions both ways along three square axes: the normal of most area, and of what is left across it.
-fn frame(seen: &Seen) -> Vec<Vector3<f64>> {
+/// Whether all pieces of a cell lie more than a gap before one plane of another's solid.
+fn is_apart(fit: &Fit, other: &CoverCell, gap_m: f64) -> bool {
+    fit.planes.iter().any(|p| other.pieces.iter().all(|piece| lowest_m(piece, p) > p.offset_m + gap_m))
+}
+
+/// Lowest height of a piece along a plane's normal, meters.
+fn lowest_m(piece: &Piece, plane: &Plane) -> f64 {
+    piece.front.iter().map(|v| plane.normal.dot(v)).fold(f64::INFINITY, f64::min)
+        + plane.normal.dot(&piece.back).min(0.0)
+}
+
+/// Directions both ways along three square axes: the normal of most area, and of the most area across it.
+fn frame(seen: &SeenSurface) -> Vec<Vector3<f64>> {
     let mut areas = vec![0.0; seen.faces.len()];
     seen.samples.iter().for_each(|s| areas[s.face as usize] += s.area_m2);
     let mut axes: Vec<Vector3<f64>> = Vec::new();
     for _ in 0..2 {
         let across = |n: &Vector3<f64>| axes.iter().fold(*n, |n, a| n - a * a.dot(&n));
         let best = (0..areas.len()).max_by(|&i, &j| {
-            let weight = |k: usize| areas[k] * across(&seen.faces[k]).norm_squared();
-            weight(i).total_cmp(&weight(j)).then(j.cmp(&i))
+            let [a, b] = [i, j].map(|k| areas[k] * across(&seen.faces[k]).norm_squared());
+            a.total_cmp(&b).then(j.cmp(&i))
         });
         let direction = best.and_then(|k| across(&seen.faces[k]).try_normalize(1e-6));
-        let any = || [Vector3::x(), Vector3::y()].iter().find_map(|d| across(d).try_normalize(0.5));
-        axes.extend(direction.or_else(any));
+        axes.extend(
+            direction
+                .or_else(|| [Vector3::x(), Vector3::y()].iter().find_map(|d| across(d).try_normalize(0.5))),
+        );
     }
     if let [x, y] = axes[..] {
         axes.push(x.cross(&y));

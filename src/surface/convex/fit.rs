@@ -1,28 +1,28 @@
-//! One solid around pieces of a surface, and how far it stands before what was seen.
+//! One solid around pieces of a surface, and its distance before the seen surface.
 
 use nalgebra::{Point3, Vector3};
 
 use super::{
     ConvexSolid, Plane,
-    pieces::{ALONG, Piece, Seen},
+    pieces::{ALONG, Piece, SeenSurface},
     sample_columns::{GRAZING, SampleColumns, Slopes},
 };
 use numeric::vectorized;
 
-/// Most faces of the surface that a solid takes its own from.
+/// Most faces of the surface for the directions of a solid's faces.
 const OWN_FACES: usize = 20;
-/// Cosines of the angles within which a direction is one that is there already: of two seen faces, and of one
-/// that was not seen. chosen: 0.5 and 8 degrees
+/// Least cosines of equal directions: of two seen faces, and of an unseen one and another.
+/// chosen: 0.5 and 8 degrees
 const SAME_SEEN: f64 = 0.999_96;
 const SAME_ASSUMED: f64 = 0.99;
-/// Shares of what lies along a face that may lie behind it. chosen: from a third to all
+/// Shares of the surface along a face that may lie behind it. chosen: from a third to all
 const OFFSET_SHARES: [f64; 5] = [0.3, 0.5, 0.7, 0.9, 1.0];
 /// Offsets nearer to each other than this share of the tolerance are one. chosen: too little to matter
 const NEXT_SHARE: f64 = 0.1;
 
-/// The error of a distance between a solid and the surface, for the area it holds for: about the base-two
-/// logarithm of one and its square in tolerances. So a place that fits counts more than many that nearly do,
-/// and one that is far off still feels what brings it nearer. It is `rho` of docs/method.md (10.2).
+/// The error per area of a distance between a solid and the surface: about the base-two logarithm of one plus
+/// its square in tolerances. So a fitting place counts more than many almost fitting ones, and a place far
+/// off still has a gradient. It is `rho` of docs/method.md (10.2).
 #[inline(always)]
 pub(super) fn error(distance_m: f64, tolerance_m: f64) -> f64 {
     let x = 1.0 + (distance_m / tolerance_m).powi(2);
@@ -39,11 +39,11 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    /// A solid around pieces: faces along those of its samples, their opposites and `frame`. A face that was
-    /// seen lies where it leaves least error between what stands out of the solid and what the solid stands
-    /// before; others lie behind all pieces.
+    /// A solid around pieces: faces along those of its samples, their opposites and `frame`. A seen face lies
+    /// where the error is least, of surface outside the solid and of solid before the surface; others lie
+    /// behind all pieces.
     pub(super) fn new<'a>(
-        seen: &Seen,
+        seen: &SeenSurface,
         pieces: impl Iterator<Item = &'a Piece> + Clone,
         samples: &SampleColumns,
         frame: &[Vector3<f64>],
@@ -72,6 +72,11 @@ impl Fit {
         Self { planes }
     }
 
+    /// Whether a place lies behind all planes.
+    pub(super) fn holds(&self, place: &Vector3<f64>) -> bool {
+        self.planes.iter().all(|p| p.normal.dot(place) < p.offset_m)
+    }
+
     /// Errors of samples against the solid by a tolerance, weighed by their areas.
     pub(super) fn errors(&self, samples: &SampleColumns, tolerance_m: f64) -> Vec<f64> {
         let mut errors = samples.distances_m(&self.planes);
@@ -79,37 +84,35 @@ impl Fit {
         errors
     }
 
-    /// The solid, at least `thin_m` thick, without faces that would cut off less than `least_m`; `None` where
-    /// it has no volume.
+    /// The solid, at least `thin_m` thick, without faces for cuts of less than `least_m`; `None` where it has
+    /// no volume.
     pub(super) fn solid(&self, least_m: f64, thin_m: f64) -> Option<ConvexSolid> {
-        // Faces that do not meet squarely may leave a sliver or nothing: it grows until it is a solid.
+        // Oblique faces may leave a sliver or nothing: it grows until it is a solid.
         let grown = (0..6).map(|k| self.grown(0.5 * thin_m * f64::from((1 << k) - 1)).bounded(least_m));
         grown.flatten().find(|s| s.thickness_m() >= 0.99 * thin_m)
     }
 
     fn grown(&self, by_m: f64) -> Self {
-        let moved = |p: &Plane| Plane { offset_m: p.offset_m + by_m, ..*p };
-        Self { planes: self.planes.iter().map(moved).collect() }
+        let planes = self.planes.iter().map(|p| Plane { offset_m: p.offset_m + by_m, ..*p });
+        Self { planes: planes.collect() }
     }
 
-    /// What lies behind all planes.
+    /// The solid behind all planes.
     fn bounded(&self, least_m: f64) -> Option<ConvexSolid> {
-        // A box around it, along its own first directions, that all faces cut.
+        // A box around it, along its own first directions, to be cut by all faces.
         let axes = axes(&self.planes);
         let size = self.planes.iter().map(|p| p.offset_m.abs()).fold(0.0, f64::max);
         let span = 4.0 * size + 1.0;
         let at = |x: f64, y: f64| Point3::from(axes[0] * x + axes[1] * y);
         let square = [at(-span, -span), at(span, -span), at(span, span), at(-span, span)];
         let mut solid = ConvexSolid::prism(&square, &axes[2], -span, span);
-        // The faces that cut most come first; what would cut little by then is left out.
+        // The faces with the deepest cuts come first; those with shallow cuts by then are left out.
         let mut left = self.planes.clone();
         loop {
-            let cuts = |p: &Plane| solid.vertices.iter().map(|v| p.distance_m(v)).fold(0.0, f64::max);
-            let most = left
-                .iter()
-                .enumerate()
-                .map(|(i, p)| (cuts(p), i))
-                .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+            let cuts = left.iter().enumerate().map(|(i, plane)| {
+                (solid.vertices.iter().map(|v| plane.distance_m(v)).fold(0.0, f64::max), i)
+            });
+            let most = cuts.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
             let Some((_, i)) = most.filter(|(cut, _)| *cut > least_m) else { break };
             solid = solid.clipped(&left.remove(i))?;
         }
@@ -124,8 +127,8 @@ fn axes(planes: &[Plane]) -> [Vector3<f64>; 3] {
     [x, z.cross(&x), z]
 }
 
-/// Moves faces back until the solid is `thin_m` thick behind each of the first `own` ones: those that were
-/// not seen, or two that were by half.
+/// Moves faces back until the solid is `thin_m` thick behind each of the first `own`, seen ones: unseen faces
+/// wholly, two seen ones by half each.
 fn thicken(planes: &mut [Plane], own: usize, thin_m: f64) {
     for k in 0..own {
         for i in 0..planes.len() {
@@ -151,10 +154,9 @@ fn weigh_all(distances: &mut [f64], areas_m2: &[f64], tolerance_m: f64) {
     }
 }
 
-/// What the planes so far make of the samples.
+/// The samples' distances to the planes so far.
 struct States {
-    /// The two planes before which the solid ends first along each sample's normal: distances, meters, and
-    /// the number of the first.
+    /// The two nearest planes along each sample's normal: distances, meters, and the number of the first.
     first: Vec<f64>,
     second: Vec<f64>,
     by: Vec<u64>,
@@ -168,12 +170,12 @@ const NONE: u64 = u64::MAX;
 impl States {
     fn of(planes: &[Plane], samples: &SampleColumns) -> Self {
         let n = samples.len();
-        let far = || vec![f64::INFINITY; n];
-        let mut states = Self { first: far(), second: far(), by: vec![NONE; n], outside_m: vec![0.0; n] };
+        let far = vec![f64::INFINITY; n];
+        let mut states = Self { first: far.clone(), second: far, by: vec![NONE; n], outside_m: vec![0.0; n] };
         let mut slopes = Slopes::default();
         for (k, plane) in planes.iter().enumerate() {
             samples.slopes(&plane.normal, &mut slopes);
-            meet(&slopes, (plane.offset_m, k as u64), &mut states);
+            meet(&slopes, plane.offset_m, k as u64, &mut states);
         }
         states
     }
@@ -185,12 +187,12 @@ impl States {
 }
 
 vectorized! {
-    /// A plane (offset, meters, and number), which may have been farther away before, is met by samples.
-    fn meet(slopes: &Slopes, plane: (f64, u64), states: &mut States) = meet_all
+    /// Updates the nearest planes by one at an offset, meters; it may have been farther away before.
+    fn meet(slopes: &Slopes, offset_m: f64, plane: u64, states: &mut States) = meet_all
 }
 
 #[inline(always)]
-fn meet_all(slopes: &Slopes, (offset_m, plane): (f64, u64), states: &mut States) {
+fn meet_all(slopes: &Slopes, offset_m: f64, plane: u64, states: &mut States) {
     let Slopes { heights, speeds } = slopes;
     let States { first, second, by, .. } = states;
     for ((((height, speed), first), second), by) in heights.iter().zip(speeds).zip(first).zip(second).zip(by)
@@ -222,8 +224,8 @@ fn raise_all(normals: &[Vec<f64>; 3], place: &Vector3<f64>, highest: &mut [f64])
     }
 }
 
-/// Samples that feel a plane: their heights along it, meters, the speeds at which it is met along their
-/// normals, distances to the nearest of the other planes, how far they stand out of these, meters, and areas.
+/// Samples with an error by a plane: their heights along it, meters, the cosines of their normals to it,
+/// distances to the nearest of the other planes, distances outside these, meters, and areas.
 #[derive(Default)]
 struct Felt {
     /// Their numbers, ascending.
@@ -236,8 +238,8 @@ struct Felt {
 }
 
 impl Felt {
-    /// Those of all samples that feel plane `k` where it lies at a height of `lowest_m` or more.
-    fn take(&mut self, (k, lowest_m): (usize, f64), slopes: &Slopes, states: &States, areas_m2: &[f64]) {
+    /// The samples with an error by plane `k` where it lies at a height of `lowest_m` or more.
+    fn take(&mut self, k: usize, lowest_m: f64, slopes: &Slopes, states: &States, areas_m2: &[f64]) {
         let Slopes { heights, speeds } = slopes;
         let Self { of, heights: high, speeds: fast, without, outside, areas } = self;
         of.clear();
@@ -275,8 +277,7 @@ fn errors_of(felt: &Felt, [offset_m, tolerance_m]: [f64; 2], errors: &mut [f64])
     }
 }
 
-/// Moves the first `own` planes, one after the other, from behind all pieces to where they leave least error
-/// with those before.
+/// Moves the first `own` planes, one after the other, from behind all pieces to the offset of least error.
 fn settle(planes: &mut [Plane], own: usize, samples: &SampleColumns, tolerance_m: f64) {
     let mut states = States::of(planes, samples);
     let mut slopes = Slopes::default();
@@ -290,27 +291,27 @@ fn settle(planes: &mut [Plane], own: usize, samples: &SampleColumns, tolerance_m
         let tried = tried_offsets(along, offset_m, tolerance_m);
         let (Some(lowest), true) = (tried.last().copied(), tried.len() > 1) else { continue };
         // Others feel none of the offsets.
-        felt.take((k, lowest), &slopes, &states, &samples.areas_m2);
+        felt.take(k, lowest, &slopes, &states, &samples.areas_m2);
         let mut errors = vec![0.0; felt.heights.len()];
-        let mut cost = |offset_m: f64| {
-            errors_at(&felt, [offset_m, tolerance_m], &mut errors);
-            errors.iter().sum::<f64>()
-        };
+        let mut costs = Vec::with_capacity(tried.len());
+        for tried_m in tried {
+            errors_at(&felt, [tried_m, tolerance_m], &mut errors);
+            costs.push((errors.iter().sum::<f64>(), tried_m));
+        }
         // The outermost of equals.
-        let costs = tried.iter().map(|&o| (cost(o), o));
-        let best = costs.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(offset_m, |c| c.1);
+        let best = costs.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).map_or(offset_m, |c| c.1);
         if best < offset_m {
             plane.offset_m = best;
             for (outside_m, height) in states.outside_m.iter_mut().zip(heights) {
                 *outside_m = outside_m.max(height - best);
             }
-            meet(&slopes, (best, k as u64), &mut states);
+            meet(&slopes, best, k as u64, &mut states);
         }
     }
 }
 
-/// Offsets that a face is tried at, the outermost first: behind all pieces, and at shares of what lies along
-/// it (heights with areas).
+/// Offsets to try for a face, the outermost first: behind all pieces, and at shares of the surface along it
+/// (heights with areas).
 fn tried_offsets(mut along: Vec<(f64, f64)>, offset_m: f64, tolerance_m: f64) -> Vec<f64> {
     along.sort_by(|a, b| a.0.total_cmp(&b.0));
     let total: f64 = along.iter().map(|h| h.1).sum();
@@ -328,9 +329,9 @@ fn tried_offsets(mut along: Vec<(f64, f64)>, offset_m: f64, tolerance_m: f64) ->
     tried
 }
 
-/// Directions of the seen faces, and those that close the solid.
+/// Directions of the seen faces, and of the faces to close the solid.
 fn directions(
-    seen: &Seen,
+    seen: &SeenSurface,
     samples: &SampleColumns,
     frame: &[Vector3<f64>],
 ) -> (Vec<Vector3<f64>>, Vec<Vector3<f64>>) {

@@ -13,8 +13,8 @@ use crate::{TriangleMesh, edges::Edges, patches::Patch};
 /// Least length of the sum of a patch's normals over its area: beyond, it bends.
 /// tuned: made and recorded objects (docs/method.md 16)
 const LEAST_STRAIGHT: f64 = 0.85;
-/// A patch that is so many times wider than it is thick, as variances, has a plane by its corners; another
-/// has that of its triangles. chosen: five times, as lengths
+/// A patch so many times wider than thick, as variances, has a plane by its corners; another by its
+/// triangles' normals. chosen: five times, as lengths
 const WIDE: f64 = 25.0;
 
 /// Moments of the triangles of a patch.
@@ -24,6 +24,15 @@ struct Moments {
     first: Vector3<f64>,
     second: Matrix3<f64>,
     normal: Vector3<f64>,
+}
+
+/// The plane of a patch.
+struct FittedPlane {
+    center: Vector3<f64>,
+    /// Unit normal.
+    normal: Vector3<f64>,
+    /// Mean squared distance from the plane.
+    mean_square: f64,
 }
 
 impl Moments {
@@ -47,8 +56,7 @@ impl Moments {
         }
     }
 
-    /// Center, unit normal and mean squared distance from the plane.
-    fn plane(&self) -> (Vector3<f64>, Vector3<f64>, f64) {
+    fn plane(&self) -> FittedPlane {
         let center = self.first / self.area;
         let spread = self.second / self.area - center * center.transpose();
         let eigen = SymmetricEigen::new(spread);
@@ -59,36 +67,40 @@ impl Moments {
         let thin = eigen.eigenvectors.column(order[0]).into_owned();
         let thin = if thin.dot(&mean) < 0.0 { -thin } else { thin };
         if sizes[1] > WIDE * sizes[0] && thin.dot(&mean) > LEAST_STRAIGHT {
-            (center, thin, sizes[0])
+            FittedPlane { center, normal: thin, mean_square: sizes[0] }
         } else {
-            (center, mean, mean.dot(&(spread * mean)).max(0.0))
+            FittedPlane { center, normal: mean, mean_square: mean.dot(&(spread * mean)).max(0.0) }
         }
     }
 }
 
-/// Patches that leave their planes by at most `flat_m` (root mean square); largest area first.
+/// Mean squared distance of two patches from their common plane; `None` where they are not flat together.
+fn joint_mean_square(a: &Moments, b: &Moments, flat_m: f64) -> Option<f64> {
+    let both = a.and(b);
+    let FittedPlane { mean_square, .. } = both.plane();
+    let straight = both.normal.norm() >= LEAST_STRAIGHT * both.area;
+    (straight && mean_square <= flat_m * flat_m).then_some(mean_square)
+}
+
+/// Patches within `flat_m` (root mean square) of their planes; largest area first.
 pub(super) fn flats(mesh: &TriangleMesh, flat_m: f64) -> Vec<Patch> {
     // About a corner of the mesh: far from the origin the moments would lose digits.
     let origin = mesh.vertices.first().map(|p| p.coords.cast::<f64>()).unwrap_or_default();
-    let of = |t: usize| Moments::of(&mesh.corners(t).map(|p| p.coords.cast::<f64>() - origin));
-    let mut moments: Vec<Moments> = (0..mesh.triangles.len()).map(of).collect();
+    let mut moments: Vec<Moments> = (0..mesh.triangles.len())
+        .map(|t| Moments::of(&mesh.corners(t).map(|p| p.coords.cast::<f64>() - origin)))
+        .collect();
     let mut members: Vec<Vec<u32>> = (0..moments.len() as u32).map(|t| vec![t]).collect();
     let near = Edges::of(mesh).neighbors(moments.len(), |t| moments[t as usize].area > 0.0);
     let mut near: Vec<BTreeSet<u32>> = near.into_iter().map(BTreeSet::from_iter).collect();
-    let cost = |moments: &[Moments], a: usize, b: usize| {
-        let both = moments[a].and(&moments[b]);
-        let (_, _, mean_square) = both.plane();
-        let straight = both.normal.norm() >= LEAST_STRAIGHT * both.area;
-        (straight && mean_square <= flat_m * flat_m).then_some(mean_square)
-    };
-    // Costs are not negative: their bits are in their order.
+    // Mean squares are not negative: their bits are in their order.
     let mut queue: BinaryHeap<Reverse<(u64, u32, u32)>> = BinaryHeap::new();
     for (a, all) in near.iter().enumerate() {
         for &b in all.iter().filter(|b| **b as usize > a) {
-            queue.extend(cost(&moments, a, b as usize).map(|c| Reverse((c.to_bits(), a as u32, b))));
+            let cost = joint_mean_square(&moments[a], &moments[b as usize], flat_m);
+            queue.extend(cost.map(|c| Reverse((c.to_bits(), a as u32, b))));
         }
     }
-    // A joined patch takes a new number, so that what the queue holds of the old ones is known to be stale.
+    // A joined patch takes a new number: entries of the queue with old ones are known to be stale.
     let mut alive: Vec<bool> = moments.iter().map(|m| m.area > 0.0).collect();
     while let Some(Reverse((_, a, b))) = queue.pop() {
         let a = a as usize;
@@ -107,14 +119,15 @@ pub(super) fn flats(mesh: &TriangleMesh, flat_m: f64) -> Vec<Patch> {
             near[a].iter().chain(&near[b]).copied().filter(|&k| alive[k as usize]).collect();
         for &k in &around {
             near[k as usize].insert(new as u32);
-            queue.extend(cost(&moments, k as usize, new).map(|c| Reverse((c.to_bits(), k, new as u32))));
+            let cost = joint_mean_square(&moments[k as usize], &moments[new], flat_m);
+            queue.extend(cost.map(|c| Reverse((c.to_bits(), k, new as u32))));
         }
         near.push(around);
     }
     let mut found: Vec<Patch> = (0..moments.len())
         .filter(|&k| alive[k])
         .map(|k| {
-            let (center, normal, _) = moments[k].plane();
+            let FittedPlane { center, normal, .. } = moments[k].plane();
             let mut triangles = std::mem::take(&mut members[k]);
             triangles.sort_unstable();
             Patch { triangles, normal, center: Point3::from(center + origin), area_m2: moments[k].area }

@@ -1,26 +1,26 @@
-//! Walls that go on where no view looked.
+//! Walls in hidden places.
 
 use nalgebra::{Matrix3, Point2, Point3, Vector3};
 
 use super::{ConvexConfig, Hidden, pieces::Piece, raster::Raster};
 use crate::{TriangleMesh, outline::hull_2d, patches::Patch};
 
-/// Most samples of a face that is looked for near a patch, along an edge and across three patches.
+/// Most samples along an edge of a face near a patch, and across three patches.
 const MAX_STEPS: usize = 300;
-/// Most rectangles that close the gaps of a patch.
+/// Most rectangles in the gaps of a patch.
 const RECTANGLES: usize = 10;
-/// Share of the surface that a patch must have to go on. tuned: made and recorded objects (docs/method.md 16)
+/// Least share of a patch in the surface to go on. tuned: made and recorded objects (docs/method.md 16)
 const LEAST_SHARE: f64 = 0.005;
 
-/// A wall that no view saw.
+/// An unseen wall.
 pub(super) struct HiddenWall {
-    /// What of it is behind its rectangle.
+    /// Its rectangle and the wall behind.
     pub piece: Piece,
-    /// Mean color of the face that goes on in it, where the mesh has colors.
+    /// Mean color of the seen face beside it, where the mesh has colors.
     pub color: Option<[u8; 3]>,
 }
 
-/// Flat walls in hidden places, between what was seen of a wall and where it or another one was seen again.
+/// Flat walls in hidden places, between the seen surface of a wall and that of the same or another one.
 pub(super) fn hidden_walls(
     mesh: &TriangleMesh,
     patches: &[Patch],
@@ -33,7 +33,7 @@ pub(super) fn hidden_walls(
     large.flat_map(|patch| closed(mesh, patch, wall_m, hidden, config)).collect()
 }
 
-/// The fronts of walls that no view saw, each counterclockwise as seen from before it.
+/// The fronts of unseen walls, each counterclockwise as seen from before it.
 pub(super) fn fronts(walls: &[HiddenWall]) -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
     for HiddenWall { piece, color } in walls {
@@ -60,7 +60,7 @@ fn mean_color(mesh: &TriangleMesh, patch: &Patch) -> Option<[u8; 3]> {
     (area > 0.0).then(|| (sum / area).map(|c| c.round() as u8).into())
 }
 
-/// Walls that close the gaps of a patch.
+/// Walls in the gaps of a patch.
 fn closed(
     mesh: &TriangleMesh,
     patch: &Patch,
@@ -82,11 +82,12 @@ fn closed(
     }
     let back = -patch.normal * wall_m;
     let color = mean_color(mesh, patch);
-    let wall = |corners: &[Point2<f64>; 4]| {
+    let mut walls = Vec::new();
+    for corners in raster.closed_rectangles(RECTANGLES) {
         let front = corners.iter().map(|p| flat.place(p, 0.0).coords).collect();
-        HiddenWall { piece: Piece { front, back, share_m: wall_m, is_assumed: true }, color }
-    };
-    raster.closed_rectangles(RECTANGLES).iter().map(wall).collect()
+        walls.push(HiddenWall { piece: Piece { front, back, share_m: wall_m, is_assumed: true }, color });
+    }
+    walls
 }
 
 /// A patch in its own frame: z along its normal.
@@ -101,12 +102,18 @@ impl Flat {
         let z = patch.normal;
         let x = z.cross(&if z.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() }).normalize();
         let world_from_flat = Matrix3::from_columns(&[x, z.cross(&x), z]);
-        let local = |p: Point3<f32>| {
-            let p = world_from_flat.tr_mul(&(p.cast::<f64>() - patch.center));
-            Point2::new(p.x, p.y)
-        };
-        let triangles = patch.triangles.iter().map(|&t| mesh.corners(t as usize).map(local)).collect();
-        Self { world_from_flat, origin: patch.center, triangles }
+        let mut flat = Self { world_from_flat, origin: patch.center, triangles: Vec::new() };
+        flat.triangles = patch
+            .triangles
+            .iter()
+            .map(|&t| mesh.corners(t as usize).map(|p| flat.local(&p).xy().into()))
+            .collect();
+        flat
+    }
+
+    /// A point in the patch's frame.
+    fn local(&self, p: &Point3<f32>) -> Vector3<f64> {
+        self.world_from_flat.tr_mul(&(p.cast::<f64>() - self.origin))
     }
 
     /// A place at a height above the plane.
@@ -115,7 +122,7 @@ impl Flat {
     }
 }
 
-/// Points of a mesh's steep faces near a patch and its plane, in its frame: where a wall meets it.
+/// Points of a mesh's steep faces near a patch and its plane, in its frame: there a wall meets it.
 fn walls_across(
     mesh: &TriangleMesh,
     flat: &Flat,
@@ -125,17 +132,17 @@ fn walls_across(
 ) -> Vec<Point2<f64>> {
     let start = (hull[0], hull[0]);
     let (lower, upper) = hull.iter().fold(start, |(lo, hi), p| (lo.inf(p), hi.sup(p)));
-    // A gap is never longer than what was seen.
+    // A gap is never longer than the seen surface.
     let (lower, upper) = (lower - (upper - lower), upper + (upper - lower));
     let spacing_m = spacing_m.max((upper - lower).max() / MAX_STEPS as f64);
     let near = |p: &Point2<f64>| (0..2).all(|k| (lower[k]..=upper[k]).contains(&p[k]));
     let mut points = Vec::new();
     for t in 0..mesh.triangles.len() {
-        let corners = mesh.corners(t).map(|p| flat.world_from_flat.tr_mul(&(p.cast::<f64>() - flat.origin)));
+        let corners = mesh.corners(t).map(|p| flat.local(&p));
         let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
         let heights =
             corners.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], c| [lo.min(c.z), hi.max(c.z)]);
-        // Faces that are steep against the patch, at its height.
+        // Only faces steep against the patch, at its height.
         if normal.z.abs() > 0.5 * normal.norm() || heights[0] > range_m[1] || heights[1] < range_m[0] {
             continue;
         }

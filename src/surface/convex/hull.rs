@@ -6,23 +6,30 @@ use nalgebra::{Point3, Vector3};
 
 use super::{ConvexSolid, Plane};
 
-/// Share of the extent that a point must lie outside a face to count. chosen: above the rounding of a double
+/// Least distance outside a face to count, as a share of the extent. chosen: above the rounding of a double
 const OUTSIDE_SHARE: f64 = 1e-9;
-/// Points are moved by up to this share of the extent, so that no four of them lie in a plane: thin faces
-/// between corners of one plane would have any normal. chosen: above rounding, below any tolerance
+/// Points are moved by up to this share of the extent, out of common planes: thin faces between corners of
+/// one plane would have any normal. chosen: above rounding, below any tolerance
 const JITTER_SHARE: f64 = 1e-5;
 /// Flatter sets of points have no hull, as a share of the extent. chosen: ten times [`JITTER_SHARE`]
 const FLAT_SHARE: f64 = 1e-4;
 
 /// A face of the growing hull.
-struct Face {
+struct HullFace {
     corners: [u32; 3],
     plane: Plane,
 }
 
-/// The convex hull; `None` for points that lie in a plane, on a line or in a point. Faces are triangles;
-/// corners are those of the points to within a hundred-thousandth of their extent. Points are added one by
-/// one, the farthest first (quadratic in the corners of the hull).
+impl HullFace {
+    fn sides(&self) -> [[u32; 2]; 3] {
+        let [a, b, c] = self.corners;
+        [[a, b], [b, c], [c, a]]
+    }
+}
+
+/// The convex hull; `None` for points in a plane, on a line or in a point. Faces are triangles; corners are
+/// those of the points to within a hundred-thousandth of their extent. Points are added one by one, the
+/// farthest first (quadratic in the corners of the hull).
 #[must_use]
 pub fn convex_hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
     let first = points.first()?;
@@ -34,19 +41,15 @@ pub fn convex_hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
     let points = &jittered(points, JITTER_SHARE * extent_m)[..];
     let mut faces = tetrahedron(points, FLAT_SHARE * extent_m)?;
     let slack_m = OUTSIDE_SHARE * extent_m;
-    // Rounding can leave a point outside the faces that it was joined to; no point is joined twice, so this
-    // ends.
+    // Rounding can leave a point outside the faces joined to it; no point is joined twice, so this ends.
     let mut joined = vec![false; points.len()];
     while let Some((_, apex)) = farthest(points, &joined, &faces, slack_m) {
         joined[apex as usize] = true;
-        let (seen, kept): (Vec<Face>, Vec<Face>) =
+        let (seen, kept): (Vec<HullFace>, Vec<HullFace>) =
             faces.into_iter().partition(|f| f.plane.distance_m(&points[apex as usize]) > slack_m);
-        let sides = |f: &Face| {
-            [[f.corners[0], f.corners[1]], [f.corners[1], f.corners[2]], [f.corners[2], f.corners[0]]]
-        };
-        // A side of a seen face that no other seen face has in the opposite direction is on the rim; the new
-        // corner is joined to the rim. A sorted set keeps the order of the faces.
-        let all: BTreeSet<[u32; 2]> = seen.iter().flat_map(sides).collect();
+        // A side of a seen face is on the rim unless another seen face has it in the opposite direction; the
+        // new corner is joined to the rim. A sorted set keeps the order of the faces.
+        let all: BTreeSet<[u32; 2]> = seen.iter().flat_map(HullFace::sides).collect();
         let rim = all.iter().filter(|[a, b]| !all.contains(&[*b, *a]));
         let count = kept.len();
         faces = kept;
@@ -58,8 +61,10 @@ pub fn convex_hull(points: &[Point3<f64>]) -> Option<ConvexSolid> {
     let mut used: Vec<u32> = faces.iter().flat_map(|f| f.corners).collect();
     used.sort_unstable();
     used.dedup();
-    let index = |i: &u32| used.binary_search(i).unwrap_or_default() as u32;
-    let faces = faces.iter().map(|f| f.corners.iter().map(index).collect()).collect();
+    let faces = faces
+        .iter()
+        .map(|f| f.corners.iter().map(|i| used.binary_search(i).unwrap_or_default() as u32).collect())
+        .collect();
     Some(ConvexSolid { vertices: used.iter().map(|&i| points[i as usize]).collect(), faces })
 }
 
@@ -68,42 +73,47 @@ fn jittered(points: &[Point3<f64>], by_m: f64) -> Vec<Point3<f64>> {
     // The generalised golden ratio of three dimensions (Roberts 2018).
     // derived: the real root of x^4 = x + 1, and powers of one over it
     const STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_3];
-    let moved = |(i, p): (usize, &Point3<f64>)| {
-        p + by_m * Vector3::from(STEPS.map(|s| 2.0 * (s * (i + 1) as f64).fract() - 1.0))
-    };
-    points.iter().enumerate().map(moved).collect()
+    let numbered = points.iter().zip(1_u32..);
+    numbered
+        .map(|(p, i)| p + by_m * Vector3::from(STEPS.map(|s| 2.0 * (s * f64::from(i)).fract() - 1.0)))
+        .collect()
 }
 
-/// The point farthest outside any face that is not `joined` yet, with its distance.
-fn farthest(points: &[Point3<f64>], joined: &[bool], faces: &[Face], slack_m: f64) -> Option<(f64, u32)> {
-    let outside =
-        |p: &Point3<f64>| faces.iter().map(|f| f.plane.distance_m(p)).fold(f64::NEG_INFINITY, f64::max);
-    let all = points.iter().enumerate().filter(|(i, _)| !joined[*i]).map(|(i, p)| (outside(p), i as u32));
-    all.filter(|(d, _)| *d > slack_m).max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))
+/// The point farthest outside any face, among those not `joined` yet, after its distance.
+fn farthest(points: &[Point3<f64>], joined: &[bool], faces: &[HullFace], slack_m: f64) -> Option<(f64, u32)> {
+    let free = points.iter().enumerate().filter(|(i, _)| !joined[*i]);
+    let distances = free.map(|(i, p)| {
+        (faces.iter().map(|f| f.plane.distance_m(p)).fold(f64::NEG_INFINITY, f64::max), i as u32)
+    });
+    distances.filter(|(d, _)| *d > slack_m).max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))
 }
 
-fn face(points: &[Point3<f64>], corners: [u32; 3]) -> Option<Face> {
+fn face(points: &[Point3<f64>], corners: [u32; 3]) -> Option<HullFace> {
     let [a, b, c] = corners.map(|i| points[i as usize].coords);
     let normal = (b - a).cross(&(c - a)).try_normalize(1e-18)?;
-    Some(Face { corners, plane: Plane { normal, offset_m: normal.dot(&a) } })
+    Some(HullFace { corners, plane: Plane { normal, offset_m: normal.dot(&a) } })
 }
 
-/// Four points that span a volume, as outward faces.
-fn tetrahedron(points: &[Point3<f64>], flat_m: f64) -> Option<Vec<Face>> {
-    let best = |measure: &dyn Fn(&Point3<f64>) -> f64| {
-        let (i, p) = points
-            .iter()
-            .enumerate()
-            .max_by(|a, b| measure(a.1).total_cmp(&measure(b.1)).then(b.0.cmp(&a.0)))?;
-        (measure(p) > flat_m).then_some((i as u32, *p))
-    };
+/// The first of the points with the largest measure, after its index; `None` where it is `least` or less.
+fn largest_by(
+    points: &[Point3<f64>],
+    least: f64,
+    measure: impl Fn(&Point3<f64>) -> f64,
+) -> Option<(u32, Point3<f64>)> {
+    let indexed = points.iter().enumerate();
+    let (i, p) = indexed.max_by(|a, b| measure(a.1).total_cmp(&measure(b.1)).then(b.0.cmp(&a.0)))?;
+    (measure(p) > least).then_some((i as u32, *p))
+}
+
+/// Four points with a volume, as outward faces.
+fn tetrahedron(points: &[Point3<f64>], flat_m: f64) -> Option<Vec<HullFace>> {
     let a = 0;
     let pa = points[0];
-    let (b, pb) = best(&|p| (p - pa).norm())?;
+    let (b, pb) = largest_by(points, flat_m, |p| (p - pa).norm())?;
     let line = (pb - pa).normalize();
-    let (c, pc) = best(&|p| (p - pa).cross(&line).norm())?;
+    let (c, pc) = largest_by(points, flat_m, |p| (p - pa).cross(&line).norm())?;
     let normal: Vector3<f64> = (pb - pa).cross(&(pc - pa)).normalize();
-    let (d, pd) = best(&|p| (p - pa).dot(&normal).abs())?;
+    let (d, pd) = largest_by(points, flat_m, |p| (p - pa).dot(&normal).abs())?;
     // The four faces point outward whichever side the last point is on.
     let [b, c] = if (pd - pa).dot(&normal) > 0.0 { [c, b] } else { [b, c] };
     [[a, b, c], [a, c, d], [c, b, d], [b, a, d]].into_iter().map(|f| face(points, f)).collect()

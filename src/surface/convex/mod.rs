@@ -1,4 +1,4 @@
-//! Convex solids for collision: a surface becomes solids that a simulator can hold things with.
+//! Convex solids for collision in a simulator, from a surface.
 
 mod cover;
 mod fit;

@@ -1,4 +1,4 @@
-//! What solids are fitted to: the seen surface as flat pieces with the wall behind each, and samples on it.
+//! The seen surface as flat pieces with the wall behind each, and samples on it, for the fit of solids.
 
 use std::collections::BTreeMap;
 
@@ -10,15 +10,15 @@ use crate::{TriangleMesh, patches::Patch};
 
 /// Samples over a part's surface. chosen: time against detail
 const SAMPLES: f64 = 3000.0;
-/// Cosine of the largest angle between the sides of a patch that count as one direction. chosen: 20 degrees
+/// Cosine of the largest angle between sides of a patch with one direction. chosen: 20 degrees
 const ONE_SIDE: f64 = 0.94;
 /// A wall thicker than this many assumed walls is taken for two.
 /// tuned: made and recorded objects (docs/method.md 16)
 const MAX_WALLS: f64 = 4.0;
-/// A gap of a surface that is narrower than this many walls is a hole of the recording.
+/// A gap of a surface narrower than this many walls is a hole of the recording.
 /// tuned: made and recorded objects (docs/method.md 16)
 const NARROW_WALLS: f64 = 3.0;
-/// Least cosine between a plane, or a face of a solid, and what may lie in it or it stands for.
+/// Least cosine between a plane, or a face of a solid, and surface along it.
 /// chosen: 26 degrees
 pub(super) const ALONG: f64 = 0.9;
 /// Nearer points lie in a plane, meters. chosen: above rounding, below any reading
@@ -31,7 +31,7 @@ pub(super) struct Piece {
     pub front: Vec<Vector3<f64>>,
     /// From the front to the back of the wall, or as far into it as a wall is assumed to be thick.
     pub back: Vector3<f64>,
-    /// What of the wall is this side's, meters: half of it where its other side was seen.
+    /// This side's share of the wall, meters: half of it where its other side was seen.
     pub share_m: f64,
     /// Its other side was not seen.
     pub is_assumed: bool,
@@ -51,8 +51,8 @@ impl Piece {
         (1..self.front.len().max(1) - 1).map(move |k| ([corner(0), corner(k), corner(k + 1)], self.share_m))
     }
 
-    /// What of it lies behind a plane and what before it. A piece that lies in the plane, give or take
-    /// `slack_m`, is not cut: its wall lies behind the plane, or before it if it looks the other way.
+    /// Its parts behind and before a plane. A piece in the plane, give or take `slack_m`, is not cut: its
+    /// wall lies behind the plane, or before it if it looks the other way.
     pub(super) fn cut(&self, plane: &Plane, slack_m: f64) -> [Option<Self>; 2] {
         let [lo, hi] = self.range(plane);
         let along = -plane.normal.dot(&self.back) / self.back.norm();
@@ -71,12 +71,10 @@ impl Piece {
 
 /// The corners of a convex polygon cut at a plane (Sutherland and Hodgman 1974).
 fn clipped(polygon: &[Vector3<f64>], normal: &Vector3<f64>, offset_m: f64) -> Vec<Vector3<f64>> {
-    let height = |p: &Vector3<f64>| normal.dot(p) - offset_m;
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (k, a) in polygon.iter().enumerate() {
         let b = &polygon[(k + 1) % polygon.len()];
-        let da = height(a);
-        let db = height(b);
+        let [da, db] = [a, b].map(|p| normal.dot(p) - offset_m);
         if da <= 0.0 {
             kept.push(*a);
         }
@@ -87,21 +85,27 @@ fn clipped(polygon: &[Vector3<f64>], normal: &Vector3<f64>, offset_m: f64) -> Ve
     kept
 }
 
-/// A place of the surface, or of the side of a wall that ends there.
+/// A place of the surface, or of the side of a wall at its end.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sample {
-    /// Where, meters: on the surface itself, not in the plane of its patch, so that noise which the plane
-    /// hides counts.
+    /// Where, meters: on the surface itself, not in the plane of its patch: noise counts.
     pub place: Vector3<f64>,
     /// Out of the object.
     pub normal: Vector3<f64>,
-    /// Area that it stands for, square meters.
+    /// Its area, square meters.
     pub area_m2: f64,
-    /// Number of its face: those that look one way and belong together.
+    /// Number of its face: samples of one direction that belong together.
     pub face: u32,
 }
 
 impl Sample {
+    /// Whether another sample lies before it, turned to it, within a gap.
+    fn faces(&self, other: &Self, gap_m: f64) -> bool {
+        let way = other.place - self.place;
+        let ahead = way.dot(&self.normal);
+        way.norm_squared() < gap_m * gap_m && ahead > 0.0 && self.normal.dot(&other.normal) < -0.5
+    }
+
     /// Whether it lies behind a plane, as [`Piece::cut`] has it.
     pub(super) fn is_behind(&self, plane: &Plane, slack_m: f64) -> bool {
         let height = plane.normal.dot(&self.place) - plane.offset_m;
@@ -117,7 +121,7 @@ impl Sample {
 }
 
 /// A surface to be covered.
-pub(super) struct Seen {
+pub(super) struct SeenSurface {
     pub pieces: Vec<Piece>,
     pub samples: Vec<Sample>,
     /// Normal of every face.
@@ -127,16 +131,15 @@ pub(super) struct Seen {
 }
 
 /// Cuts a mesh into flat pieces. A patch is flat to `flat_m` (root mean square), and its pieces lie in its
-/// mean plane, its samples on the mesh. Walls are as thick as the way to their other side where that was
-/// seen, at most [`MAX_WALLS`] times `wall_m`, else `wall_m`, and end `clear_m` before `others`; a piece
-/// reaches `thin_m` to `wall_m` into its own. Where the surface ends its wall has a side, but not where
-/// `goes_on`.
+/// mean plane, its samples on the mesh. Walls are as thick as the way to their other side where it was seen,
+/// at most [`MAX_WALLS`] times `wall_m`, else `wall_m`, and end `clear_m` before `others`; a piece reaches
+/// `thin_m` to `wall_m` into its own. Where the surface ends its wall has a side, but not where `goes_on`.
 pub(super) fn seen(
     mesh: &TriangleMesh,
     others: &TriangleMesh,
     [flat_m, wall_m, thin_m, clear_m]: [f64; 4],
     goes_on: &dyn Fn(&Point3<f64>) -> bool,
-) -> (Seen, Vec<Patch>) {
+) -> (SeenSurface, Vec<Patch>) {
     let found = flats(mesh, flat_m);
     let mut patch_of = vec![u32::MAX; mesh.triangles.len()];
     for (k, patch) in found.iter().enumerate() {
@@ -160,7 +163,7 @@ pub(super) fn seen(
         })
         .collect();
     let area_m2: f64 = found.iter().map(|p| p.area_m2).sum();
-    let mut seen = Seen {
+    let mut seen = SeenSurface {
         pieces: Vec::new(),
         samples: Vec::new(),
         faces: found.iter().map(|p| p.normal).collect(),
@@ -189,7 +192,7 @@ pub(super) fn seen(
                 if u + v > 1.0 {
                     (u, v) = (1.0 - u, 1.0 - v);
                 }
-                // A middle that lies on the diagonal moves off the side.
+                // A middle on the diagonal moves off the side.
                 let (u, v) = if n == 1 { (1.0 / 3.0, 1.0 / 3.0) } else { (u, v) };
                 let place = a + (b - a) * u + (c - a) * v;
                 let area_m2 = area / (n * n) as f64;
@@ -198,25 +201,38 @@ pub(super) fn seen(
         }
     }
     let depths: Vec<f64> = depths.iter().map(|d| d.clamp(thin_m, wall_m.max(thin_m))).collect();
-    sides(mesh, (&found, &patch_of, &depths), [each, wall_m], goes_on, &mut seen);
+    let walls = PatchWalls { patches: &found, patch_of: &patch_of, depths_m: &depths };
+    sides(mesh, walls, [each, wall_m], goes_on, &mut seen);
     (seen, found)
+}
+
+/// The walls behind the triangles of a mesh.
+struct PatchWalls<'a> {
+    patches: &'a [Patch],
+    /// Number of each triangle's patch.
+    patch_of: &'a [u32],
+    /// Depth of the wall behind each triangle, meters.
+    depths_m: &'a [f64],
 }
 
 /// The corners of a triangle in the plane of its patch.
 fn flat_corners(mesh: &TriangleMesh, t: usize, patch: &Patch) -> [Vector3<f64>; 3] {
-    mesh.corners(t).map(|p| {
-        let p = p.coords.cast::<f64>();
-        p - patch.normal * patch.normal.dot(&(p - patch.center.coords))
-    })
+    mesh.corners(t).map(|p| in_plane(&p, patch))
+}
+
+/// A point moved along the normal of a patch into its plane.
+fn in_plane(p: &Point3<f32>, patch: &Patch) -> Vector3<f64> {
+    let p = p.coords.cast::<f64>();
+    p - patch.normal * patch.normal.dot(&(p - patch.center.coords))
 }
 
 /// Samples on the sides of walls, where the surface ends.
 fn sides(
     mesh: &TriangleMesh,
-    (found, patch_of, depths): (&[Patch], &[u32], &[f64]),
+    walls: PatchWalls<'_>,
     [each_m2, wall_m]: [f64; 2],
     goes_on: &dyn Fn(&Point3<f64>) -> bool,
-    seen: &mut Seen,
+    seen: &mut SeenSurface,
 ) {
     let first = seen.samples.len();
     let mut open: BTreeMap<(u32, u32), (u32, u32, u32)> = BTreeMap::new();
@@ -226,19 +242,14 @@ fn sides(
             open.insert(key, (p, q, t));
         }
     }
-    // Sides of one patch that look one way: one face.
+    // Sides of one patch with one direction: one face.
     let mut of_patch: BTreeMap<u32, Vec<(u32, Vector3<f64>)>> = BTreeMap::new();
     for (p, q, t) in open.into_values() {
-        let k = patch_of[t as usize];
-        let Some(patch) = found.get(k as usize) else { continue };
-        let flat = |i: u32| {
-            let p = mesh.vertices[i as usize].coords.cast::<f64>();
-            p - patch.normal * patch.normal.dot(&(p - patch.center.coords))
-        };
-        let a = flat(p);
-        let b = flat(q);
+        let k = walls.patch_of[t as usize];
+        let Some(patch) = walls.patches.get(k as usize) else { continue };
+        let [a, b] = [p, q].map(|v| in_plane(&mesh.vertices[v as usize], patch));
         let Some(out) = (b - a).cross(&patch.normal).try_normalize(1e-9) else { continue };
-        let depth_m = depths[t as usize];
+        let depth_m = walls.depths_m[t as usize];
         let groups = of_patch.entry(k).or_default();
         let known = groups.iter_mut().find(|(_, sum)| sum.dot(&out) > ONE_SIDE * sum.norm());
         let face = match known {
@@ -272,14 +283,8 @@ fn sides(
     }
 }
 
-/// Drops sides of walls, which are the samples from `first` on, that look at each other over less than
-/// `gap_m`.
+/// Drops sides of walls (the samples from `first` on) that face another side over less than `gap_m`.
 fn close_narrow(samples: &mut Vec<Sample>, first: usize, gap_m: f64) {
     let sides = samples.split_off(first);
-    let faces = |a: &Sample, b: &Sample| {
-        let way = b.place - a.place;
-        let ahead = (b.place - a.place).dot(&a.normal);
-        way.norm_squared() < gap_m * gap_m && ahead > 0.0 && a.normal.dot(&b.normal) < -0.5
-    };
-    samples.extend(sides.iter().filter(|a| !sides.iter().any(|b| faces(a, b))));
+    samples.extend(sides.iter().filter(|a| !sides.iter().any(|b| a.faces(b, gap_m))));
 }

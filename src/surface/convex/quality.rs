@@ -7,31 +7,32 @@ use super::{ConvexSolid, Plane, rays::Facets};
 use crate::{TriangleMesh, sample_surface, triangle::closest_on_triangle};
 use numeric::random::stage_rng;
 
-/// Places of the surface that are looked at.
+/// Examined places of the surface.
 const SAMPLES: usize = 4000;
-/// Share of the places that may lie farther from all solids than the distance that is stated.
-/// chosen: few places may be worse than what is stated
+/// Percentile of the reported distance.
+/// chosen: few places may be worse than reported
 const PERCENTILE: f64 = 0.95;
-/// Steps of a surface's own solids that join along a ray, meters: rounding.
+/// Gaps between solids along a ray that are rounding, meters.
 /// chosen: above rounding, below any wall
 const JOINED_M: f64 = 1e-6;
 
-/// Solids against the surface that they stand for.
+/// Solids against their surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SolidFit {
-    /// Share of the surface that a solid stands before by more than [`SolidFit::STAND_OFF_M`].
+    /// Share of the surface with a solid before it by more than [`SolidFit::STAND_OFF_M`].
     pub standing_off: f64,
     /// 95th percentile of the distance from the surface to the nearest solid, meters; 0 inside one.
     pub distance_m: f64,
 }
 
 impl SolidFit {
-    /// A solid that stands farther before its surface is in the way of what touches it, meters.
+    /// A solid farther before its surface obstructs contact, meters.
     /// tuned: made and recorded objects (docs/method.md 16)
     pub const STAND_OFF_M: f64 = 0.002;
-    /// Most of the surface that solids may stand before. tuned: made and recorded objects (docs/method.md 16)
+    /// Largest sound share of the surface with solids before it.
+    /// tuned: made and recorded objects (docs/method.md 16)
     pub const MOST_STANDING_OFF: f64 = 0.05;
-    /// Largest distance that is sound, meters. tuned: made and recorded objects (docs/method.md 16)
+    /// Largest sound distance, meters. tuned: made and recorded objects (docs/method.md 16)
     pub const MOST_DISTANCE_M: f64 = 0.003;
 
     /// Measures solids at places spread evenly over a surface; `None` without area or solids.
@@ -56,7 +57,7 @@ impl SolidFit {
                     .fold(f64::INFINITY, |nearest, (s, q)| distance_m(s, q, &p, nearest));
                 let off = stand_off_m(&planes, &p, &n.cast());
                 let n = n.cast();
-                // Of a mesh that overlaps itself nobody sees what lies inside.
+                // The inside of a mesh with overlaps is invisible.
                 let hidden = off > Self::STAND_OFF_M && is_inside(&facets, &p.coords, &n);
                 (if hidden { 0.0 } else { off }, nearest)
             })
@@ -89,7 +90,7 @@ impl std::fmt::Display for SolidFit {
     }
 }
 
-/// How far solids that hold a point reach along a direction, one after the other, meters.
+/// Length of solid along a direction from a point, one solid after the other, meters.
 fn stand_off_m(solids: &[Vec<Plane>], p: &Point3<f64>, direction: &Vector3<f64>) -> f64 {
     let mut spans: Vec<[f64; 2]> = solids.iter().filter_map(|s| span(s, p, direction)).collect();
     spans.sort_by(|a, b| a[0].total_cmp(&b[0]));
@@ -125,7 +126,7 @@ fn is_inside(facets: &Facets, p: &Vector3<f64>, direction: &Vector3<f64>) -> boo
     facets.way_m(p, direction, true) < facets.way_m(p, direction, false)
 }
 
-/// Distance of a point to a solid, meters, or `nearest_m` where that is less; 0 inside.
+/// Distance of a point to a solid, meters, or `nearest_m` where it is less; 0 inside.
 fn distance_m(solid: &ConvexSolid, planes: &[Plane], p: &Point3<f64>, nearest_m: f64) -> f64 {
     let mut outside = f64::NEG_INFINITY;
     for plane in planes {
@@ -137,14 +138,16 @@ fn distance_m(solid: &ConvexSolid, planes: &[Plane], p: &Point3<f64>, nearest_m:
     if outside <= 0.0 {
         return 0.0;
     }
-    // The nearest point lies on a face that the point is outside of.
-    let to_face = |face: &Vec<u32>| {
-        let corner = |k: usize| solid.vertices[face[k] as usize];
-        (1..face.len().max(1) - 1)
-            .map(|k| closest(p, [corner(0), corner(k), corner(k + 1)]))
-            .fold(f64::INFINITY, f64::min)
-    };
-    solid.faces.iter().map(to_face).fold(nearest_m, f64::min)
+    // The nearest point lies on a face.
+    solid.faces.iter().map(|face| face_distance_m(solid, face, p)).fold(nearest_m, f64::min)
+}
+
+/// Distance of a point to a face, meters.
+fn face_distance_m(solid: &ConvexSolid, face: &[u32], p: &Point3<f64>) -> f64 {
+    let corner = |k: usize| solid.vertices[face[k] as usize];
+    (1..face.len().max(1) - 1)
+        .map(|k| closest(p, [corner(0), corner(k), corner(k + 1)]))
+        .fold(f64::INFINITY, f64::min)
 }
 
 fn closest(p: &Point3<f64>, triangle: [Point3<f64>; 3]) -> f64 {

@@ -1,4 +1,4 @@
-//! The cells of a flat patch, and those that close its gaps.
+//! The cells of a flat patch and of its gaps.
 
 use nalgebra::{Point2, Vector2};
 
@@ -11,10 +11,10 @@ const CELLS: f64 = 96.0;
 /// tuned: made and recorded objects (docs/method.md 16)
 const MIN_SIDE: usize = 3;
 const BARE: f64 = 0.06;
-/// Share of a gap that must be hidden: walls that pass close by are felt in the cells beside them.
+/// Least hidden share of a gap: a wall close by takes cells away at its side.
 /// tuned: made and recorded objects (docs/method.md 16)
 const HIDDEN: f64 = 2.0 / 3.0;
-/// Gaps that are a smaller share of the patch are the raster's.
+/// Gaps of a smaller share of the patch are the raster's.
 /// tuned: made and recorded objects (docs/method.md 16)
 const MIN_CLOSED: f64 = 0.02;
 
@@ -29,7 +29,7 @@ pub(super) struct Raster {
     columns: usize,
     rows: usize,
     filled: Vec<bool>,
-    /// Cells that close gaps.
+    /// Cells of closed gaps.
     closed: Vec<bool>,
 }
 
@@ -48,9 +48,7 @@ impl Raster {
         let (lower, upper) = all.fold(start, |(lo, hi), p| (lo.inf(&p), hi.sup(&p)));
         let side = upper - lower;
         let cell_m = (side.max() / CELLS).max(min_cell_m);
-        let size = |x: f64| ((x / cell_m).ceil() as usize).max(1);
-        let columns = size(side.x);
-        let rows = size(side.y);
+        let [columns, rows] = [side.x, side.y].map(|length| ((length / cell_m).ceil() as usize).max(1));
         let mut raster = Self {
             direction,
             lower,
@@ -67,17 +65,14 @@ impl Raster {
         raster
     }
 
-    /// Marks the cells whose middle lies in a triangle (corners in cells).
+    /// Marks the cells with their middle in a triangle (corners in cells).
     fn mark(&mut self, triangle: &[Point2<f64>; 3]) {
         let turn = area(triangle);
         let [a, b, c] = if turn >= 0.0 { *triangle } else { [triangle[0], triangle[2], triangle[1]] };
         let lo = a.inf(&b).inf(&c);
         let hi = a.sup(&b).sup(&c);
-        let range = |lo: f64, hi: f64, n: usize| {
-            (lo.floor().max(0.0) as usize)..((hi.ceil().max(0.0) as usize).min(n))
-        };
-        for y in range(lo.y, hi.y, self.rows) {
-            for x in range(lo.x, hi.x, self.columns) {
+        for y in cells_between(lo.y, hi.y, self.rows) {
+            for x in cells_between(lo.x, hi.x, self.columns) {
                 let p = Point2::new(x as f64 + 0.5, y as f64 + 0.5);
                 let inside = |a: &Point2<f64>, b: &Point2<f64>| (b - a).perp(&(p - a)) >= -1e-9;
                 if inside(&a, &b) && inside(&b, &c) && inside(&c, &a) {
@@ -88,8 +83,8 @@ impl Raster {
     }
 
     /// Fills gaps within rows and columns: runs of cells from the patch to the patch or to a place of
-    /// `stops`, most of them `hidden`, no longer than what was seen of the patch in that row or column.
-    /// Returns whether there were any to speak of.
+    /// `stops`, most of them `hidden`, no longer than the seen part of the patch in the row or column.
+    /// Returns whether there were enough.
     pub(super) fn close_gaps(
         &mut self,
         stops: &[Point2<f64>],
@@ -105,11 +100,8 @@ impl Raster {
         let rows = (0..self.rows).map(|y| (0..self.columns).map(|x| y * self.columns + x).collect());
         let columns = (0..self.columns).map(|x| (0..self.rows).map(|y| y * self.columns + x).collect());
         let lines: Vec<Vec<usize>> = rows.chain(columns).collect();
-        // Apart from what was seen: a closed gap must not justify the next.
+        // Apart from the seen cells: a closed gap must not justify the next.
         let mut closed = vec![false; stop.len()];
-        let is_hidden = |gap: &[usize]| {
-            gap.iter().filter(|g| hidden(&self.middle(**g))).count() as f64 >= HIDDEN * gap.len() as f64
-        };
         for line in &lines {
             let seen = line.iter().filter(|i| self.filled[**i]).count();
             let mut last: Option<usize> = None;
@@ -117,30 +109,37 @@ impl Raster {
                 if let Some(from) = last {
                     let gap = &line[from + 1..k];
                     let of_patch = self.filled[line[from]] || self.filled[i];
-                    if of_patch && !gap.is_empty() && gap.len() <= seen && is_hidden(gap) {
-                        gap.iter().for_each(|g| closed[*g] = true);
+                    if of_patch && !gap.is_empty() && gap.len() <= seen {
+                        let count = gap.iter().filter(|g| hidden(&self.middle(**g))).count();
+                        if count as f64 >= HIDDEN * gap.len() as f64 {
+                            gap.iter().for_each(|g| closed[*g] = true);
+                        }
                     }
                 }
                 last = Some(k);
             }
         }
-        let count = |cells: &[bool]| cells.iter().filter(|c| **c).count() as f64;
-        let any = count(&closed) > MIN_CLOSED * count(&self.filled);
+        let [closed_count, filled_count] =
+            [&closed, &self.filled].map(|cells| cells.iter().filter(|c| **c).count() as f64);
+        let any = closed_count > MIN_CLOSED * filled_count;
         closed.iter_mut().zip(&self.filled).for_each(|(c, f)| *c &= !f);
         self.closed = closed;
         any
     }
 
-    /// At most `most` rectangles that cover the cells which closed gaps.
+    /// At most `most` rectangles over the cells of closed gaps.
     pub(super) fn closed_rectangles(&self, most: usize) -> Vec<[Point2<f64>; 4]> {
-        let corners = |r: &Rectangle| {
-            let x = r.x as f64;
-            let y = r.y as f64;
-            let width = r.width as f64;
-            let height = r.height as f64;
-            [(x, y), (x + width, y), (x + width, y + height), (x, y + height)].map(|(x, y)| self.back(x, y))
-        };
-        cover(&self.closed, self.columns, MIN_SIDE, BARE, most).iter().map(corners).collect()
+        let rectangles = cover(&self.closed, self.columns, MIN_SIDE, BARE, most);
+        rectangles.iter().map(|r| self.corners(r)).collect()
+    }
+
+    /// Corners of a rectangle, in the patch's plane.
+    fn corners(&self, r: &Rectangle) -> [Point2<f64>; 4] {
+        let x = r.x as f64;
+        let y = r.y as f64;
+        let width = r.width as f64;
+        let height = r.height as f64;
+        [(x, y), (x + width, y), (x + width, y + height), (x, y + height)].map(|(x, y)| self.back(x, y))
     }
 
     fn middle(&self, cell: usize) -> Point2<f64> {
@@ -153,6 +152,11 @@ impl Raster {
         let p = self.lower + Vector2::new(x * self.cell_m, y * self.cell_m).inf(&self.side);
         Point2::from(self.direction * p.x + Vector2::new(-self.direction.y, self.direction.x) * p.y)
     }
+}
+
+/// Cells of a row of `n` between two places, in cells.
+fn cells_between(lo: f64, hi: f64, n: usize) -> std::ops::Range<usize> {
+    (lo.floor().max(0.0) as usize)..((hi.ceil().max(0.0) as usize).min(n))
 }
 
 fn turned(direction: &Vector2<f64>, p: &Point2<f64>) -> Point2<f64> {

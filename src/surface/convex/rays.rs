@@ -6,23 +6,23 @@ use nalgebra::Vector3;
 
 use crate::TriangleMesh;
 
-/// Least cosine between a ray and the normal of what it meets: others it runs nearly along.
+/// Least cosine between a ray and the normal of a hit: it runs nearly along others.
 /// chosen: 78 degrees
 const MET: f64 = 0.2;
 /// Most cells along a mesh. chosen: memory of a cube of cells
 const MOST_CELLS: f64 = 32.0;
-/// Nearer is the triangle that the ray starts on, meters. chosen: above rounding, below any wall
+/// Nearer hits are the triangle at the ray's start, meters. chosen: above rounding, below any wall
 const START_M: f64 = 1e-5;
 
 /// A triangle: corners and unit normal.
-struct Facet {
+struct RayFacet {
     corners: [Vector3<f64>; 3],
     normal: Vector3<f64>,
 }
 
 /// Triangles in cells.
 pub(super) struct Facets {
-    facets: Vec<Facet>,
+    facets: Vec<RayFacet>,
     cells: BTreeMap<[i64; 3], Vec<u32>>,
     side_m: f64,
     reach_m: f64,
@@ -31,12 +31,9 @@ pub(super) struct Facets {
 impl Facets {
     /// The triangles of a mesh, for rays up to a length.
     pub(super) fn of(mesh: &TriangleMesh, reach_m: f64) -> Self {
-        let facet = |t: usize| {
-            let normal = mesh.area_normal(t).cast::<f64>().try_normalize(0.0)?;
-            Some(Facet { corners: mesh.corners(t).map(|c| c.coords.cast::<f64>()), normal })
-        };
-        let facets: Vec<Facet> = (0..mesh.triangles.len()).filter_map(facet).collect();
-        // As wide as the rays are long, but not so many that a large triangle lies in too many.
+        let facets: Vec<RayFacet> =
+            (0..mesh.triangles.len()).filter_map(|t| RayFacet::of_triangle(mesh, t)).collect();
+        // As wide as the rays are long, but not too many for a large triangle.
         let extent_m = mesh.bounds().map_or(0.0, |(lo, hi)| f64::from((hi - lo).norm()));
         let side_m = reach_m.max(extent_m / MOST_CELLS).max(f64::from(f32::MIN_POSITIVE));
         let mut cells: BTreeMap<[i64; 3], Vec<u32>> = BTreeMap::new();
@@ -49,21 +46,27 @@ impl Facets {
         Self { facets, cells, side_m, reach_m }
     }
 
-    /// Distance along a ray to the first surface that it leaves the object through, or enters one through,
-    /// meters; infinite beyond the reach.
+    /// Distance along a ray to the first surface where it leaves the object (`leaves`), or where it enters
+    /// one, meters; infinite beyond the reach.
     pub(super) fn way_m(&self, origin: &Vector3<f64>, direction: &Vector3<f64>, leaves: bool) -> f64 {
         let end = origin + direction * self.reach_m;
         let near = cells_of(&origin.inf(&end), &origin.sup(&end), self.side_m);
-        let found = near.filter_map(|cell| self.cells.get(&cell)).flatten();
-        let way_m = |nearest_m: f64, &i: &u32| {
+        let mut nearest_m = f64::INFINITY;
+        for &i in near.filter_map(|cell| self.cells.get(&cell)).flatten() {
             let way_m = self.facets[i as usize].way_m(origin, direction, leaves, nearest_m.min(self.reach_m));
-            way_m.unwrap_or(nearest_m)
-        };
-        found.fold(f64::INFINITY, way_m)
+            nearest_m = way_m.unwrap_or(nearest_m);
+        }
+        nearest_m
     }
 }
 
-impl Facet {
+impl RayFacet {
+    /// `None` for a triangle without area.
+    fn of_triangle(mesh: &TriangleMesh, t: usize) -> Option<Self> {
+        let normal = mesh.area_normal(t).cast::<f64>().try_normalize(0.0)?;
+        Some(Self { corners: mesh.corners(t).map(|c| c.coords.cast::<f64>()), normal })
+    }
+
     /// Distance along a ray, if it is less than `most_m`.
     fn way_m(
         &self,
@@ -82,21 +85,18 @@ impl Facet {
             return None;
         }
         let p = origin + direction * s;
-        let inside =
-            |k: usize| (corners[(k + 1) % 3] - corners[k]).cross(&(p - corners[k])).dot(normal) >= -1e-15;
-        (0..3).all(inside).then_some(s)
+        let mut sides = (0..3).map(|k| (corners[(k + 1) % 3] - corners[k]).cross(&(p - corners[k])));
+        sides.all(|turn| turn.dot(normal) >= -1e-15).then_some(s)
     }
 }
 
-/// The cells that a box meets.
+/// The cells of a box.
 fn cells_of(
     lower: &Vector3<f64>,
     upper: &Vector3<f64>,
     side_m: f64,
 ) -> impl Iterator<Item = [i64; 3]> + use<> {
-    let at = |v: &Vector3<f64>| [0, 1, 2].map(|k| (v[k] / side_m).floor() as i64);
-    let lo = at(lower);
-    let hi = at(upper);
+    let [lo, hi] = [lower, upper].map(|v| [0, 1, 2].map(|k| (v[k] / side_m).floor() as i64));
     (lo[0]..=hi[0])
         .flat_map(move |x| (lo[1]..=hi[1]).flat_map(move |y| (lo[2]..=hi[2]).map(move |z| [x, y, z])))
 }

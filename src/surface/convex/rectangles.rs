@@ -15,9 +15,9 @@ impl Rectangle {
     }
 }
 
-/// Rectangles that cover the filled cells (row-major, `columns` a row) without empty ones, the largest first,
-/// until less than `rest` of the cells is bare, the next would be narrower than `min_side` cells, or there
-/// are `most` of them.
+/// Rectangles over the filled cells (row-major, `columns` a row) without empty ones, the largest first, until
+/// less than `rest` of the cells is bare, the next would be narrower than `min_side` cells, or there are
+/// `most` of them.
 pub(super) fn cover(
     filled: &[bool],
     columns: usize,
@@ -30,8 +30,7 @@ pub(super) fn cover(
     let mut bare = total;
     let mut found = Vec::new();
     while found.len() < most && bare as f64 > rest * total as f64 {
-        // May lie over cells that are covered already, so that rectangles join without gaps: what counts is
-        // new cells.
+        // It may lie over covered cells, for rectangles without gaps between them: only new cells count.
         let Some(best) = largest(&left, filled, columns, min_side) else { break };
         for y in best.y..best.y + best.height {
             for cell in &mut left[y * columns + best.x..y * columns + best.x + best.width] {
@@ -48,7 +47,7 @@ pub(super) fn cover(
 fn largest(bare: &[bool], filled: &[bool], columns: usize, min_side: usize) -> Option<Rectangle> {
     let rows = bare.len().checked_div(columns)?;
     // The largest rectangle under a row of heights, row by row: linear in the cells. The empty column behind
-    // the last one closes what is open.
+    // the last one closes open rectangles.
     let mut heights = vec![0usize; columns + 1];
     let mut best: Option<Rectangle> = None;
     for y in 0..rows {

@@ -16,15 +16,14 @@ pub(super) struct SampleColumns {
     pub faces: Vec<u32>,
 }
 
-/// How samples lie to a plane's normal: heights along it, meters, and the cosines to their own, at which a
-/// plane is met along these.
+/// How samples lie to a plane's normal: heights along it, meters, and the cosines of their own normals to it.
 #[derive(Default)]
 pub(super) struct Slopes {
     pub heights: Vec<f64>,
     pub speeds: Vec<f64>,
 }
 
-/// How far samples stand before planes, and these before them, meters.
+/// Distances of samples before planes, and of planes before them, meters.
 struct Distances {
     /// From each sample along its normal to the first plane.
     nearest: Vec<f64>,
@@ -34,11 +33,12 @@ struct Distances {
 
 impl SampleColumns {
     pub(super) fn of<'a>(samples: impl Iterator<Item = &'a Sample>) -> Self {
-        let room = || Vec::with_capacity(samples.size_hint().0);
-        let axes = || [room(), room(), room()];
-        let areas_m2 = room();
-        let faces = Vec::new();
-        let mut columns = Self { places: axes(), normals: axes(), areas_m2, faces };
+        let mut columns = Self {
+            places: Default::default(),
+            normals: Default::default(),
+            areas_m2: Vec::new(),
+            faces: Vec::new(),
+        };
         for sample in samples {
             for k in 0..3 {
                 columns.places[k].push(sample.place[k]);
@@ -62,8 +62,8 @@ impl SampleColumns {
         along(&self.normals, normal, &mut slopes.speeds);
     }
 
-    /// Distances between what is behind all planes and each sample, meters: how far the sample stands out of
-    /// it, or it before the sample along its normal.
+    /// Distances between the solid behind all planes and each sample, meters: of the sample outside it, or of
+    /// the solid before the sample along its normal.
     pub(super) fn distances_m(&self, planes: &[Plane]) -> Vec<f64> {
         let n = self.len();
         let mut found = Distances { nearest: vec![f64::INFINITY; n], outside: vec![0.0; n] };
@@ -72,8 +72,8 @@ impl SampleColumns {
             self.slopes(&plane.normal, &mut slopes);
             stand(&slopes, plane.offset_m, &mut found);
         }
-        let distance = |(nearest, outside)| if outside > 0.0 { outside } else { nearest };
-        found.nearest.into_iter().zip(found.outside).map(distance).collect()
+        let distances = found.nearest.into_iter().zip(found.outside);
+        distances.map(|(nearest, outside)| if outside > 0.0 { outside } else { nearest }).collect()
     }
 }
 

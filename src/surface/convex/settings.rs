@@ -9,11 +9,11 @@ use serde::{Deserialize, Serialize};
 pub struct ConvexConfig {
     /// Most solids of a part.
     pub max_solids: usize,
-    /// How far a solid may stand before the surface that was seen, meters.
+    /// Largest distance of a solid before the seen surface, meters.
     pub tolerance_m: f64,
     /// No solid is thinner, meters (a simulator refuses flat hulls).
     pub min_thickness_m: f64,
-    /// Gap that is kept free around the path of a moving part, meters.
+    /// Free gap around the path of a moving part, meters.
     pub gap_m: f64,
 }
 
@@ -23,5 +23,5 @@ impl Default for ConvexConfig {
     }
 }
 
-/// Whether no view saw what a place (in the mesh's frame, meters) holds.
+/// Whether no view saw a place (in the mesh's frame, meters).
 pub type Hidden<'a> = &'a (dyn Fn(&Point3<f64>) -> bool + Sync);

@@ -1,7 +1,7 @@
 //! A surface as convex solids.
 //!
 //! A scanned surface need not be closed and is seldom convex: its hull or a decomposition of its volume fills
-//! the places that things are put into. So the solids follow the surface itself, with the wall behind it.
+//! its inner space. So the solids follow the surface itself, with the wall behind it.
 
 use nalgebra::Point3;
 
@@ -9,11 +9,11 @@ use super::{
     ConvexConfig, ConvexSolid, Hidden,
     cover::{Wanted, cover},
     hidden::{fronts, hidden_walls},
-    pieces::{Piece, Seen, seen},
+    pieces::{Piece, SeenSurface, seen},
 };
 use crate::{ShellInertia, TriangleMesh, inertia::plates_inertia, keep_components, simplify};
 
-/// Triangles that the pieces are made of.
+/// Triangles for the pieces.
 const TRIANGLES: usize = 3000;
 /// Components with a smaller share of the largest one's triangles are loose fragments.
 /// tuned: made and recorded objects (docs/method.md 16)
@@ -29,9 +29,9 @@ pub fn few_triangles(mesh: &TriangleMesh, config: &ConvexConfig) -> TriangleMesh
     simplify(&keep_components(mesh, MIN_COMPONENT), TRIANGLES, 0.5 * config.tolerance_m)
 }
 
-/// A seen surface with the walls behind it: what collides and what weighs.
+/// A seen surface with the walls behind it, for collision and mass.
 pub struct Walls {
-    seen: Seen,
+    seen: SeenSurface,
     assumed: TriangleMesh,
     bounds: Option<(Point3<f64>, Point3<f64>)>,
     wall_m: f64,
@@ -40,9 +40,9 @@ pub struct Walls {
 
 impl Walls {
     /// The walls behind a surface, `wall_m` thick where their other side was not seen. They end before
-    /// `others`: surfaces of other parts where these were seen, in the same frame. A flat wall goes on
-    /// through `hidden` places, where these are known, up to where it or another wall was seen again, as the
-    /// floor of a drawer does behind its front. Both meshes should be [`few_triangles`].
+    /// `others`: seen surfaces of other parts in the same frame. A flat wall goes on through known `hidden`
+    /// places to its next seen part or another wall, as the floor of a drawer does behind its front. Both
+    /// meshes should be [`few_triangles`].
     /// See docs/method.md 10.1.
     #[must_use]
     pub fn of(
@@ -52,11 +52,10 @@ impl Walls {
         hidden: Option<Hidden<'_>>,
         config: &ConvexConfig,
     ) -> Self {
-        let goes_on = |p: &Point3<f64>| hidden.is_some_and(|hidden| hidden(p));
         // Of noise, two standard deviations are within the tolerance where one is half of it.
         let flat_m = FLAT * config.tolerance_m;
         let sizes = [flat_m, wall_m, config.min_thickness_m, config.gap_m];
-        let (mut seen, patches) = seen(mesh, others, sizes, &goes_on);
+        let (mut seen, patches) = seen(mesh, others, sizes, &|p| hidden.is_some_and(|hidden| hidden(p)));
         let walls = hidden.map_or_else(Vec::new, |h| hidden_walls(mesh, &patches, wall_m, h, config));
         let assumed = fronts(&walls);
         seen.pieces.extend(walls.into_iter().map(|wall| wall.piece));
@@ -64,7 +63,7 @@ impl Walls {
         Self { seen, assumed, bounds, wall_m, config: config.clone() }
     }
 
-    /// The faces of walls in hidden places, in the color of what was seen of the wall.
+    /// The faces of walls in hidden places, in the color of the seen part of the wall.
     #[must_use]
     pub fn assumed(&self) -> &TriangleMesh {
         &self.assumed
@@ -85,24 +84,25 @@ impl Walls {
         solids
     }
 
-    /// Mass properties of the walls: of plates of one density, as thick as their walls; those whose other
-    /// side was seen weigh half on either side. `None` without area. See docs/method.md 10.2.
+    /// Mass properties of the walls: of plates of one density, as thick as their walls; a wall seen from both
+    /// sides weighs half on either side. `None` without area. See docs/method.md 10.2.
     #[must_use]
     pub fn inertia(&self, density_kg_m3: f64) -> Option<ShellInertia> {
         let plates = self.seen.pieces.iter().flat_map(Piece::plates);
         plates_inertia(plates, density_kg_m3)
     }
 
-    /// Share of that mass which walls have whose thickness is assumed, as their other side was not seen; 0
-    /// without area.
+    /// Share of walls of assumed thickness (other side unseen) in the mass; 0 without area.
     #[must_use]
     pub fn assumed_share(&self) -> f64 {
-        let volume = |is_counted: fn(&Piece) -> bool| -> f64 {
-            let plates = self.seen.pieces.iter().filter(|p| is_counted(p)).flat_map(Piece::plates);
-            plates.map(|([a, b, c], thick_m)| 0.5 * (b - a).cross(&(c - a)).norm() * thick_m).sum()
-        };
-        let all = volume(|_| true);
-        if all > 0.0 { volume(|p| p.is_assumed) / all } else { 0.0 }
+        let all_m3 = self.volume_m3(|_| true);
+        if all_m3 > 0.0 { self.volume_m3(|p| p.is_assumed) / all_m3 } else { 0.0 }
+    }
+
+    /// Volume of the counted pieces, cubic meters.
+    fn volume_m3(&self, is_counted: fn(&Piece) -> bool) -> f64 {
+        let plates = self.seen.pieces.iter().filter(|p| is_counted(p)).flat_map(Piece::plates);
+        plates.map(|([a, b, c], thick_m)| 0.5 * (b - a).cross(&(c - a)).norm() * thick_m).sum()
     }
 }
 

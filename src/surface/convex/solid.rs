@@ -72,10 +72,9 @@ impl ConvexSolid {
         Some(Plane { normal, offset_m })
     }
 
-    /// Unit normal and area of every face that has one, square meters.
+    /// Unit normal and area of every face with area, square meters.
     pub fn areas(&self) -> impl Iterator<Item = (Vector3<f64>, f64)> + '_ {
-        let of = |f: &Vec<u32>| Some((self.plane(f)?.normal, 0.5 * self.twice_area(f).norm()));
-        self.faces.iter().filter_map(of)
+        self.faces.iter().filter_map(|f| Some((self.plane(f)?.normal, 0.5 * self.twice_area(f).norm())))
     }
 
     /// Twice the area of a face along its normal.
@@ -85,11 +84,11 @@ impl ConvexSolid {
         face.windows(2).map(|w| (at(w[0]) - origin).cross(&(at(w[1]) - origin))).sum()
     }
 
-    /// What of it lies inside a half space; `None` where nothing does.
+    /// Its part inside a half space; `None` where it has none.
     #[must_use]
     pub fn clipped(&self, plane: &Plane) -> Option<Self> {
         let side: Vec<f64> = self.vertices.iter().map(|p| plane.distance_m(p)).collect();
-        // What is within rounding of the plane lies on it, so that no sliver is cut off.
+        // Corners within rounding of the plane lie on it: no sliver is cut off.
         if side.iter().all(|s| *s <= ON_PLANE_M) {
             return Some(self.clone());
         }
@@ -120,7 +119,7 @@ impl ConvexSolid {
                     }));
                 }
             }
-            // A face that lies in the plane becomes the cap itself.
+            // A face in the plane becomes the cap itself.
             let inside = kept.iter().any(|&i| side.get(i as usize).is_some_and(|s| *s < -ON_PLANE_M));
             if kept.len() >= 3 && (inside || kept.iter().any(|&i| i as usize >= side.len())) {
                 faces.push(kept);
@@ -133,29 +132,29 @@ impl ConvexSolid {
         Some(Self { vertices, faces }.compact())
     }
 
-    /// What of it lies inside all half spaces; `None` where nothing does.
+    /// Its part inside all half spaces; `None` where it has none.
     #[must_use]
     pub fn clipped_by(&self, planes: &[Plane]) -> Option<Self> {
         planes.iter().try_fold(self.clone(), |solid, plane| solid.clipped(plane))
     }
 
-    /// Without corners that no face uses.
+    /// Without unused corners.
     fn compact(self) -> Self {
         let mut index = vec![u32::MAX; self.vertices.len()];
         let mut vertices = Vec::new();
-        let mut renamed = |i: u32| {
-            let slot = &mut index[i as usize];
+        let mut faces = self.faces;
+        for corner in faces.iter_mut().flatten() {
+            let slot = &mut index[*corner as usize];
             if *slot == u32::MAX {
                 *slot = vertices.len() as u32;
-                vertices.push(self.vertices[i as usize]);
+                vertices.push(self.vertices[*corner as usize]);
             }
-            *slot
-        };
-        let faces = self.faces.iter().map(|f| f.iter().map(|&i| renamed(i)).collect()).collect();
+            *corner = *slot;
+        }
         Self { vertices, faces }
     }
 
-    /// Tetrahedra that fill it, from its first corner: volume and corners.
+    /// Tetrahedra of its volume, from its first corner: volume and corners.
     pub fn tetrahedra(&self) -> impl Iterator<Item = (f64, [Point3<f64>; 4])> + '_ {
         let apex = self.vertices.first().copied().unwrap_or_else(Point3::origin);
         self.faces.iter().flat_map(move |f| {
@@ -175,8 +174,10 @@ impl ConvexSolid {
     /// Smallest extent along the normal of a face, meters: how thin it is. 0 for a solid without faces.
     #[must_use]
     pub fn thickness_m(&self) -> f64 {
-        let extent = |p: &Plane| self.vertices.iter().map(|v| -p.distance_m(v)).fold(0.0, f64::max);
-        self.planes().iter().map(extent).min_by(f64::total_cmp).unwrap_or(0.0)
+        let planes = self.planes();
+        let extents =
+            planes.iter().map(|p| self.vertices.iter().map(|v| -p.distance_m(v)).fold(0.0, f64::max));
+        extents.min_by(f64::total_cmp).unwrap_or(0.0)
     }
 
     /// Lower and upper corner of the axis-aligned bounding box.
@@ -186,21 +187,16 @@ impl ConvexSolid {
         self.vertices.iter().fold(start, |(lo, hi), p| (lo.inf(p), hi.sup(p)))
     }
 
-    /// Axes that it is made along: the normal of its largest face, the longest side of that face, and across
-    /// both.
+    /// Its axes: the normal of its largest face, the longest side of this face, and across both.
     #[must_use]
     pub fn axes(&self) -> Matrix3<f64> {
-        let area = |f: &Vec<u32>| self.twice_area(f).norm();
-        let Some(face) = self.faces.iter().max_by(|a, b| area(a).total_cmp(&area(b))) else {
-            return Matrix3::identity();
-        };
+        let largest =
+            self.faces.iter().max_by(|a, b| self.twice_area(a).norm().total_cmp(&self.twice_area(b).norm()));
+        let Some(face) = largest else { return Matrix3::identity() };
         let Some(plane) = self.plane(face) else { return Matrix3::identity() };
-        let side =
-            |k: usize| self.vertices[face[(k + 1) % face.len()] as usize] - self.vertices[face[k] as usize];
-        let longest = (0..face.len())
-            .map(side)
-            .max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()))
-            .unwrap_or_default();
+        let at = |k: usize| self.vertices[face[k % face.len()] as usize];
+        let sides = (0..face.len()).map(|k| at(k + 1) - at(k));
+        let longest = sides.max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared())).unwrap_or_default();
         let along = longest - plane.normal * plane.normal.dot(&longest);
         let Some(along) = Unit::try_new(along, 1e-15) else { return Matrix3::identity() };
         Matrix3::from_columns(&[plane.normal, along.into_inner(), plane.normal.cross(&along)])
@@ -219,31 +215,33 @@ impl ConvexSolid {
     /// either. `None` where they are apart or touch.
     #[must_use]
     pub fn penetration_m(&self, other: &Self) -> Option<f64> {
-        let mine = self.planes();
         let theirs = other.planes();
-        let depth = |planes: &[Plane], of: &Self| {
-            let deepest =
-                |p: &Plane| of.vertices.iter().map(|v| -p.distance_m(v)).fold(f64::NEG_INFINITY, f64::max);
-            planes.iter().map(deepest).min_by(f64::total_cmp).unwrap_or(f64::NEG_INFINITY)
-        };
-        let shortest = depth(&theirs, self).min(depth(&mine, other));
+        let shortest = self.depth_behind_m(&theirs).min(other.depth_behind_m(&self.planes()));
         // Normals of faces alone may miss a separating axis between two edges; cutting decides.
         (shortest > ON_PLANE_M && self.clipped_by(&theirs).is_some()).then_some(shortest)
+    }
+
+    /// Least depth behind any of some planes, meters: of its deepest corner behind each.
+    fn depth_behind_m(&self, planes: &[Plane]) -> f64 {
+        let deepest = planes
+            .iter()
+            .map(|p| self.vertices.iter().map(|v| -p.distance_m(v)).fold(f64::NEG_INFINITY, f64::max));
+        deepest.min_by(f64::total_cmp).unwrap_or(f64::NEG_INFINITY)
     }
 
     /// As triangles.
     #[must_use]
     pub fn mesh(&self) -> TriangleMesh {
-        let fan = |f: &Vec<u32>| (1..f.len() - 1).map(|k| [f[0], f[k], f[k + 1]]).collect::<Vec<_>>();
+        let triangles = self.faces.iter().flat_map(|f| (1..f.len() - 1).map(|k| [f[0], f[k], f[k + 1]]));
         TriangleMesh {
             vertices: self.vertices.iter().map(|p| p.cast()).collect(),
-            triangles: self.faces.iter().flat_map(fan).collect(),
+            triangles: triangles.collect(),
             colors: Vec::new(),
         }
     }
 }
 
-/// Corners of a convex polygon in order around a normal, without corners that coincide.
+/// Corners of a convex polygon in order around a normal.
 fn around(vertices: &[Point3<f64>], mut corners: Vec<u32>, normal: &Vector3<f64>) -> Vec<u32> {
     let at = |i: u32| vertices[i as usize];
     let center =

@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 use nalgebra::{Point3, Vector3};
 
 use super::{
-    clearance::{Clearance, Piece},
+    clearance::{Clearance, SpaceState},
     view_depth::ViewDepth,
 };
 use crate::{
     rows::RowCamera,
-    tsdf_view::{FREE_WEIGHT, Said, behind_weight, said},
+    tsdf_view::{FREE_WEIGHT, NodeReading, behind_weight, said},
 };
 use capture::cell;
 use geometry::Grid3;
@@ -18,8 +18,7 @@ use geometry::Grid3;
 /// Nodes along a side of a block.
 pub(super) const SIDE: usize = 8;
 const NODES: usize = SIDE * SIDE * SIDE;
-/// A block whose surface is this part of a spacing away from what was last drawn of it, in the mean, is drawn
-/// again.
+/// A block is drawn again when its surface is this part of a spacing away from its last drawing, in the mean.
 /// chosen: nodes are no finer than pixels of the views, and a quarter of a pixel is not seen
 const VISIBLE: f32 = 0.25;
 
@@ -32,7 +31,7 @@ struct Block {
     weight: [f32; NODES],
     /// Red, green, blue, number of readings.
     color: [[u8; 4]; NODES],
-    /// By how much its surface changed since it was last drawn, meters.
+    /// Change of its surface since it was last drawn, meters.
     pending_m: f32,
 }
 
@@ -46,8 +45,8 @@ impl Block {
         })
     }
 
-    /// Takes a distance into the mean of a node; how much a surface there changed, meters; `None` where none
-    /// is near.
+    /// Takes a distance into the mean of a node; returns the change of a surface there, meters; `None` where
+    /// none is near.
     fn take(&mut self, node: usize, distance_m: f32, weight: f32, near_m: f32) -> Option<f32> {
         let old_m = self.distance_m[node];
         let old = self.weight[node];
@@ -86,22 +85,22 @@ impl BlockMap {
         self.spacing_m
     }
 
-    /// Memory that so many blocks take, bytes.
+    /// Memory of so many blocks, bytes.
     pub(super) fn bytes_of(blocks: usize) -> usize {
-        // The second term: keys, pointers and what a tree leaves open.
+        // The second term: keys, pointers and open places of a tree.
         blocks * (size_of::<Block>() + 48)
     }
 
-    /// Memory that it takes, bytes.
+    /// Its memory, bytes.
     pub(super) fn bytes(&self) -> usize {
         Self::bytes_of(self.blocks.len())
     }
 
-    /// Places of the blocks about the surface that a view reads, sorted, and how many of them are new.
+    /// Places of the blocks about a view's surface, sorted, and the number of new ones.
     pub(super) fn about(&self, view: &ViewDepth) -> (Vec<Key>, usize) {
         let k = &view.frame.intrinsics;
         let block_m = self.spacing_m * SIDE as f64;
-        // Rays a third of a block apart miss none but corners, which other views hit.
+        // Rays a third of a block apart miss none but corners; other views hit these.
         let step = ((block_m / 3.0 / view.pixel_m(view.median_m)) as usize).clamp(1, 8);
         let mut keys = Vec::new();
         for v in (0..k.height).step_by(step) {
@@ -134,7 +133,7 @@ impl BlockMap {
         }
     }
 
-    /// Fuses a view into all blocks that it shows; those whose surface changed visibly, sorted.
+    /// Fuses a view into all its blocks; returns the visibly changed ones, sorted.
     pub(super) fn integrate(&mut self, view: &ViewDepth, clearance: &Clearance) -> Vec<Key> {
         let spacing_m = self.spacing_m;
         let truncation_m = self.truncation_m as f32;
@@ -146,7 +145,7 @@ impl BlockMap {
         for (key, block) in &mut self.blocks {
             let first = Point3::from(key.map(|k| f64::from(k) * SIDE as f64 * spacing_m));
             let center = view.camera_from_world * (first + Vector3::repeat(half_m));
-            if clearance.piece(&center.coords.cast(), radius_m, truncation_m) == Piece::Nothing {
+            if clearance.piece(&center.coords.cast(), radius_m, truncation_m) == SpaceState::Nothing {
                 continue;
             }
             let camera = RowCamera::new(intrinsics, &view.camera_from_world, &first, spacing_m);
@@ -158,9 +157,9 @@ impl BlockMap {
                     let node = x + SIDE * (y + SIDE * z);
                     let change_m = match said(&view.readings, intrinsics, &camera, &row.at(x), truncation_m) {
                         None => None,
-                        // That space is empty is as sure by a reading from far behind it.
-                        Some(Said::Free { .. }) => block.take(node, truncation_m, FREE_WEIGHT, near_m),
-                        Some(Said::Near { s, weight, pixel }) => {
+                        // A reading from far behind empty space is as sure of it.
+                        Some(NodeReading::Free { .. }) => block.take(node, truncation_m, FREE_WEIGHT, near_m),
+                        Some(NodeReading::Near { s, weight, pixel }) => {
                             if s.abs() < 1.0 {
                                 block.take_color(node, view.frame.rgb[pixel]);
                             }
@@ -181,7 +180,7 @@ impl BlockMap {
         changed
     }
 
-    /// Doubles the spacing: every second node stays where it is, with what it holds.
+    /// Doubles the spacing: every second node stays where it is, with its values.
     pub(super) fn coarsen(&mut self, truncation_m: f64) {
         let old = std::mem::take(&mut self.blocks);
         let old_m = self.spacing_m as f32;
@@ -193,7 +192,7 @@ impl BlockMap {
                 let half = [i % 4, i / 4 % 4, i / 16];
                 let from = index(half.map(|h| 2 * h));
                 let to = index([0, 1, 2].map(|k| at[k] + half[k]));
-                // Behind a surface less is known than a coarse cell is wide: the next node says how deep.
+                // Behind a surface less is known than a coarse cell is wide: the next node has the depth.
                 let known = if fine.weight[from] > 0.0 {
                     Some((fine.distance_m[from], fine.weight[from], fine.color[from]))
                 } else {

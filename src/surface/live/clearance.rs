@@ -1,5 +1,5 @@
-//! How far each pixel of a view surely saw through, and where it may have seen something: by pixels, and by
-//! tiles, so that most of space is judged many cells at a time.
+//! Depth of surely empty space in each pixel of a view, and of space with a surface: by pixels, and by tiles,
+//! to judge most of space many cells at a time.
 
 use nalgebra::Vector3;
 
@@ -7,26 +7,26 @@ use super::view_depth::{MAX_DEPTH_M, ViewDepth};
 use crate::depth_tiles::DepthTiles;
 use capture::PoseNoise;
 
-/// Standard deviations, of reading and pose together, that a cell lies before what is read, to be empty.
+/// Least distance of an empty cell before a reading, in standard deviations of reading and pose together.
 /// chosen: 0.13 % of normal readings, one-sided
 const GATE_SIGMAS: f64 = 3.0;
 
-/// Space further away than this many median depths of a view is not looked at.
-/// chosen: the ball that fits into an image of 55 degrees ends at 1.46 distances
+/// Space further away than this many median depths of a view is not examined.
+/// chosen: the largest ball in an image of 55 degrees ends at 1.46 distances
 const FARTHEST: f64 = 1.5;
 
-/// What a view says of a piece of space.
+/// A piece of space in a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Piece {
-    /// It does not show it, or something hides it.
+pub(super) enum SpaceState {
+    /// Outside the image, or hidden.
     Nothing,
-    /// It shows all of it, empty.
+    /// Seen empty as a whole.
     Empty,
-    /// It is to be looked at in detail.
+    /// To be examined in detail.
     Mixed,
 }
 
-/// Depths up to which, and from which, a view knows something.
+/// Depths of seen empty and of seen filled space in a view.
 pub(super) struct Clearance {
     focal: [f32; 2],
     center: [f32; 2],
@@ -36,7 +36,7 @@ pub(super) struct Clearance {
     reach_m: Vec<f32>,
     /// Least `clear_m` and largest `reach_m` of the pixels of each tile.
     tiles: DepthTiles,
-    /// Largest depth of which anything is known, meters.
+    /// Largest known depth, meters.
     farthest_m: f32,
     /// Depth up to which empty space is of interest, meters.
     pub sight_m: f32,
@@ -58,8 +58,7 @@ impl Clearance {
                 _ if r.weight() <= 0.0 => [0.0, 0.0],
                 depth_m if depth_m.is_finite() => {
                     let z = f64::from(depth_m);
-                    // Along a ray that meets the surface at a slant a cell, and an error of the pose, reach
-                    // further.
+                    // Along a ray at a slant to the surface a cell, and an error of the pose, reach further.
                     let cosine = f64::from(*cosine).max(view.noise.grazing_cosine);
                     let pose_m = PoseNoise::EXPECTED.displacement_m(z) / cosine;
                     let off_m = GATE_SIGMAS * view.noise.sigma_m(z).hypot(pose_m);
@@ -93,15 +92,15 @@ impl Clearance {
         }
     }
 
-    /// What the view says of a ball about a point in the optical frame; what lies up to `behind_m` behind
-    /// what is seen is still looked at.
-    pub(super) fn piece(&self, p: &Vector3<f32>, radius_m: f32, behind_m: f32) -> Piece {
+    /// State of a ball about a point in the optical frame; space up to `behind_m` behind the seen surface is
+    /// still examined.
+    pub(super) fn piece(&self, p: &Vector3<f32>, radius_m: f32, behind_m: f32) -> SpaceState {
         if p.z + radius_m <= 0.0 || p.z - radius_m > self.farthest_m + behind_m {
-            return Piece::Nothing;
+            return SpaceState::Nothing;
         }
         // So near, its image is no circle any more.
         if p.z <= 1.5 * radius_m {
-            return Piece::Mixed;
+            return SpaceState::Mixed;
         }
         let mut is_cut = false;
         let mut range = [[0usize; 2]; 2];
@@ -113,16 +112,16 @@ impl Clearance {
             let last = size as f32 - 1.0;
             // Also where a value is not a number.
             if !(to >= 0.0 && from <= last) {
-                return Piece::Nothing;
+                return SpaceState::Nothing;
             }
             is_cut |= from < 0.0 || to > last;
             range[axis] = [from.max(0.0) as usize, to.min(last) as usize];
         }
         let [clear_m, reach_m] = self.tiles.over(range);
         match () {
-            () if reach_m + behind_m < p.z - radius_m => Piece::Nothing,
-            () if clear_m >= p.z + radius_m && !is_cut => Piece::Empty,
-            () => Piece::Mixed,
+            () if reach_m + behind_m < p.z - radius_m => SpaceState::Nothing,
+            () if clear_m >= p.z + radius_m && !is_cut => SpaceState::Empty,
+            () => SpaceState::Mixed,
         }
     }
 }

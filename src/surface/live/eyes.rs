@@ -1,4 +1,4 @@
-//! Where the views of a state were taken from, thinned so that their number stays bounded.
+//! Camera poses of the views of a state, thinned to a bounded number.
 
 use nalgebra::{Point3, Vector3};
 
@@ -7,7 +7,7 @@ use capture::common_focus;
 use geometry::{Intrinsics, Pose};
 use numeric::statistics::median;
 
-/// Views that are remembered at most; with more, every second one goes.
+/// Most remembered views; with more, every second one goes.
 const MOST: usize = 128;
 
 /// The views of a state.
@@ -22,13 +22,13 @@ pub(super) struct Eyes {
     pub intrinsics: Intrinsics,
 }
 
-/// What the views have in common.
+/// The common focus of the views.
 pub(super) struct Focus {
-    /// What they look at.
+    /// The point they look at.
     pub point: Point3<f64>,
     /// Median distance of them to it, meters.
     pub distance_m: f64,
-    /// Upwards: the axis of the world that is nearest to how the cameras were held (REP 103 makes it z).
+    /// Upwards: the axis of the world nearest to the cameras' upward direction (REP 103 makes it z).
     pub up: Vector3<f64>,
     /// Sine of the lowest elevation of a camera as seen from there.
     pub lowest: f64,
@@ -54,20 +54,13 @@ impl Eyes {
         }
     }
 
-    /// What the views look at; `None` without any.
+    /// The common focus; `None` without views.
     fn focus(&self) -> Option<Focus> {
         let poses: Vec<Pose> = self.views.iter().map(|v| v.0).collect();
         let ahead: Vec<Point3<f64>> = self.views.iter().map(|(p, z)| p * Point3::new(0.0, 0.0, *z)).collect();
-        // Where all axes meet far from what is seen, e.g. those of a walk, that is nothing to look at.
-        let is_seen = |p: &Point3<f64>| {
-            ahead.iter().zip(&poses).all(|(a, pose)| {
-                let to_m = (p - Point3::from(pose.translation.vector)).norm();
-                (p - a).norm() <= to_m && to_m < 2.0 * f64::from(MAX_DEPTH_M)
-            })
-        };
         let along = |k: usize| median(ahead.iter().map(|p| p[k]).collect());
         let middle = Point3::new(along(0)?, along(1)?, along(2)?);
-        let point = common_focus(&poses).filter(is_seen).unwrap_or(middle);
+        let point = common_focus(&poses).filter(|p| is_before_all(p, &poses, &ahead)).unwrap_or(middle);
         let out = |p: &Pose| p.translation.vector - point.coords;
         let distance_m = median(poses.iter().map(|p| out(p).norm()).collect())?.max(1e-3);
         let sum: Vector3<f64> = poses.iter().map(|p| p.rotation * -Vector3::y()).sum();
@@ -77,8 +70,8 @@ impl Eyes {
         Some(Focus { point, distance_m, up, lowest })
     }
 
-    /// A ball about what the views look at, as large as fits into the image from their median distance: its
-    /// middle with all that goes with it, and its radius in meters.
+    /// The largest ball about the focus within the image from their median distance: focus and radius in
+    /// meters.
     pub(super) fn ball(&self) -> Option<(Focus, f64)> {
         let focus = self.focus()?;
         let k = &self.intrinsics;
@@ -89,8 +82,17 @@ impl Eyes {
 
     /// Whether at least half of the views have a point in their image.
     pub(super) fn half_show(&self, point: &Point3<f64>) -> bool {
-        let shows =
-            |(pose, _): &&(Pose, f64)| self.intrinsics.pixel(&pose.inverse_transform_point(point)).is_some();
-        2 * self.views.iter().filter(shows).count() >= self.views.len()
+        let pixels =
+            self.views.iter().map(|(pose, _)| self.intrinsics.pixel(&pose.inverse_transform_point(point)));
+        2 * pixels.flatten().count() >= self.views.len()
     }
+}
+
+/// Whether a point is about as near to all cameras as their surface `ahead`. A point where all axes meet far
+/// from the seen surface, e.g. on a walk, is no focus.
+fn is_before_all(p: &Point3<f64>, poses: &[Pose], ahead: &[Point3<f64>]) -> bool {
+    ahead.iter().zip(poses).all(|(a, pose)| {
+        let to_m = (p - Point3::from(pose.translation.vector)).norm();
+        (p - a).norm() <= to_m && to_m < 2.0 * f64::from(MAX_DEPTH_M)
+    })
 }

@@ -1,4 +1,4 @@
-//! The surface of the map in chunks, of which those that changed are made again.
+//! The surface of the map in chunks; changed chunks are made again.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -12,17 +12,17 @@ use crate::{TriangleMesh, marching_cubes};
 
 /// Blocks along a side of a chunk.
 const BLOCKS: i32 = 2;
-/// Triangles in all; with more, nodes are left out, at first beside what the views look at.
-/// derived: 3.6 MB as markers, which a local network carries within a second beside the images
+/// Triangles in all; with more, nodes are left out, at first beside the ball of the views.
+/// derived: 3.6 MB as markers; a local network carries them within a second beside the images
 const MOST_TRIANGLES: usize = 30_000;
 /// With so many times fewer, nodes are taken in again.
 /// derived: half the spacing makes four times the triangles, and noise some more
 const FEWER: usize = 6;
-/// The ball that the views look at is another one where it moved or grew by this part of its radius.
+/// The ball of the views is another one where it moved or grew by this part of its radius.
 /// chosen: a tenth of an image
 const OTHER_BALL: f64 = 0.1;
 /// Every so many nodes count at most.
-/// derived: behind a surface four spacings are known, which a cell must not be wider than
+/// derived: behind a surface four spacings are known, a cell must not be wider
 const LARGEST_STRIDE: usize = 4;
 /// Color where none was read.
 const GRAY: [u8; 3] = [128; 3];
@@ -30,9 +30,9 @@ const GRAY: [u8; 3] = [128; 3];
 /// A part of the surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshChunk {
-    /// Its number, which it keeps.
+    /// Its permanent number.
     pub id: i32,
-    /// Number of the change of the mesh that made it.
+    /// Number of its last change of the mesh.
     pub version: u64,
     /// The surface, with colors, in the world.
     pub mesh: TriangleMesh,
@@ -41,9 +41,9 @@ pub struct MeshChunk {
 /// The surface of a map.
 #[derive(Default)]
 pub(super) struct LiveMesh {
-    /// Every so many nodes count: about what the views look at, and beside it.
+    /// Every so many nodes count: within the ball of the views, and beside it.
     strides: [usize; 2],
-    /// Middle and radius of what the views look at.
+    /// Middle and radius of the ball of the views.
     ball: Option<(Point3<f64>, f64)>,
     chunks: BTreeMap<Key, Arc<MeshChunk>>,
     stale: BTreeSet<Key>,
@@ -58,7 +58,7 @@ impl LiveMesh {
         Self { strides: [1, 1], ..Self::default() }
     }
 
-    /// Says that the surface in some blocks changed.
+    /// Marks the surface in some blocks as changed.
     pub(super) fn mark(&mut self, blocks: &[Key]) {
         for key in blocks {
             // A cell ends at the first nodes of the next block.
@@ -69,7 +69,7 @@ impl LiveMesh {
         }
     }
 
-    /// Forgets all: the blocks are others now. Numbers go on, so that nobody takes a chunk for an old one.
+    /// Forgets all: the blocks are others now. Numbers go on: no new chunk has the number of an old one.
     fn begin_again(&mut self, map: &BlockMap) {
         self.chunks.clear();
         self.triangles = 0;
@@ -124,7 +124,7 @@ impl LiveMesh {
             self.triangles -= known.map_or(0, |c| c.mesh.triangles.len());
             self.triangles += mesh.triangles.len();
             let id = known.map(|c| c.id);
-            // A chunk that lost its surface stays, empty, so that who shows it can take it away.
+            // A chunk stays, empty, after it lost its surface: viewers must take it away.
             if mesh.is_empty() && id.is_none() {
                 continue;
             }
@@ -145,15 +145,15 @@ impl LiveMesh {
             .iter()
             .map(|p| {
                 let at = (p.cast::<f64>() - grid.origin) / grid.spacing_m;
-                // The ends of the edge that the vertex is on, the nearer one first.
+                // The ends of the vertex's edge, the nearer one first.
                 let near = at.map(|v| (v.round().max(0.0) as usize).min(last));
                 let far = at.zip_map(&near, |v, n| {
                     let other = if v > n as f64 { v.ceil() } else { v.floor() };
                     // Single precision leaves a vertex beside its edge.
                     if (v - n as f64).abs() < 1e-3 { n } else { (other.max(0.0) as usize).min(last) }
                 });
-                let color = |n: nalgebra::Vector3<usize>| colors[grid.index(n.x, n.y, n.z)];
-                match [color(near), color(far)].into_iter().find(|c| c[3] > 0) {
+                let ends = [near, far].map(|n| colors[grid.index(n.x, n.y, n.z)]);
+                match ends.into_iter().find(|c| c[3] > 0) {
                     Some([r, g, b, _]) => [r, g, b],
                     None => GRAY,
                 }
@@ -167,7 +167,7 @@ impl LiveMesh {
         self.chunks.values()
     }
 
-    /// Width of the cells about what the views look at, in spacings of the map.
+    /// Width of the cells within the ball of the views, in spacings of the map.
     pub(super) fn stride(&self) -> usize {
         self.strides[0]
     }

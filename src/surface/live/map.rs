@@ -1,4 +1,4 @@
-//! The map of a state, and what is asked of it.
+//! The map of a state, and its queries.
 
 use std::sync::Arc;
 
@@ -32,12 +32,12 @@ const CELL: f64 = 2.0;
 pub struct LiveSettings {
     /// The sensor's noise.
     pub noise: NoiseConfig,
-    /// Memory that the map takes at most, bytes; no less than [`LiveSettings::LEAST_BYTES`] is used.
+    /// Most memory of the map, bytes; at least [`LiveSettings::LEAST_BYTES`].
     pub most_bytes: usize,
 }
 
 impl LiveSettings {
-    /// Memory without which nothing is worth showing.
+    /// Least useful memory.
     /// derived: a fifth of it holds the largest mesh
     pub const LEAST_BYTES: usize = 4 << 20;
 }
@@ -52,18 +52,18 @@ struct StateMap {
     sigma_m: f64,
 }
 
-/// What is kept of the state before.
+/// The kept part of the state before.
 struct Before {
     chunks: Vec<Arc<MeshChunk>>,
     spacing_m: f64,
     sight: SightMap,
 }
 
-/// The map of the state that is collected, and what is kept of the first one.
+/// The map of the present state, and the kept part of the first one.
 ///
 /// The same views in the same order give the same bytes. Memory is bounded: where the bound is reached the
-/// spacing doubles, and what was seen stays. Rayon's pool of the thread that asks does the work; a pool of
-/// one keeps it on that thread.
+/// spacing doubles, and seen surface and space stay. Rayon's pool of the calling thread does the work; a pool
+/// of one keeps it on this thread.
 pub struct LiveMap {
     settings: LiveSettings,
     now: Option<StateMap>,
@@ -77,7 +77,7 @@ impl LiveMap {
         Self { settings, now: None, before: None }
     }
 
-    /// Begins another state in the same world: what was seen of the first one is kept to be compared with.
+    /// Begins another state in the same world: the map of the first one is kept for comparison.
     pub fn begin_state(&mut self) {
         let Some(mut map) = self.now.take() else { return };
         if self.before.is_some() {
@@ -100,7 +100,7 @@ impl LiveMap {
     /// was taken: not where it reads no depth, or its sizes, camera or pose make no sense.
     pub fn add(&mut self, frame: &RgbdFrame) -> bool {
         let Some(view) = ViewDepth::new(frame, &self.settings.noise) else { return false };
-        // Half for surfaces; an eighth each for space seen now and before; the rest for the mesh and what is
+        // Half for surfaces; an eighth each for space seen now and before; the rest for the mesh and work
         // under way.
         let most_blocks = self.share(2);
         let most_sight = self.share(8);
@@ -146,8 +146,8 @@ impl LiveMap {
         merge(&self.chunks().map(|c| &c.mesh).collect::<Vec<_>>())
     }
 
-    /// What was not seen of what the views look at, and from where to look next, where that is worth it;
-    /// `None` before the first view.
+    /// The unseen part of the region of the views, and the next view, where it is worth it; `None` before the
+    /// first view.
     #[must_use]
     pub fn look(&self) -> Option<(Unseen, Option<NextView>)> {
         let map = self.now.as_ref()?;
@@ -164,7 +164,7 @@ impl LiveMap {
         Some((unseen, next))
     }
 
-    /// What moved since the first state; `None` where there is none, or the present one has no view.
+    /// The moved surface since the first state; `None` where there is none, or the present one has no view.
     #[must_use]
     pub fn moved(&self) -> Option<Moved> {
         let map = self.now.as_ref()?;
@@ -185,44 +185,48 @@ impl LiveMap {
         })
     }
 
-    /// What a view from a pose would add, square meters.
+    /// Gain of a view from a pose, square meters.
     #[cfg(test)]
     pub(super) fn gain_m2(&self, world_from_camera: &geometry::Pose) -> Option<f64> {
         let map = self.now.as_ref()?;
         Some(super::next_view::gain_m2(&Region::new(&map.eyes, &map.sight)?, world_from_camera))
     }
 
-    /// Views of the present state that were taken.
+    /// Number of accepted views of the present state.
     #[must_use]
     pub fn views(&self) -> usize {
         self.now.as_ref().map_or(0, |map| map.eyes.count)
     }
 
-    /// Distance between the nodes that the surface is made of, meters; 0 before the first view.
+    /// Distance between the nodes of the surface, meters; 0 before the first view.
     #[must_use]
     pub fn spacing_m(&self) -> f64 {
         self.now.as_ref().map_or(0.0, StateMap::spacing_m)
     }
 
-    /// Memory of what was seen, bytes.
+    /// Memory of the maps, bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        let mesh = |m: &TriangleMesh| m.vertices.len() * 15 + m.triangles.len() * 12;
-        let chunks: usize = self.chunks().map(|c| mesh(&c.mesh)).sum();
+        let chunks: usize = self.chunks().map(|c| mesh_bytes(&c.mesh)).sum();
         let now = self.now.as_ref().map_or(0, |map| map.blocks.bytes() + map.sight.bytes());
         let before = self
             .before
             .as_ref()
-            .map_or(0, |b| b.sight.bytes() + b.chunks.iter().map(|c| mesh(&c.mesh)).sum::<usize>());
+            .map_or(0, |b| b.sight.bytes() + b.chunks.iter().map(|c| mesh_bytes(&c.mesh)).sum::<usize>());
         now + chunks + before
     }
 }
 
+/// Memory of a mesh with colors, bytes.
+fn mesh_bytes(mesh: &TriangleMesh) -> usize {
+    mesh.vertices.len() * 15 + mesh.triangles.len() * 12
+}
+
 impl StateMap {
-    /// For a first view: as fine as what it reads.
+    /// For a first view: as fine as its readings.
     fn new(view: &ViewDepth) -> Self {
         let sigma_m = view.noise.sigma_m(view.median_m);
-        // Finer nodes than pixels, or than their noise, hold nothing that was read.
+        // Finer nodes than pixels, or than their noise, would be without readings.
         let spacing_m = sigma_m.max(view.pixel_m(view.median_m)).clamp(SPACING_M[0], SPACING_M[1]);
         Self {
             blocks: BlockMap::new(spacing_m, truncation_m(spacing_m, sigma_m)),
@@ -233,7 +237,7 @@ impl StateMap {
         }
     }
 
-    /// Distance between the nodes that the surface is made of about what the views look at, meters.
+    /// Distance between the nodes of the surface within the ball of the views, meters.
     fn spacing_m(&self) -> f64 {
         self.blocks.spacing_m() * self.mesh.stride() as f64
     }

@@ -1,20 +1,23 @@
-//! What moved between two states: surface of one where the other saw nothing.
+//! The moved surface between two states: surface of one in empty space of the other.
 //!
-//! The idea of `capture::isolate`, for views that come one by one: two views of the other state read
-//! something clearly behind a piece of surface, four times as many as read anything about it.
+//! The idea of `capture::isolate`, for views one by one: two views of the other state read something clearly
+//! behind a piece of surface, four times as many as read anything about it.
 
 use std::collections::BTreeSet;
 
 use nalgebra::Point3;
 
-use super::{live_mesh::MeshChunk, sight_map::SightMap};
+use super::{
+    live_mesh::MeshChunk,
+    sight_map::{SightCount, SightMap},
+};
 use crate::{TriangleMesh, merge};
 use capture::{CLEARLY, LEAST_PATCH, cell, clusters};
 
-/// Views of each state that must agree, as there.
+/// Least number of agreeing views of each state, as there.
 /// derived: one reading may be wrong
 const LEAST_VIEWS: u8 = 2;
-/// What moved since the state before.
+/// The moved surface since the state before.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Moved {
     /// Surface of the present state where the one before was empty.
@@ -24,37 +27,41 @@ pub struct Moved {
 }
 
 impl Moved {
-    /// Areas of what appeared and of what is gone, square meters.
+    /// Areas of the appeared and of the gone surface, square meters.
     #[must_use]
     pub fn areas_m2(&self) -> [f64; 2] {
         [self.appeared.area_m2(), self.gone.area_m2()]
     }
 }
 
-/// Whether a state saw space empty about a point: in its cell, and in the six next to it, as a pose that is
-/// off moves the rim of what it sees sideways.
+/// Whether a state saw space empty about a point: in its cell, and in the six next to it, as a wrong pose
+/// moves the rim of the seen surface sideways.
 fn is_empty(sight: &SightMap, point: &Point3<f64>) -> bool {
     let Some(at) = cell(point, sight.cell_m()) else { return false };
-    let is_seen_through = |c: [i32; 3]| {
-        let seen = sight.of(c);
-        seen.empty >= LEAST_VIEWS && usize::from(seen.empty) >= CLEARLY * usize::from(seen.filled)
-    };
-    let beside = |axis: usize, step: i32| {
+    if !is_seen_through(sight.of(at)) {
+        return false;
+    }
+    let steps = (0..3).flat_map(|axis| [(axis, -1), (axis, 1)]);
+    let mut beside = steps.map(|(axis, step)| {
         let mut other = at;
         other[axis] += step;
         other
-    };
-    is_seen_through(at) && (0..3).all(|k| [-1, 1].into_iter().all(|step| is_seen_through(beside(k, step))))
+    });
+    beside.all(|c| is_seen_through(sight.of(c)))
 }
 
-/// Triangles of one state's surface, of cells so wide, that are in space which the other state saw empty.
+fn is_seen_through(seen: SightCount) -> bool {
+    seen.empty >= LEAST_VIEWS && usize::from(seen.empty) >= CLEARLY * usize::from(seen.filled)
+}
+
+/// Triangles of one state's surface, of cells so wide, in space seen empty by the other state.
 pub(super) fn changed<'a>(
     surface: impl Iterator<Item = &'a MeshChunk>,
     spacing_m: f64,
     own: &SightMap,
     other: &SightMap,
 ) -> TriangleMesh {
-    // No finer than the surface, whose neighboring triangles would not hang together.
+    // No finer than the surface: neighboring triangles would not hang together.
     let size_m = other.cell_m().max(spacing_m);
     let mut found = Vec::new();
     for chunk in surface {

@@ -1,5 +1,5 @@
-//! The view that would add most (Connolly 1985): of many about what the views look at, the one that has most
-//! of what was not seen in sight.
+//! The view with the most gain (Connolly 1985): of many about the focus of the views, the one with the most
+//! unseen surface in sight.
 
 use nalgebra::{Point3, Vector3};
 
@@ -9,29 +9,29 @@ use super::{
 };
 use geometry::Pose;
 
-/// Places that are tried, all around.
+/// Number of tried places, all around.
 const PLACES: usize = 200;
-/// Rays along a side of the picture that is taken of the region from each.
+/// Rays along a side of the picture of the region from each.
 const RAYS: usize = 32;
-/// Least gain of a view that is worth it, as a share of all surface.
+/// Least useful gain of a view, as a share of all surface.
 /// chosen: a hundred such views would be as much as all there is
 const LEAST_SHARE: f64 = 0.01;
 
-/// A place from which to look.
+/// A place to look from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NextView {
     /// Pose of the optical frame there.
     pub world_from_camera: Pose,
-    /// Area across its rays of what it would see and no view did, square meters.
+    /// Area across its rays of newly seen surface, square meters.
     pub gain_m2: f64,
 }
 
-/// The best view of a region; `None` where none adds as much as is worth it, of so much surface in all.
+/// The best view of a region; `None` where none has a useful gain, of so much surface in all.
 pub(super) fn next_view(region: &Region, sight: &SightMap, all_m2: f64) -> Option<NextView> {
     let focus = &region.focus;
     let mut best: Option<NextView> = None;
     for direction in places() {
-        // No lower than a camera was, by half of what lies between two places: there may be a floor.
+        // No lower than a camera was, by half of the distance between two places: there may be a floor.
         let is_low = direction.dot(&focus.up) < focus.lowest - (std::f64::consts::PI / PLACES as f64).sqrt();
         let eye = focus.point + direction * focus.distance_m;
         if is_low || !can_stand(&eye, region, sight) {
@@ -46,8 +46,8 @@ pub(super) fn next_view(region: &Region, sight: &SightMap, all_m2: f64) -> Optio
     best.filter(|b| b.gain_m2 > 0.0 && b.gain_m2 >= LEAST_SHARE * all_m2)
 }
 
-/// What a camera would see of what was not seen, as area across its rays, square meters. What is not known
-/// outside of the region hides nothing.
+/// Newly seen surface of a camera, as area across its rays, square meters. Unknown space outside of the
+/// region hides nothing.
 pub(super) fn gain_m2(region: &Region, world_from_camera: &Pose) -> f64 {
     let eye = Point3::from(world_from_camera.translation.vector);
     let distance_m = (region.focus.point - eye).norm();
@@ -57,8 +57,8 @@ pub(super) fn gain_m2(region: &Region, world_from_camera: &Pose) -> f64 {
     let mut area_m2 = 0.0;
     for v in 0..RAYS {
         for u in 0..RAYS {
-            let at = |i: usize| (i as f64 + 0.5) * pixel - half;
-            let ray = world_from_camera * Vector3::new(at(u), at(v), 1.0);
+            let [x, y] = [u, v].map(|i| (i as f64 + 0.5) * pixel - half);
+            let ray = world_from_camera * Vector3::new(x, y, 1.0);
             if let Some((Cell::Unknown, depth_m)) = region.first_met(&eye, &ray) {
                 area_m2 += (pixel * depth_m).powi(2);
             }
@@ -78,7 +78,7 @@ fn places() -> impl Iterator<Item = Vector3<f64>> {
     })
 }
 
-/// Whether nothing that was seen is where the camera would be, or between it and the region.
+/// Whether no seen surface is at the camera's place, or between it and the region.
 fn can_stand(eye: &Point3<f64>, region: &Region, sight: &SightMap) -> bool {
     let to = region.focus.point - eye;
     let free_m = to.norm() - region.radius_m;
@@ -89,7 +89,7 @@ fn can_stand(eye: &Point3<f64>, region: &Region, sight: &SightMap) -> bool {
     })
 }
 
-/// A camera that looks at a point, held upright.
+/// Pose of a camera towards a point, held upright.
 fn looking_at(eye: &Point3<f64>, target: &Point3<f64>, up: &Vector3<f64>) -> Pose {
     // From straight above, any side is up.
     let along = (target - eye).normalize();

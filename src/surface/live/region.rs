@@ -1,4 +1,4 @@
-//! What the views of a state look at, in coarse cells: seen empty, seen filled, or not seen.
+//! The region of the views of a state, in coarse cells: seen empty, seen filled, or not seen.
 
 use nalgebra::{Point3, Vector3};
 
@@ -12,7 +12,7 @@ const MOST_CELLS: usize = 64;
 /// Cells along a side of a patch.
 pub(super) const PATCH: usize = 4;
 
-/// What is known of a cell.
+/// State of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Cell {
     /// It is not of the region.
@@ -25,9 +25,9 @@ pub(super) enum Cell {
     Filled,
 }
 
-/// The ball that the views look at, and in it what at least half of them have in their image.
+/// The ball of the views, cut to the images of at least half of them.
 pub(super) struct Region {
-    /// What the views look at.
+    /// The focus of the views.
     pub focus: Focus,
     /// Its radius, meters.
     pub radius_m: f64,
@@ -67,28 +67,29 @@ impl Region {
             }
         });
         let enough = per.pow(3).div_euclid(2).max(1) as u16;
-        let state = |(e, f): (u16, bool)| match () {
-            () if f => Cell::Filled,
-            () if e >= enough => Cell::Empty,
-            () => Cell::Unknown,
-        };
-        let cells = empty.into_iter().zip(filled).map(state).collect();
+        let mut cells = Vec::with_capacity(count);
+        for (empty, is_filled) in empty.into_iter().zip(filled) {
+            cells.push(match is_filled {
+                true => Cell::Filled,
+                false if empty >= enough => Cell::Empty,
+                false => Cell::Unknown,
+            });
+        }
         let origin = Point3::from(low.map(|l| f64::from(l) * fine_m));
         let mut region = Self { focus, radius_m, cell_m, origin, side, cells };
         region.cut(eyes);
         Some(region)
     }
 
-    /// Takes off what is no part of the region.
+    /// Takes off cells outside the region.
     fn cut(&mut self, eyes: &Eyes) {
         let patches = self.side.div_ceil(PATCH);
-        let middle = |p: [usize; 3]| {
-            let cells = p.map(|c| (c as f64 + 0.5) * PATCH as f64);
-            self.origin + Vector3::from(cells) * self.cell_m
-        };
-        let patch = |i: usize| [i % patches, i / patches % patches, i / patches / patches];
-        let shown: Vec<bool> =
-            (0..patches * patches * patches).map(|i| eyes.half_show(&middle(patch(i)))).collect();
+        let mut shown = Vec::with_capacity(patches * patches * patches);
+        for i in 0..patches * patches * patches {
+            let patch = [i % patches, i / patches % patches, i / patches / patches];
+            let middle = Vector3::from(patch.map(|c| (c as f64 + 0.5) * PATCH as f64));
+            shown.push(eyes.half_show(&(self.origin + middle * self.cell_m)));
+        }
         for i in 0..self.cells.len() {
             let at = [i % self.side, i / self.side % self.side, i / self.side / self.side];
             let is_near = (self.middle(at) - self.focus.point).norm() <= self.radius_m;
@@ -103,7 +104,7 @@ impl Region {
         self.origin + Vector3::from(at.map(|a| a as f64 + 0.5)) * self.cell_m
     }
 
-    /// What is known of a cell.
+    /// State of a cell.
     pub(super) fn cell(&self, at: [usize; 3]) -> Cell {
         self.cells[index(at, self.side)]
     }
@@ -113,8 +114,8 @@ impl Region {
         (point - self.focus.point).norm() <= self.radius_m
     }
 
-    /// What a ray meets first in the region, and how far along in lengths of its direction; `None` where it
-    /// meets nothing. Cells are walked one by one (Amanatides and Woo 1987).
+    /// The first unknown or filled cell of the region along a ray, and its distance in lengths of the ray's
+    /// direction; `None` where there is none. Cells are walked one by one (Amanatides and Woo 1987).
     pub(super) fn first_met(&self, eye: &Point3<f64>, ray: &Vector3<f64>) -> Option<(Cell, f64)> {
         let size_m = self.side as f64 * self.cell_m;
         let mut enter = 0.0f64;

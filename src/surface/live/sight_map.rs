@@ -1,12 +1,11 @@
-//! Space that was seen empty, and space where something was seen: how many views saw it so, in blocks of
-//! cells.
+//! Space seen empty, and space seen filled: numbers of views, in blocks of cells.
 
 use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 
 use super::{
-    clearance::{Clearance, Piece},
+    clearance::{Clearance, SpaceState},
     view_depth::ViewDepth,
 };
 use crate::rows::RowCamera;
@@ -19,38 +18,43 @@ type Key = [i32; 3];
 /// A bit for every cell of a block: words by z, bits by `x + 8 y`.
 type Bits = [u64; SIDE];
 
-/// How often the cells of a block were seen empty, and filled: counts whose digits are bits, the lowest
+/// Numbers of views with the cells of a block empty, and filled: their binary digits are bits, the lowest
 /// first.
 #[derive(Clone, Default)]
-struct Sight {
+struct BlockSight {
     empty: [Bits; 3],
     filled: [Bits; 2],
 }
 
-/// How often a cell was seen.
+/// Numbers of views of a cell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Seen {
-    /// Views that saw it empty, 7 for more.
+pub(super) struct SightCount {
+    /// Views of it empty, 7 for more.
     pub empty: u8,
-    /// Views that saw something about it, 3 for more.
+    /// Views of something about it, 3 for more.
     pub filled: u8,
 }
 
-impl Sight {
-    fn at(&self, [x, y, z]: [usize; 3]) -> Seen {
-        let digit = |bits: &Bits| (bits[z] >> (x + SIDE * y) & 1) as u8;
-        let number = |digits: &[Bits]| digits.iter().rev().fold(0, |n, bits| 2 * n + digit(bits));
-        Seen { empty: number(&self.empty), filled: number(&self.filled) }
+impl BlockSight {
+    fn at(&self, cell: [usize; 3]) -> SightCount {
+        SightCount { empty: number_at(&self.empty, cell), filled: number_at(&self.filled, cell) }
     }
 
-    fn set(&mut self, [x, y, z]: [usize; 3], seen: Seen) {
-        let put = |digits: &mut [Bits], number: u8| {
-            for (k, bits) in digits.iter_mut().enumerate() {
-                bits[z] |= u64::from(number >> k & 1) << (x + SIDE * y);
-            }
-        };
-        put(&mut self.empty, seen.empty);
-        put(&mut self.filled, seen.filled);
+    fn set(&mut self, cell: [usize; 3], seen: SightCount) {
+        set_number(&mut self.empty, cell, seen.empty);
+        set_number(&mut self.filled, cell, seen.filled);
+    }
+}
+
+/// The number at a cell, of binary digits with the lowest first.
+fn number_at(digits: &[Bits], [x, y, z]: [usize; 3]) -> u8 {
+    digits.iter().rev().fold(0, |n, bits| 2 * n + (bits[z] >> (x + SIDE * y) & 1) as u8)
+}
+
+/// Sets the number at a cell that is zero.
+fn set_number(digits: &mut [Bits], [x, y, z]: [usize; 3], number: u8) {
+    for (k, bits) in digits.iter_mut().enumerate() {
+        bits[z] |= u64::from(number >> k & 1) << (x + SIDE * y);
     }
 }
 
@@ -63,13 +67,13 @@ fn count(digits: &mut [Bits], z: usize, more: u64) {
     }
 }
 
-/// What was seen of space.
+/// Seen space.
 pub(super) struct SightMap {
     cell_m: f64,
-    blocks: BTreeMap<Key, Sight>,
+    blocks: BTreeMap<Key, BlockSight>,
 }
 
-/// What a view says of a block.
+/// A view of a block.
 pub(super) struct Look {
     key: Key,
     empty: Bits,
@@ -77,7 +81,7 @@ pub(super) struct Look {
 }
 
 impl SightMap {
-    /// Of nothing yet.
+    /// An empty map.
     pub(super) fn new(cell_m: f64) -> Self {
         Self { cell_m, blocks: BTreeMap::new() }
     }
@@ -87,18 +91,18 @@ impl SightMap {
         self.cell_m
     }
 
-    /// Memory that so many blocks take, bytes.
+    /// Memory of so many blocks, bytes.
     pub(super) fn bytes_of(blocks: usize) -> usize {
-        // The second term: what a tree leaves open.
-        blocks * (size_of::<(Key, Sight)>() * 3 / 2)
+        // The second term: open places of a tree.
+        blocks * (size_of::<(Key, BlockSight)>() * 3 / 2)
     }
 
-    /// Memory that it takes, bytes.
+    /// Its memory, bytes.
     pub(super) fn bytes(&self) -> usize {
         Self::bytes_of(self.blocks.len())
     }
 
-    /// What a view says, and how many blocks are new to the map.
+    /// A view's blocks, and the number of new ones.
     pub(super) fn looks(&self, view: &ViewDepth, clearance: &Clearance) -> (Vec<Look>, usize) {
         let block_m = self.cell_m * SIDE as f64;
         let radius_m = (0.5 * 3f64.sqrt() * block_m) as f32;
@@ -110,7 +114,7 @@ impl SightMap {
         let mut looks = Vec::new();
         for (y, z) in (0..count[2]).flat_map(|z| (0..count[1]).map(move |y| (y, z))) {
             let row = camera.row(y, z, count[0]);
-            // A block whose middle lies beside the image may reach into it.
+            // A block with its middle beside the image may reach into it.
             let range = row.range.start.saturating_sub(1)..(row.range.end + 1).min(count[0]);
             for x in range.filter(|_| !row.range.is_empty()) {
                 let middle = row.at(x);
@@ -119,9 +123,9 @@ impl SightMap {
                 }
                 let key = [low[0] + x as i32, low[1] + y as i32, low[2] + z as i32];
                 match clearance.piece(&middle, radius_m, 0.0) {
-                    Piece::Nothing => {}
-                    Piece::Empty => looks.push(Look { key, empty: [u64::MAX; SIDE], filled: [0; SIDE] }),
-                    Piece::Mixed => looks.extend(self.detail(key, view, clearance)),
+                    SpaceState::Nothing => {}
+                    SpaceState::Empty => looks.push(Look { key, empty: [u64::MAX; SIDE], filled: [0; SIDE] }),
+                    SpaceState::Mixed => looks.extend(self.detail(key, view, clearance)),
                 }
             }
         }
@@ -129,7 +133,7 @@ impl SightMap {
         (looks, new)
     }
 
-    /// Takes what a view says.
+    /// Adds a view's blocks.
     pub(super) fn take(&mut self, looks: &[Look]) {
         for look in looks {
             let sight = self.blocks.entry(look.key).or_default();
@@ -140,7 +144,7 @@ impl SightMap {
         }
     }
 
-    /// First and last block of the box about what a view may say something of.
+    /// First and last block of the box about a view's frustum.
     fn bounds(&self, view: &ViewDepth, farthest_m: f64) -> [Key; 2] {
         let block_m = self.cell_m * SIDE as f64;
         let k = &view.frame.intrinsics;
@@ -181,20 +185,20 @@ impl SightMap {
         (0..SIDE).any(|z| look.empty[z] | look.filled[z] != 0).then_some(look)
     }
 
-    /// What was seen of the cell of a point.
-    pub(super) fn at(&self, point: &Point3<f64>) -> Seen {
-        cell(point, self.cell_m).map_or_else(Seen::default, |c| self.of(c))
+    /// Views of the cell of a point.
+    pub(super) fn at(&self, point: &Point3<f64>) -> SightCount {
+        cell(point, self.cell_m).map_or_else(SightCount::default, |c| self.of(c))
     }
 
-    /// What was seen of a cell.
-    pub(super) fn of(&self, cell: [i32; 3]) -> Seen {
+    /// Views of a cell.
+    pub(super) fn of(&self, cell: [i32; 3]) -> SightCount {
         let side = SIDE as i32;
-        let Some(sight) = self.blocks.get(&cell.map(|c| c.div_euclid(side))) else { return Seen::default() };
-        sight.at(cell.map(|c| c.rem_euclid(side) as usize))
+        let sight = self.blocks.get(&cell.map(|c| c.div_euclid(side)));
+        sight.map_or_else(SightCount::default, |s| s.at(cell.map(|c| c.rem_euclid(side) as usize)))
     }
 
-    /// Calls with every cell of the blocks from one to another of which something was seen.
-    pub(super) fn each(&self, [low, high]: [[i32; 3]; 2], mut take: impl FnMut([i32; 3], Seen)) {
+    /// Calls `take` with every cell of the seen blocks from one to another.
+    pub(super) fn each(&self, [low, high]: [[i32; 3]; 2], mut take: impl FnMut([i32; 3], SightCount)) {
         let side = SIDE as i32;
         let [first, last] = [low, high].map(|c| c.map(|v| v.div_euclid(side)));
         for z in first[2]..=last[2] {
@@ -212,7 +216,7 @@ impl SightMap {
         }
     }
 
-    /// Doubles the cells: one was seen empty as often as all of its eight were, and filled as one was.
+    /// Doubles the cells: a cell was seen empty as often as all of its eight, and filled as often as any.
     pub(super) fn coarsen(&mut self) {
         let old = std::mem::take(&mut self.blocks);
         for (key, fine) in old {
@@ -221,8 +225,10 @@ impl SightMap {
             for i in 0..SIDE * SIDE * SIDE / 8 {
                 let half = [i % 4, i / 4 % 4, i / 16];
                 let eight = (0..8).map(|c| fine.at([0, 1, 2].map(|k| 2 * half[k] + (c >> k & 1))));
-                let seen =
-                    eight.reduce(|a, b| Seen { empty: a.empty.min(b.empty), filled: a.filled.max(b.filled) });
+                let seen = eight.reduce(|a, b| SightCount {
+                    empty: a.empty.min(b.empty),
+                    filled: a.filled.max(b.filled),
+                });
                 coarse.set([0, 1, 2].map(|k| at[k] + half[k]), seen.unwrap_or_default());
             }
         }

@@ -1,5 +1,4 @@
-//! What no view saw: the border between space seen empty and space never seen (Yamauchi 1997), as patches of
-//! surface.
+//! Unseen surface: the border between space seen empty and space never seen (Yamauchi 1997), as patches.
 
 use std::collections::BTreeMap;
 
@@ -9,34 +8,34 @@ use super::region::{Cell, PATCH, Region};
 
 /// Patches at most; the smallest are left out.
 const MOST_PATCHES: usize = 600;
-/// Faces of cells whose sum is a patch.
+/// Least sum of the faces of cells in a patch.
 /// chosen: the noise of a cell's state takes or gives single faces
 const LEAST_FACES: f64 = 2.0;
 
-/// A piece of the border of what was seen.
+/// A piece of the border of the seen space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UnseenPatch {
     /// Its middle in the world.
     pub center: Point3<f64>,
-    /// Unit vector from what was not seen to what is empty.
+    /// Unit vector from unseen to empty space.
     pub normal: Vector3<f64>,
     /// Its area, square meters.
     pub area_m2: f64,
 }
 
-/// What was not seen of what the views look at.
+/// The unseen surface of a region.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Unseen {
     /// The largest patches, by their place.
     pub patches: Vec<UnseenPatch>,
     /// Area of all patches, square meters.
     pub area_m2: f64,
-    /// Area of the surface that was seen there, square meters.
+    /// Area of the seen surface there, square meters.
     pub seen_m2: f64,
 }
 
 impl Unseen {
-    /// Share of what is to be seen that was not seen: 1 where nothing was.
+    /// Unseen share of the surface: 1 where nothing was seen.
     #[must_use]
     pub fn share(&self) -> f64 {
         let all_m2 = self.area_m2 + self.seen_m2;
@@ -44,15 +43,30 @@ impl Unseen {
     }
 }
 
-/// What was not seen of a region in which so much surface was.
-pub(super) fn unseen(region: &Region, seen_m2: f64) -> Unseen {
-    #[derive(Default)]
-    struct Sum {
-        faces: Vector3<f64>,
-        centers: Vector3<f64>,
-        count: f64,
+/// Sums over the faces of cells in a patch.
+#[derive(Default)]
+struct FaceSums {
+    faces: Vector3<f64>,
+    centers: Vector3<f64>,
+    count: f64,
+}
+
+impl FaceSums {
+    /// The patch, of cells so wide; `None` of too few faces. The faces of cells along a slanted plane add up
+    /// to more than its area; as vectors, to its area.
+    fn patch(&self, cell_m: f64) -> Option<UnseenPatch> {
+        let size = self.faces.norm();
+        (size >= LEAST_FACES).then(|| UnseenPatch {
+            center: Point3::from(self.centers / self.count),
+            normal: self.faces / size,
+            area_m2: size * cell_m * cell_m,
+        })
     }
-    let mut sums: BTreeMap<[usize; 3], Sum> = BTreeMap::new();
+}
+
+/// The unseen surface of a region with so much seen surface, square meters.
+pub(super) fn unseen(region: &Region, seen_m2: f64) -> Unseen {
+    let mut sums: BTreeMap<[usize; 3], FaceSums> = BTreeMap::new();
     let side = region.side;
     for z in 0..side {
         for y in 0..side {
@@ -79,16 +93,7 @@ pub(super) fn unseen(region: &Region, seen_m2: f64) -> Unseen {
             }
         }
     }
-    // The faces of cells along a slanted plane add up to more than its area; as vectors, to its area.
-    let patch = |sum: &Sum| {
-        let size = sum.faces.norm();
-        (size >= LEAST_FACES).then(|| UnseenPatch {
-            center: Point3::from(sum.centers / sum.count),
-            normal: sum.faces / size,
-            area_m2: size * region.cell_m * region.cell_m,
-        })
-    };
-    let mut patches: Vec<UnseenPatch> = sums.values().filter_map(patch).collect();
+    let mut patches: Vec<UnseenPatch> = sums.values().filter_map(|s| s.patch(region.cell_m)).collect();
     let area_m2 = patches.iter().fold(0.0, |sum, p| sum + p.area_m2);
     if patches.len() > MOST_PATCHES {
         let mut areas: Vec<f64> = patches.iter().map(|p| p.area_m2).collect();

@@ -1,4 +1,4 @@
-//! What a view reads, as the map takes it.
+//! The depth readings of a view for the map.
 
 use nalgebra::Point3;
 
@@ -7,12 +7,12 @@ use capture::{NoiseConfig, RgbdFrame, pixel_weights};
 use geometry::Pose;
 use numeric::statistics::median;
 
-/// Beyond this depth a reading says only that space before it is empty, meters.
+/// Beyond this depth a reading shows only empty space before it, meters.
 /// chosen: there three standard deviations of a reading are 7 cm, as much as many parts move
 pub(super) const MAX_DEPTH_M: f32 = 3.0;
 /// Every so many pixels count for the median.
 const EVERY: usize = 97;
-/// Cameras further from the world's origin are errors of who says where they are, meters.
+/// Cameras further from the world's origin are errors of the pose's source, meters.
 /// chosen: no site is as wide
 const FARTHEST_M: f64 = 1e5;
 
@@ -22,13 +22,13 @@ pub(super) struct ViewDepth<'a> {
     pub frame: &'a RgbdFrame,
     /// Pose of the world in the optical frame.
     pub camera_from_world: Pose,
-    /// What each pixel reads.
+    /// Reading of each pixel.
     pub readings: Vec<Reading>,
-    /// Cosine between ray and surface of each pixel; 0 where that is not known.
+    /// Cosine between ray and surface of each pixel; 0 where it is unknown.
     pub cosines: Vec<f32>,
     /// Standard deviation of each reading, meters.
     pub noise: NoiseConfig,
-    /// Median depth of the surface that is seen, meters.
+    /// Median depth of the seen surface, meters.
     pub median_m: f64,
 }
 
