@@ -1,5 +1,5 @@
 //! What all layers share: notes beside results, limits on sizes that come from outside, files that a user
-//! names.
+//! names, and what results follow from.
 //!
 //! ```ignore
 //! use common::note::{Note, NoteCode};
@@ -9,6 +9,8 @@
 //! assert_eq!(note.to_string(), "state 1: 3 of 40 images have no pose");
 //! ```
 
+pub mod ahead;
 pub mod files;
+pub mod fingerprint;
 pub mod limits;
 pub mod note;
