@@ -22,7 +22,7 @@ pub(super) struct TrackedState {
 }
 
 impl TrackedState {
-    /// What the camera's way through a state of a bag as it is now is kept under; `None` where a file is gone.
+    /// Key of the camera's way through a state, of a bag as it is now; `None` where a file is gone.
     pub fn key(bag: &Bag, config: &CaptureConfig, (state, seed): (usize, u64)) -> Option<Key> {
         let mut facts = Fingerprint::default().with("seed", seed).with_settings("capture", config).ok()?;
         for path in &bag.files {

@@ -1,5 +1,5 @@
-//! What a stopped run leaves in its output folder, so that it continues where it was: a store of its own, held
-//! by one process at a time.
+//! What a stopped run leaves in its output folder, so that it continues where it was: a store of its own,
+//! held by one process at a time.
 //!
 //! A folder with a link in it, or with what was not written here, is refused.
 

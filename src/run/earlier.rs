@@ -29,7 +29,7 @@ pub(super) fn begin(
     let result = request.out.join(name);
     // What is moved away by force need not be as it was written.
     let continues = request.resume && !request.force;
-    let earlier = io::read_result_fingerprint(&result).filter(|_| continues);
+    let earlier = if continues { io::read_result_fingerprint(&result) } else { None };
     // The result first: where it stands, an old checkpoint does not matter.
     if earlier.as_ref() == Some(&fingerprint.text()) {
         return Ok(Beginning::Stands(stands(result, &folder, fingerprint, monitor)));
