@@ -10,7 +10,7 @@ use std::{
 
 use super::{
     Fingerprint, Monitor,
-    store::{ENDING, Store},
+    stage_store::{ENDING, StageStore},
 };
 use ::io::LockedFile;
 
@@ -62,7 +62,7 @@ pub enum CheckpointError {
 #[derive(Debug)]
 pub struct Checkpoint {
     /// What its stages found.
-    pub store: Store,
+    pub store: StageStore,
     continued: bool,
     /// Whether the folder around it was made for it.
     made_parent: bool,
@@ -88,7 +88,7 @@ impl Checkpoint {
         if fs::symlink_metadata(folder).is_ok_and(|found| !found.is_dir()) {
             return Err(CheckpointError::Foreign { path: folder.to_owned() });
         }
-        let of_any_run = Store::open(folder, Fingerprint::default())?;
+        let of_any_run = StageStore::open(folder, Fingerprint::default())?;
         // Before the lock is made: with a lock in it, a folder of somebody else would count as one of ours.
         if let Some(path) = foreign(folder).map_err(fails)? {
             return Err(CheckpointError::Foreign { path });
@@ -108,7 +108,7 @@ impl Checkpoint {
         if !continued {
             of_any_run.save(FACTS, fingerprint)?;
         }
-        let store = Store::open(folder, fingerprint.clone())?;
+        let store = StageStore::open(folder, fingerprint.clone())?;
         Ok(Self { store, continued, made_parent, _lock: lock })
     }
 

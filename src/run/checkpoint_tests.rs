@@ -2,7 +2,7 @@
 
 use tempfile::TempDir;
 
-use super::{super::store::HEADER_BYTES, *};
+use super::{super::stage_store::HEADER_BYTES, *};
 
 struct Fixture {
     _around: TempDir,

@@ -46,9 +46,9 @@ mod scene;
 mod signs;
 mod stage;
 mod stage_facts;
+mod stage_store;
 mod state;
 mod state_surface;
-mod store;
 mod trials;
 mod write;
 
@@ -67,5 +67,5 @@ pub use progress::RunProgress;
 pub use reconstruct::reconstruct;
 pub use reconstruct_twin::{Twin, reconstruct_twin};
 pub use stage::Stages;
-pub use store::Store;
+pub use stage_store::StageStore;
 pub use trials::{Method, TrialsError, TrialsRequest, trials};

@@ -3,7 +3,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Event, Monitor, RunError, Stages, Store, scene::Scene};
+use super::{Event, Monitor, RunError, StageStore, Stages, scene::Scene};
 use articulate::{JointEstimate, TreeJointEstimate, published_joint};
 use capture::RgbdFrame;
 use field::{FieldError, HalfMotion, RadianceConfig, RadianceInput, RadianceModel, RadianceTrainer};
@@ -71,7 +71,7 @@ fn trained<'a>(
 fn train(
     mut trainer: RadianceTrainer,
     stage: &str,
-    checkpoint: Option<&Store>,
+    checkpoint: Option<&StageStore>,
     monitor: &Monitor,
 ) -> Result<RadianceModel, RunError> {
     let failed = |error| RunError::stage(stage, error);
@@ -158,7 +158,7 @@ mod tests {
     #[test]
     fn a_training_that_was_stopped_goes_on_from_there() {
         let folder = tempfile::tempdir().unwrap();
-        let checkpoint = Store::open(folder.path(), Fingerprint::default()).unwrap();
+        let checkpoint = StageStore::open(folder.path(), Fingerprint::default()).unwrap();
         let field = FieldConfig {
             levels: 2,
             base_resolution: 4,

@@ -9,7 +9,7 @@ use super::{
     pictures::pictures,
     plan::foreseen,
     reconstruct_twin,
-    store::Store,
+    stage_store::StageStore,
     write::write,
 };
 use export::{Report, StateDifference, check_folder, looks, package};
@@ -40,14 +40,14 @@ fn stage_folder(
     name: &str,
     request: &ReconstructRequest,
     fingerprint: &Fingerprint,
-) -> Result<Option<Store>, RunError> {
+) -> Result<Option<StageStore>, RunError> {
     let Some(folder) = &request.stages else { return Ok(None) };
     // Of what the results say beside what the recordings hold: the twin's name, and places in notes.
     let mut facts = fingerprint.clone().with("name", name);
     for (i, source) in request.sources.iter().enumerate() {
         facts = facts.with(format!("place{i}"), source.display());
     }
-    Ok(Some(Store::open(folder, facts)?))
+    Ok(Some(StageStore::open(folder, facts)?))
 }
 
 /// All stages, and the run folder in its place.

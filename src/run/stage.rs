@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use serde::{Serialize, de::DeserializeOwned};
 
-use super::{Event, Monitor, Planned, Store};
+use super::{Event, Monitor, Planned, StageStore};
 use common::note::{Note, NoteCode};
 
 /// Name of the stage of a state behind state 0, of so many states in all.
@@ -18,9 +18,9 @@ pub struct Stages<'a> {
     /// Who hears of events.
     pub monitor: &'a Monitor,
     /// What keeps results, and how far stages are, for a run that goes on after a stop.
-    pub checkpoint: Option<&'a Store>,
+    pub checkpoint: Option<&'a StageStore>,
     /// What keeps results for runs with other settings, in place of the checkpoint.
-    pub folder: Option<&'a Store>,
+    pub folder: Option<&'a StageStore>,
     /// Name and wall seconds of every finished stage, in order.
     pub seconds: Vec<(String, f64)>,
 }
@@ -34,7 +34,11 @@ impl<'a> Stages<'a> {
 
     /// No stage done yet; results are kept in a checkpoint, or in a folder of stages.
     #[must_use]
-    pub fn keeping(monitor: &'a Monitor, checkpoint: Option<&'a Store>, folder: Option<&'a Store>) -> Self {
+    pub fn keeping(
+        monitor: &'a Monitor,
+        checkpoint: Option<&'a StageStore>,
+        folder: Option<&'a StageStore>,
+    ) -> Self {
         Self { checkpoint, folder, ..Self::new(monitor) }
     }
 
@@ -134,7 +138,7 @@ mod tests {
     #[test]
     fn a_stage_is_computed_once_and_a_disk_that_refuses_stops_no_run() {
         let folder = tempfile::tempdir().unwrap();
-        let checkpoint = Store::open(folder.path(), Fingerprint::default()).unwrap();
+        let checkpoint = StageStore::open(folder.path(), Fingerprint::default()).unwrap();
         let run = |times: usize, gives: u32| {
             let (sender, events) = mpsc::channel();
             let monitor = Monitor::new(sender, Arc::default());

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use evaluate::{RunFiles, Truth};
 use io::{read_gap_report, read_npy, read_run_summary};
-use run::{Fingerprint, Monitor, Store};
+use run::{Fingerprint, Monitor, StageStore};
 use serde::{Serialize, Serializer, ser::SerializeTuple as _};
 
 use super::engine::{BYTES, Scratch, Target, plain, whole};
@@ -158,7 +158,7 @@ type Stage = (Vec<f32>, BTreeMap<String, Vec<[f64; 3]>>, Option<(u64, i32, bool)
 fn store() {
     let name = "results::store";
     let scratch = Scratch::new(name);
-    let store = Store::open(&scratch.0.join("c"), Fingerprint::default().with("seed", 1)).unwrap();
+    let store = StageStore::open(&scratch.0.join("c"), Fingerprint::default().with("seed", 1)).unwrap();
     let stage: Stage = (
         vec![1.0, 2.5],
         [("hinge".to_owned(), vec![[1.0, 2.0, 3.0]])].into(),

@@ -7,14 +7,14 @@ use tempfile::TempDir;
 use super::*;
 use crate::Event;
 
-fn store() -> (TempDir, Store) {
+fn store() -> (TempDir, StageStore) {
     let folder = tempfile::tempdir().unwrap();
-    let store = Store::open(folder.path(), Fingerprint::default().with("seed", 1)).unwrap();
+    let store = StageStore::open(folder.path(), Fingerprint::default().with("seed", 1)).unwrap();
     (folder, store)
 }
 
 /// What `load` gives and warns after the stored bytes were changed.
-fn after(store: &Store, change: impl FnOnce(&mut Vec<u8>)) -> (Option<Vec<f32>>, usize) {
+fn after(store: &StageStore, change: impl FnOnce(&mut Vec<u8>)) -> (Option<Vec<f32>>, usize) {
     store.save("surface/state0", &vec![1.0f32, 2.0, 3.0]).unwrap();
     let (path, _) = store.file("surface/state0");
     let mut bytes = fs::read(&path).unwrap();
@@ -30,7 +30,7 @@ fn a_result_serves_all_runs_that_it_follows_for() {
     let folder = tempfile::tempdir().unwrap();
     let run = |density: u32| {
         let facts = Fingerprint::default().with("source0", "a").with("config.model.density", density);
-        Store::open(folder.path(), facts).unwrap()
+        StageStore::open(folder.path(), facts).unwrap()
     };
     run(1).save("register", &7u8).unwrap();
     run(1).save("assemble", &8u8).unwrap();

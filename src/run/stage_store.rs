@@ -35,12 +35,12 @@ pub(super) const ENDING: &str = ".ckpt";
 
 /// A folder of results, for one run.
 #[derive(Debug)]
-pub struct Store {
+pub struct StageStore {
     folder: PathBuf,
     facts: Fingerprint,
 }
 
-impl Store {
+impl StageStore {
     /// Opens the folder for a run of these facts, and makes it where it is not there.
     ///
     /// # Errors
@@ -97,7 +97,7 @@ impl Store {
 
     /// The file of a stage's result, and the beginning of its checksum: what the bytes belong to, so that a
     /// renamed file is found out.
-    pub(super) fn file(&self, stage: &str) -> (PathBuf, XxHash64) {
+    fn file(&self, stage: &str) -> (PathBuf, XxHash64) {
         let key = of_stage(&self.facts, stage).key(stage).to_string();
         let mut sum = XxHash64::default();
         sum.write(key.as_bytes());
@@ -127,7 +127,7 @@ fn read<T: DeserializeOwned>(path: &Path, sum: XxHash64) -> io::Result<T> {
     Ok(value)
 }
 
-pub(super) fn header(sum: &XxHash64) -> [u8; HEADER_BYTES] {
+fn header(sum: &XxHash64) -> [u8; HEADER_BYTES] {
     let mut header = [0; HEADER_BYTES];
     header[..8].copy_from_slice(&MAGIC);
     header[8..].copy_from_slice(&sum.finish().to_le_bytes());
@@ -171,5 +171,5 @@ fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Resu
 }
 
 #[cfg(test)]
-#[path = "store_tests.rs"]
+#[path = "stage_store_tests.rs"]
 mod tests;
