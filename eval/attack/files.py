@@ -49,7 +49,7 @@ def all_of(binary, work):
     family.add(ended, "" if ended.code in (0, 3) else "an unchanged own folder is not replaced", "reconstruct again")
 
     victim, folder = work / "victim", work / "victims"
-    for name in ("lock", "fingerprint.json"):
+    for name in ("lock", "capture.ckpt"):
         victim.write_text("precious")
         out = work / f"link_{name}"
         shutil.rmtree(out, ignore_errors=True)

@@ -51,9 +51,6 @@ def all_of(binary, work, count, seed):
         other = differing(whole, tree(out / "t")) if (out / "t").exists() else ["no result"]
         left = [p.name for p in out.iterdir() if p.name != "t"] if out.exists() else []
         wrong = f"differs in {other[:3]}" if other else f"left {left}" if left else ""
-        # A fingerprint that cannot be read is another run's, which is refused and said.
-        if damaged == "fingerprint.json" and ended.code == 1:
-            wrong = ""
         family.add(ended, wrong, f"kill {number} by {by.name} {damaged}")
         if number == 0 and not wrong:
             again = run(command(out, "--resume"), seconds=300, memory_mb=0)

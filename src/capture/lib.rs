@@ -41,9 +41,7 @@ pub use coverage::{Coverage, SECTORS, coverage};
 pub use denoise::{denoise, smoothing_m};
 pub use error::{CaptureError, quoted, stamp_secs};
 pub use features::luma;
-pub use features::{
-    Correspondence, KnownFeatures, MatchConfig, PixelMatch, frame_pairs, match_states, on_object,
-};
+pub use features::{Correspondence, MatchConfig, PixelMatch, frame_pairs, look_at, match_states, on_object};
 pub use frame::{RgbdFrame, cameras, median_over_object};
 pub use isolate::isolate;
 pub use isolate::{CLEARLY, LEAST_PATCH, cell, clusters};

@@ -1,4 +1,5 @@
-//! Common to all layers: notes beside results, limits on sizes from outside, files named by a user.
+//! Common to all layers: notes beside results, limits on sizes from outside, files named by a user, and the
+//! facts that results follow from.
 //!
 //! ```ignore
 //! use common::note::{Note, NoteCode};
@@ -8,6 +9,8 @@
 //! assert_eq!(note.to_string(), "state 1: 3 of 40 images have no pose");
 //! ```
 
+pub mod ahead;
 pub mod files;
+pub mod fingerprint;
 pub mod limits;
 pub mod note;

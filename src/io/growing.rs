@@ -5,20 +5,21 @@ use std::{
     fs,
     io::{Read, Seek, SeekFrom},
     path::{Path, PathBuf},
+    sync::Arc,
     time::Instant,
 };
 
 use super::{
-    ahead::{Ahead, TrackedOf},
     bag::Bag,
     bag_index::BagIndex,
     pixels::decode_views,
     recording::spread,
+    tracked_state::TrackedState,
     tracking::{track, unmasked, views_at_a_time},
     views::Views,
 };
-use capture::{CaptureConfig, CaptureError, RgbdFrame};
-use common::files;
+use capture::{CaptureConfig, CaptureError, RgbdFrame, look_at};
+use common::{ahead::Ahead, files};
 
 /// A growing recording is read for one part of the time in so many and one, as all of it is read again.
 /// measured: shared/bags/laptop played to the node, 2 cores: with 3 its twin came 0.2 s later
@@ -129,9 +130,9 @@ impl GrowingState {
         let untracked = views.are_untracked();
         if untracked && closed {
             let state = (self.state, seed);
-            let of = TrackedOf::now(&bag, config, state);
-            if let Some(of) = of.filter(|of| !ahead.knows(of)) {
-                ahead.keep(of, track(&bag, &views, &all, config, state, ahead)?);
+            let key = TrackedState::key(&bag, config, state);
+            if let Some(key) = key.filter(|key| !ahead.knows(key)) {
+                ahead.keep(key, 1, Arc::new(track(&bag, &views, &all, config, state, ahead)?));
             }
             self.done = true;
             return Ok(Grown { views: all.len(), taken: all.len(), is_posed: false, frames: Vec::new() });
@@ -149,7 +150,7 @@ impl GrowingState {
         }
         let decoded = decode_views(&bag, &if untracked { unmasked(&views) } else { views }, &new, config)?;
         let frames: Vec<RgbdFrame> = decoded.frames.into_iter().map(|(_, frame)| frame).collect();
-        frames.iter().for_each(|frame| ahead.features.look_at(frame));
+        frames.iter().for_each(|frame| look_at(frame, ahead));
         Ok(Grown { views: all.len(), taken: taken.len(), is_posed: !untracked, frames })
     }
 }
@@ -205,9 +206,9 @@ mod tests {
             growing.work_ahead(&config, 0, &ahead).unwrap().unwrap();
             assert!(growing.work_ahead(&config, 0, &ahead).unwrap().is_none());
         }
-        let known = ahead.features.len();
+        let known = ahead.count();
         let with = open_ahead(&paths, &config, 0, &ahead).unwrap();
-        assert_eq!(ahead.features.len(), known, "an image was looked at again");
+        assert_eq!(ahead.count(), known, "an image was looked at again");
         let without = open(&paths, &config, 0).unwrap();
         assert_eq!(with.poses, without.poses);
         for (a, b) in with.states.iter().flatten().zip(without.states.iter().flatten()) {
@@ -238,13 +239,13 @@ mod tests {
         let mut growing = GrowingState::new(&path, 0);
         assert!(growing.work_ahead(&config, 3, &ahead).unwrap().is_some());
         let bag = Bag::open(&path).unwrap();
-        let of = |seed| TrackedOf::now(&bag, &config, (0, seed)).unwrap();
-        assert!(ahead.knows(&of(3)) && !ahead.knows(&of(4)));
+        let key = |seed| TrackedState::key(&bag, &config, (0, seed)).unwrap();
+        assert!(ahead.knows(&key(3)) && !ahead.knows(&key(4)));
         let views = Views::find(&bag, &BagIndex::read(&bag).unwrap(), &config, 0).unwrap();
         let all: Vec<usize> = (0..views.views.len()).collect();
         let again = track(&bag, &views, &all, &config, (0, 3), &Ahead::default()).unwrap();
-        let found = ahead.take(&of(3)).unwrap();
+        let found: TrackedState = ahead.take(&key(3)).unwrap();
         assert_eq!((found.track.poses, found.views), (again.track.poses, again.views));
-        assert!(ahead.take(&of(3)).is_none());
+        assert!(!ahead.knows(&key(3)));
     }
 }

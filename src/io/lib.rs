@@ -57,7 +57,6 @@ pub mod image_codec;
 pub mod ros2msg;
 pub mod rvl;
 
-mod ahead;
 mod bag;
 mod bag_index;
 mod bag_metadata;
@@ -108,7 +107,6 @@ mod upright;
 mod urdf_conformance_tests;
 mod views;
 
-pub use ahead::Ahead;
 pub use bag_writer::{BagWriteError, BagWriter};
 pub use camera::pinhole;
 pub use dataset::{JointTransform, JointTransforms, STATES};

@@ -3,9 +3,8 @@
 use super::{
     camera::pinhole, depth_noise::noise_of, image_codec::Raster, pixels::limit_depth, ros2msg::CameraInfo,
 };
-use capture::{
-    CaptureConfig, CaptureError, Distortion, KnownFeatures, NoiseConfig, Observation, RgbdFrame, UndistortMap,
-};
+use capture::{CaptureConfig, CaptureError, Distortion, NoiseConfig, Observation, RgbdFrame, UndistortMap};
+use common::ahead::Ahead;
 use geometry::{Intrinsics, Pose};
 
 /// A camera as its camera_info says.
@@ -72,6 +71,6 @@ impl LiveEye {
         let config = &self.config;
         // Of the first view, as of a recording's first ones: a model that changed would move the gates.
         let noise = *self.noise.get_or_insert_with(|| noise_of(std::iter::once(&frame), config));
-        Ok(Observation::of(frame, &noise, &KnownFeatures::default()))
+        Ok(Observation::of(frame, &noise, &Ahead::default()))
     }
 }

@@ -3,7 +3,6 @@
 use std::{collections::BTreeMap, path::PathBuf};
 
 use super::{
-    ahead::{Ahead, TrackedOf},
     bag::Bag,
     bag_index::BagIndex,
     tracked_state::TrackedState,
@@ -11,6 +10,7 @@ use super::{
     views::Views,
 };
 use capture::{Capture, CaptureConfig, CaptureError, TrackCamera, stretched};
+use common::ahead::Ahead;
 use geometry::Pose;
 
 /// The bags of all states, a bag a state, with their views; the camera is tracked where none has poses.
@@ -40,7 +40,7 @@ pub(super) fn posed_states(
         let mut tracked = Vec::new();
         for (state, (bag, views)) in recordings.iter().enumerate() {
             let all: Vec<usize> = (0..views.views.len()).collect();
-            let known = TrackedOf::now(bag, config, (state, seed)).and_then(|of| ahead.take(&of));
+            let known = TrackedState::key(bag, config, (state, seed)).and_then(|key| ahead.take(&key));
             tracked.push(match known {
                 Some(known) => known,
                 None => track(bag, views, &all, config, (state, seed), ahead)?,

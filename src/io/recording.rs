@@ -8,7 +8,6 @@ use std::{
 use rayon::prelude::*;
 
 use super::{
-    ahead::Ahead,
     bag::Bag,
     bag_index::BagIndex,
     dataset,
@@ -21,10 +20,10 @@ use super::{
     views::{View, Views, views_kept},
 };
 use capture::{
-    Capture, CaptureConfig, CaptureError, KnownFeatures, PoseAgreement, PoseCorrection, PoseFindings,
-    RefinePoses, RgbdFrame, Split, TrackCamera, cameras, denoise, fill_from_color, isolate, refine_poses,
-    spread_views,
+    Capture, CaptureConfig, CaptureError, PoseAgreement, PoseCorrection, PoseFindings, RefinePoses,
+    RgbdFrame, Split, TrackCamera, cameras, denoise, fill_from_color, isolate, refine_poses, spread_views,
 };
+use common::ahead::Ahead;
 use common::note::{Note, NoteCode};
 use geometry::Pose;
 use numeric::random::stage_rng;
@@ -65,7 +64,7 @@ pub fn open_ahead(
     measure_noise(&mut capture, config);
     // Poses before isolation, which puts the points of all frames together.
     if config.refine_poses == RefinePoses::Auto {
-        correct_poses(&mut capture, &ahead.features);
+        correct_poses(&mut capture, ahead);
         place_on_board(&mut capture);
     }
     let had_masks = capture.states.iter().flatten().all(|frame| frame.mask.is_some());
@@ -317,9 +316,9 @@ fn fill_holes(capture: &mut Capture, config: &CaptureConfig, seed: u64) {
 }
 
 /// Corrects the camera poses of each state, and reports it.
-fn correct_poses(capture: &mut Capture, known: &KnownFeatures) {
+fn correct_poses(capture: &mut Capture, ahead: &Ahead) {
     let tracked = !capture.tracking.is_empty();
-    capture.poses = refine_poses(&mut capture.states, &capture.noise, tracked, known);
+    capture.poses = refine_poses(&mut capture.states, &capture.noise, tracked, ahead);
     for (state, found) in capture.poses.states.iter().enumerate() {
         capture.notes.extend(found.iter().map(|found| poses_checked(state, found)));
     }

@@ -1,6 +1,10 @@
 //! A state whose camera was tracked, and where its map lies in the world.
 
-use capture::{BoardInWorld, BoardSighting, CaptureError, Track, Unaligned};
+use std::fs;
+
+use super::bag::Bag;
+use capture::{BoardInWorld, BoardSighting, CaptureConfig, CaptureError, Track, Unaligned};
+use common::fingerprint::{Fingerprint, Key};
 use common::note::Note;
 use geometry::Pose;
 
@@ -15,6 +19,20 @@ pub(super) struct TrackedState {
     pub notes: Vec<Note>,
     /// What was lost.
     pub warnings: Vec<Note>,
+}
+
+impl TrackedState {
+    /// Key of the camera's way through a state, of a bag as it is now; `None` where a file is gone.
+    pub fn key(bag: &Bag, config: &CaptureConfig, (state, seed): (usize, u64)) -> Option<Key> {
+        let mut facts = Fingerprint::default().with("seed", seed).with_settings("capture", config).ok()?;
+        for path in &bag.files {
+            let metadata = fs::metadata(path).ok()?;
+            let changed = metadata.modified().ok()?;
+            let file = format!("file {}", path.display());
+            facts = facts.with(file, format!("{} bytes, {changed:?}", metadata.len()));
+        }
+        Some(facts.key(&format!("track/state{state}")))
+    }
 }
 
 /// Where the maps of states lie in the world in which the twin stands.

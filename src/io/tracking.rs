@@ -3,7 +3,6 @@
 use rayon::prelude::*;
 
 use super::{
-    ahead::Ahead,
     bag::Bag,
     board_world::{board_worlds, places},
     depth_noise::noise_of,
@@ -16,6 +15,7 @@ use capture::{
     CaptureConfig, CaptureError, Lost, NoiseConfig, Observation, RgbdFrame, Tracker, Unaligned, UseBoard,
     align_tracks, find_board,
 };
+use common::ahead::Ahead;
 use common::limits::{BYTES_PER_PIXEL, NAMED};
 use common::note::{Note, NoteCode};
 use geometry::Pose;
@@ -51,7 +51,7 @@ pub(super) fn track(
             *noise.get_or_insert_with(|| noise_of(frames.iter().map(|(_, f)| f), config));
         let look = |(view, frame): (usize, RgbdFrame)| {
             let board = if config.board == UseBoard::Auto { find_board(&frame) } else { None };
-            (view, board, Observation::of(frame, &noise, &ahead.features))
+            (view, board, Observation::of(frame, &noise, ahead))
         };
         let observations: Vec<_> = frames.into_par_iter().map(look).collect();
         for (view, board, observation) in observations {

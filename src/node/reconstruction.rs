@@ -12,8 +12,9 @@ use super::{
     twin::Twin,
 };
 use crate::requests::{ReconstructFeedback, ReconstructGoal, ReconstructResult};
+use common::ahead::Ahead;
 use config::{Config, Origins};
-use io::{Ahead, SummaryJoint, read_run_summary};
+use io::{SummaryJoint, read_run_summary};
 use run::{self, Outcome, ReconstructRequest, RunError, RunProgress};
 
 /// Makes twins.

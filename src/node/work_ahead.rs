@@ -12,8 +12,9 @@ use super::{
     collection::{Shared, Snapshot},
     error::NodeError,
 };
-use ::io::{Ahead, GrowingState};
+use ::io::GrowingState;
 use capture::CaptureConfig;
+use common::ahead::Ahead;
 use config::Config;
 
 /// How often it is looked whether there is something to do.

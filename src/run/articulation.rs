@@ -2,7 +2,7 @@
 //! make together, and on request consistency between two states.
 
 use super::{
-    Checkpoint, Event, Monitor, RunError, Stages, scene::Scene, state::State, state_surface::StateSurface,
+    Event, Monitor, RunError, StageStore, Stages, scene::Scene, state::State, state_surface::StateSurface,
 };
 use articulate::{
     ArticulationProblem, ArticulationStart, ArticulationTrainer, FreeSpace, RegisterMethod, Registrar,
@@ -61,7 +61,7 @@ pub(super) fn register_state(
     state: usize,
     (stage, parts): (&str, Option<usize>),
     scene: &Scene,
-    checkpoint: Option<&Checkpoint>,
+    checkpoint: Option<&StageStore>,
     monitor: &Monitor,
 ) -> Result<Registration, RunError> {
     let failed = |e| RunError::stage(stage, e);
@@ -199,7 +199,7 @@ const CHECKPOINT: &str = "articulate";
 
 fn run(
     trainer: &mut ArticulationTrainer,
-    checkpoint: Option<&Checkpoint>,
+    checkpoint: Option<&StageStore>,
     monitor: &Monitor,
 ) -> Result<(), RunError> {
     while !trainer.done() {

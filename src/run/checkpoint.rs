@@ -1,33 +1,68 @@
-//! Results of finished stages on disk, so that a stopped run continues where it was.
+//! What a stopped run leaves in its output folder, so that it continues where it was: a store of its own,
+//! held by one process at a time.
 //!
-//! One file per stage (`stage_file.rs`). A folder with a link in it, or with what was not written here, is
-//! refused.
+//! A folder with a link in it, or with what was not written here, is refused.
 
 use std::{
-    fs::{self, File, OpenOptions},
-    io::{self, BufReader, BufWriter, Read as _},
+    fs, io,
     path::{Path, PathBuf},
 };
 
-use serde::{Serialize, de::DeserializeOwned};
-
 use super::{
     Fingerprint, Monitor,
-    checkpoint_error::CheckpointError,
-    stage_file::{STAGE_FILE, StageFile, stage_name, write_whole},
+    stage_store::{ENDING, StageStore},
 };
-use ::io::{LockedFile, open_plain};
+use ::io::LockedFile;
 
-/// Largest fingerprint file, bytes.
-const MAX_FINGERPRINT_BYTES: u64 = 1 << 20;
-const FINGERPRINT_FILE: &str = "fingerprint.json";
 const LOCK_FILE: &str = "lock";
+/// What is kept of the run itself, under a key that does not depend on the run.
+const FACTS: &str = "fingerprint";
 
-/// The checkpoint folder of one run. Held by one process at a time.
+/// Why results of stages cannot be kept or used.
+#[derive(Debug, thiserror::Error)]
+pub enum CheckpointError {
+    /// The checkpoint is of another run.
+    #[error(
+        "{} belongs to another run; give the same inputs and settings, or start anew without --resume: {}",
+        folder.display(),
+        differences.join("; ")
+    )]
+    OtherRun {
+        /// The checkpoint folder.
+        folder: PathBuf,
+        /// Sentences about what differs.
+        differences: Vec<String>,
+    },
+    /// Another process works on the same run.
+    #[error("another run is writing to {}; wait for it, or give another --name or --out", folder.display())]
+    InUse {
+        /// The checkpoint folder.
+        folder: PathBuf,
+    },
+    /// The folder is something else, or holds something else.
+    #[error(
+        "{} is a link, or not of a checkpoint of artitwin; move it away or give another --name",
+        path.display()
+    )]
+    Foreign {
+        /// The folder, or what is in it.
+        path: PathBuf,
+    },
+    /// The disk refused.
+    #[error("checkpoint {}", path.display())]
+    Disk {
+        /// File or folder.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+/// The checkpoint of one run.
 #[derive(Debug)]
 pub struct Checkpoint {
-    folder: PathBuf,
-    digest: u64,
+    /// What its stages found.
+    pub store: StageStore,
     continued: bool,
     /// Whether the folder around it was made for it.
     made_parent: bool,
@@ -53,7 +88,7 @@ impl Checkpoint {
         if fs::symlink_metadata(folder).is_ok_and(|found| !found.is_dir()) {
             return Err(CheckpointError::Foreign { path: folder.to_owned() });
         }
-        fs::create_dir_all(folder).map_err(fails)?;
+        let of_any_run = StageStore::open(folder, Fingerprint::default())?;
         // Before the lock is made: with a lock in it, a folder of somebody else would count as one of ours.
         if let Some(path) = foreign(folder).map_err(fails)? {
             return Err(CheckpointError::Foreign { path });
@@ -61,30 +96,20 @@ impl Checkpoint {
         let lock = LockedFile::take(&folder.join(LOCK_FILE)).map_err(fails)?;
         let lock = lock.ok_or_else(|| CheckpointError::InUse { folder: folder.to_owned() })?;
         // Under the lock, so that nobody writes it meanwhile.
-        let earlier = read_fingerprint(&folder.join(FINGERPRINT_FILE));
+        let earlier: Option<Fingerprint> = of_any_run.load(FACTS, &Monitor::silent());
         if let Some(earlier) = earlier.as_ref().filter(|e| resume && *e != fingerprint) {
             let differences = fingerprint.differences(earlier);
             return Err(CheckpointError::OtherRun { folder: folder.to_owned(), differences });
         }
         let continued = resume && earlier.is_some();
         // What a killed run was writing is of no use either way.
-        let useless = |name: &&String| is_ours(name) && (!continued || name.ends_with(".tmp"));
-        for name in file_names(folder).map_err(fails)?.iter().filter(useless) {
-            fs::remove_file(folder.join(name)).map_err(fails)?;
-        }
+        let useless = |name: &String| !continued || name.ends_with(".tmp");
+        remove_files(folder, useless).map_err(fails)?;
         if !continued {
-            let write = |file: &mut BufWriter<File>| {
-                serde_json::to_writer_pretty(file, fingerprint).map_err(io::Error::from)
-            };
-            write_whole(&folder.join(FINGERPRINT_FILE), write).map_err(fails)?;
+            of_any_run.save(FACTS, fingerprint)?;
         }
-        Ok(Self {
-            folder: folder.to_owned(),
-            digest: fingerprint.digest(),
-            continued,
-            made_parent,
-            _lock: lock,
-        })
+        let store = StageStore::open(folder, fingerprint.clone())?;
+        Ok(Self { store, continued, made_parent, _lock: lock })
     }
 
     /// Whether an earlier run is continued.
@@ -93,34 +118,14 @@ impl Checkpoint {
         self.continued
     }
 
-    /// Writes the result of a stage; replaces an earlier one.
-    ///
-    /// # Errors
-    /// If the name is not valid, the value is too large, the disk refuses, or would have no room for the
-    /// result of the run; an earlier result stays as it
-    /// was then.
-    pub fn save<T: Serialize>(&self, stage: &str, value: &T) -> Result<(), CheckpointError> {
-        self.file(stage)?.save(value)
-    }
-
-    /// The result of a stage, if there is a whole one. Damage is reported to `monitor`.
-    pub fn load<T: DeserializeOwned>(&self, stage: &str, monitor: &Monitor) -> Option<T> {
-        self.file(stage).ok()?.load(monitor)
-    }
-
     /// Sum of the sizes of all results that are kept, bytes.
     ///
     /// # Errors
     /// If the disk refuses.
     pub fn bytes(&self) -> io::Result<u64> {
-        let stages = file_names(&self.folder)?.into_iter().filter(|name| name.ends_with(STAGE_FILE));
-        stages.map(|name| Ok(fs::symlink_metadata(self.folder.join(name))?.len())).sum()
-    }
-
-    /// Where it lies.
-    #[must_use]
-    pub fn path(&self) -> &Path {
-        &self.folder
+        let is_result = |name: &String| name.ends_with(ENDING) && !name.starts_with(FACTS);
+        let results = own_files(self.store.path())?.into_iter().filter(is_result);
+        results.map(|name| Ok(fs::symlink_metadata(self.store.path().join(name))?.len())).sum()
     }
 
     /// Deletes the checkpoint: the run is complete.
@@ -128,13 +133,12 @@ impl Checkpoint {
     /// # Errors
     /// If the disk refuses.
     pub fn remove(self) -> Result<(), CheckpointError> {
-        let fails = |source| CheckpointError::Disk { path: self.folder.clone(), source };
-        for name in file_names(&self.folder).map_err(fails)?.iter().filter(|n| is_ours(n)) {
-            fs::remove_file(self.folder.join(name)).map_err(fails)?;
-        }
-        // The lock last: until then the folder is ours.
-        fs::remove_file(self.folder.join(LOCK_FILE)).map_err(fails)?;
-        fs::remove_dir(&self.folder).map_err(fails)
+        let folder = self.store.path();
+        remove_files(folder, |_| true)
+            // The lock last: until then the folder is ours.
+            .and_then(|()| fs::remove_file(folder.join(LOCK_FILE)))
+            .and_then(|()| fs::remove_dir(folder))
+            .map_err(|source| CheckpointError::Disk { path: folder.to_owned(), source })
     }
 
     /// Deletes the checkpoint of a run that failed, and the folder around it if it was made for it and holds
@@ -143,31 +147,34 @@ impl Checkpoint {
     /// # Errors
     /// If the disk refuses.
     pub fn discard(self) -> Result<(), CheckpointError> {
-        let made = self.folder.parent().filter(|_| self.made_parent).map(Path::to_owned);
+        let made = self.store.path().parent().filter(|_| self.made_parent).map(Path::to_owned);
         self.remove()?;
         // A folder that holds something else stays.
         made.into_iter().for_each(|out| fs::remove_dir(out).unwrap_or_default());
         Ok(())
     }
-
-    fn file<'a>(&self, stage: &'a str) -> Result<StageFile<'a>, CheckpointError> {
-        let name = stage_name(stage)? + STAGE_FILE;
-        Ok(StageFile { path: self.folder.join(name), stage, digest: self.digest })
-    }
 }
 
-fn read_fingerprint(path: &Path) -> Option<Fingerprint> {
-    let file = open_plain(path, OpenOptions::new().read(true)).ok()?;
-    serde_json::from_reader(BufReader::new(file.take(MAX_FINGERPRINT_BYTES))).ok()
+/// Whether a file was written here, or by an earlier version; nothing else is ever deleted.
+fn is_ours(name: &str) -> bool {
+    name.ends_with(ENDING) || name.ends_with(".tmp") || name == "fingerprint.json"
 }
 
-fn file_names(folder: &Path) -> io::Result<Vec<String>> {
+/// Names of the files that were written here, without the lock.
+fn own_files(folder: &Path) -> io::Result<Vec<String>> {
     let mut names = Vec::new();
     for entry in fs::read_dir(folder)? {
         names.push(entry?.file_name().to_string_lossy().into_owned());
     }
-    names.sort();
+    names.retain(|name| is_ours(name));
     Ok(names)
+}
+
+fn remove_files(folder: &Path, which: impl Fn(&String) -> bool) -> io::Result<()> {
+    own_files(folder)?
+        .iter()
+        .filter(|name| which(name))
+        .try_for_each(|name| fs::remove_file(folder.join(name)))
 }
 
 /// Something in a checkpoint folder that was not put there by this program; the folder itself, if it holds
@@ -184,11 +191,6 @@ fn foreign(folder: &Path) -> io::Result<Option<PathBuf>> {
     // A folder with the right names but without a lock was not made here.
     let locked = entries.is_empty() || entries.iter().any(is_lock);
     Ok((!locked).then(|| folder.to_owned()))
-}
-
-/// Whether a file was written here; nothing else is ever deleted.
-fn is_ours(name: &str) -> bool {
-    name == FINGERPRINT_FILE || name.ends_with(STAGE_FILE) || name.ends_with(".tmp")
 }
 
 #[cfg(test)]

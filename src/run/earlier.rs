@@ -7,27 +7,6 @@ use super::{
 };
 use common::note::{Note, NoteCode};
 
-/// The result that has the name of a run, for `--resume`.
-enum Earlier {
-    /// There is none.
-    Nothing,
-    /// Of inputs, settings and a version that compute the same.
-    Same(PathBuf),
-    /// Of others.
-    Other(PathBuf),
-}
-
-impl Earlier {
-    /// What stands in a run folder. That it was not changed since is for the caller to know.
-    fn of(folder: &Path, fingerprint: &Fingerprint) -> Self {
-        match io::read_result_fingerprint(folder) {
-            None => Self::Nothing,
-            Some(found) if found == fingerprint.text() => Self::Same(folder.to_owned()),
-            Some(_) => Self::Other(folder.to_owned()),
-        }
-    }
-}
-
 /// What a run begins with.
 pub(super) enum Beginning {
     /// A result that is finished.
@@ -46,22 +25,20 @@ pub(super) fn begin(
     fingerprint: &Fingerprint,
     monitor: &Monitor,
 ) -> Result<Beginning, RunError> {
-    // What is moved away by force need not be as it was written.
-    let earlier = if request.resume && !request.force {
-        Earlier::of(&request.out.join(name), fingerprint)
-    } else {
-        Earlier::Nothing
-    };
-    // The result first: where it stands, an old checkpoint does not matter.
     let folder = Checkpoint::folder(&request.out, name);
-    if let Earlier::Same(result) = earlier {
+    let result = request.out.join(name);
+    // What is moved away by force need not be as it was written.
+    let continues = request.resume && !request.force;
+    let earlier = if continues { io::read_result_fingerprint(&result) } else { None };
+    // The result first: where it stands, an old checkpoint does not matter.
+    if earlier.as_ref() == Some(&fingerprint.text()) {
         return Ok(Beginning::Stands(stands(result, &folder, fingerprint, monitor)));
     }
     let checkpoint = Checkpoint::open(&folder, fingerprint, request.resume)?;
     if request.resume && !checkpoint.is_continued() {
-        if let Earlier::Other(folder) = earlier {
+        if earlier.is_some() {
             checkpoint.discard()?;
-            return Err(RunError::OtherResult { folder });
+            return Err(RunError::OtherResult { folder: result });
         }
         let text = format!(
             "there is no usable checkpoint of {name} in {}; the run starts anew",
@@ -109,7 +86,7 @@ pub(super) fn ended(error: RunError, checkpoint: Checkpoint, keep: bool, monitor
         return checkpoint.discard().err().map_or(error, RunError::from);
     }
     let megabytes = bytes.div_ceil(1_000_000);
-    let folder = checkpoint.path().display();
+    let folder = checkpoint.store.path().display();
     let kept = format!(
         "what it finished is kept in {folder} ({megabytes} MB): give the same command to continue \
          with --resume"

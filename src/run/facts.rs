@@ -13,7 +13,6 @@ use export::{
     ReportPictures, RunFacts, StageTime, StateDifference, WorldFrameReport, compare_starts, nearest_starts,
 };
 use field::InstructionSet;
-use numeric::random::hash_of;
 
 /// What the report says about the run.
 pub(super) fn facts(
@@ -68,7 +67,7 @@ pub(super) fn facts(
         versions: BTreeMap::from([("artitwin".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
         seed: request.config.run.seed,
         preset: preset(&request.config.run.preset),
-        config_digest: config_digest(&request.config),
+        config_digest: config_digest(fingerprint),
         fingerprint: fingerprint.text(),
         device: device(&request.config, twin.replaced_engines.len(), capture.states.len()),
         notes: capture
@@ -95,10 +94,9 @@ fn preset(name: &str) -> String {
     preset_cost(name).map_or_else(|| name.to_owned(), |cost| format!("{name}: {cost}"))
 }
 
-/// A short digest of all settings.
-fn config_digest(config: &Config) -> String {
-    let text = serde_json::to_string(config).unwrap_or_default();
-    format!("{:016x}", hash_of(&text))
+/// A digest of all settings.
+fn config_digest(fingerprint: &Fingerprint) -> String {
+    fingerprint.only(|fact| fact.starts_with("config.")).text()
 }
 
 /// What did the numeric work: the engine that trained the `fields`, of which the CPU engine finished

@@ -2,7 +2,7 @@
 
 use std::cell::RefCell;
 
-use super::{Cancelled, Checkpoint, Event, Monitor, RunError, scene::Scene};
+use super::{Cancelled, Event, Monitor, RunError, StageStore, scene::Scene};
 use common::note::{Note, NoteCode};
 use config::Engine;
 use field::{
@@ -31,7 +31,7 @@ pub(super) fn train_field(
     stage: &str,
     input: &TrainInput,
     scene: &Scene,
-    checkpoint: Option<&Checkpoint>,
+    checkpoint: Option<&StageStore>,
     monitor: &Monitor,
 ) -> Result<TrainedField, RunError> {
     let config = scene.config;
@@ -82,7 +82,7 @@ struct Training<'a> {
     stage: String,
     /// `None`: the CPU engine.
     start: Option<Start<'a>>,
-    checkpoint: Option<&'a Checkpoint>,
+    checkpoint: Option<&'a StageStore>,
     monitor: &'a Monitor,
     /// Why the engine was replaced by the CPU engine.
     replaced: RefCell<Option<String>>,

@@ -7,8 +7,11 @@ use std::{
 };
 
 use super::{Event, Monitor, ReconstructRequest, RunError};
-use common::note::{Note, NoteCode};
-use io::{Ahead, GrowingState, is_recording};
+use common::{
+    ahead::Ahead,
+    note::{Note, NoteCode},
+};
+use io::{GrowingState, is_recording};
 use surface::{LiveMap, LiveSettings};
 
 /// How often a recording is looked at.

@@ -3,9 +3,9 @@
 use std::{path::PathBuf, sync::Arc};
 
 use super::{Cancelled, CheckpointError};
-use common::note::Note;
+use common::{ahead::Ahead, note::Note};
 use config::{Config, ConfigError, Origins};
-use io::{Ahead, Place};
+use io::Place;
 use model::{ArticulatedModel, JointKind};
 
 /// Name under which the writing of the run folder fails.

@@ -3,7 +3,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Checkpoint, Event, Monitor, RunError, Stages, scene::Scene};
+use super::{Event, Monitor, RunError, StageStore, Stages, scene::Scene};
 use articulate::{JointEstimate, TreeJointEstimate, published_joint};
 use capture::RgbdFrame;
 use field::{FieldError, HalfMotion, RadianceConfig, RadianceInput, RadianceModel, RadianceTrainer};
@@ -71,7 +71,7 @@ fn trained<'a>(
 fn train(
     mut trainer: RadianceTrainer,
     stage: &str,
-    checkpoint: Option<&Checkpoint>,
+    checkpoint: Option<&StageStore>,
     monitor: &Monitor,
 ) -> Result<RadianceModel, RunError> {
     let failed = |error| RunError::stage(stage, error);
@@ -157,9 +157,8 @@ mod tests {
 
     #[test]
     fn a_training_that_was_stopped_goes_on_from_there() {
-        let folder = std::env::temp_dir().join(format!("artitwin-radiance-{}", std::process::id()));
-        std::fs::remove_dir_all(&folder).ok();
-        let checkpoint = Checkpoint::open(&folder, &Fingerprint::default(), false).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let checkpoint = StageStore::open(folder.path(), Fingerprint::default()).unwrap();
         let field = FieldConfig {
             levels: 2,
             base_resolution: 4,
@@ -191,6 +190,5 @@ mod tests {
         assert!(matches!(stopped, Err(RunError::Cancelled(_))));
         let (resumed, reports) = run(&go, Some(&checkpoint));
         assert!(reports == 2 && resumed.unwrap() == whole.unwrap());
-        std::fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -9,7 +9,7 @@ use super::{
     pictures::pictures,
     plan::foreseen,
     reconstruct_twin,
-    stage_folder::StageFolder,
+    stage_store::StageStore,
     write::write,
 };
 use export::{Report, StateDifference, check_folder, looks, package};
@@ -40,14 +40,14 @@ fn stage_folder(
     name: &str,
     request: &ReconstructRequest,
     fingerprint: &Fingerprint,
-) -> Result<Option<StageFolder>, RunError> {
+) -> Result<Option<StageStore>, RunError> {
     let Some(folder) = &request.stages else { return Ok(None) };
     // Of what the results say beside what the recordings hold: the twin's name, and places in notes.
     let mut facts = fingerprint.clone().with("name", name);
     for (i, source) in request.sources.iter().enumerate() {
         facts = facts.with(format!("place{i}"), source.display());
     }
-    Ok(Some(StageFolder::open(folder, facts)?))
+    Ok(Some(StageStore::open(folder, facts)?))
 }
 
 /// All stages, and the run folder in its place.
@@ -60,7 +60,7 @@ fn reconstruct_files(
 ) -> Result<Outcome, RunError> {
     let config = &request.config;
     let folder = stage_folder(name, request, fingerprint)?;
-    let mut stages = Stages::keeping(monitor, request.keep.then_some(checkpoint), folder.as_ref());
+    let mut stages = Stages::keeping(monitor, request.keep.then_some(&checkpoint.store), folder.as_ref());
     monitor.report(foreseen(request));
     // Recordings to posed, masked, denoised frames.
     let mut capture = stages.kept("capture", None, |_| {

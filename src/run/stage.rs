@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use serde::{Serialize, de::DeserializeOwned};
 
-use super::{Checkpoint, Event, Monitor, Planned, stage_folder::StageFolder};
+use super::{Event, Monitor, Planned, StageStore};
 use common::note::{Note, NoteCode};
 
 /// Name of the stage of a state behind state 0, of so many states in all.
@@ -17,10 +17,10 @@ pub(super) fn stage_of(name: &str, state: usize, count: usize) -> String {
 pub struct Stages<'a> {
     /// Who hears of events.
     pub monitor: &'a Monitor,
-    /// What keeps results for a run that goes on after a stop.
-    pub checkpoint: Option<&'a Checkpoint>,
+    /// What keeps results, and how far stages are, for a run that goes on after a stop.
+    pub checkpoint: Option<&'a StageStore>,
     /// What keeps results for runs with other settings, in place of the checkpoint.
-    pub folder: Option<&'a StageFolder>,
+    pub folder: Option<&'a StageStore>,
     /// Name and wall seconds of every finished stage, in order.
     pub seconds: Vec<(String, f64)>,
 }
@@ -36,8 +36,8 @@ impl<'a> Stages<'a> {
     #[must_use]
     pub fn keeping(
         monitor: &'a Monitor,
-        checkpoint: Option<&'a Checkpoint>,
-        folder: Option<&'a StageFolder>,
+        checkpoint: Option<&'a StageStore>,
+        folder: Option<&'a StageStore>,
     ) -> Self {
         Self { checkpoint, folder, ..Self::new(monitor) }
     }
@@ -77,15 +77,11 @@ impl<'a> Stages<'a> {
             return Ok(found);
         }
         // Copied, as `run` borrows all of the stages.
-        let checkpoint = self.checkpoint;
-        let folder = self.folder;
+        let store = self.folder.or(self.checkpoint);
+        let later = if self.folder.is_some() { "--stages" } else { "--resume" };
         self.run(name, steps, |monitor| {
             let result = stage(monitor)?;
-            let (saved, later) = match folder {
-                Some(folder) => (folder.save(name, &result), "--stages"),
-                None => (checkpoint.map_or(Ok(()), |c| c.save(name, &result)), "--resume"),
-            };
-            if let Err(error) = saved {
+            if let Some(Err(error)) = store.map(|store| store.save(name, &result)) {
                 let text = format!(
                     "{}; the run goes on, but {later} would begin before {name}",
                     super::chain(&error)
@@ -107,14 +103,12 @@ impl<'a> Stages<'a> {
     ) -> Result<Option<T>, E> {
         self.monitor.check()?;
         let start = Instant::now();
-        let (found, of) = match self.folder {
-            Some(folder) => (folder.load(name, self.monitor), folder.path().display().to_string()),
-            None => {
-                let stopped = "the run that was stopped".to_owned();
-                (self.checkpoint.and_then(|c| c.load(name, self.monitor)), stopped)
-            }
+        let store = self.folder.or(self.checkpoint);
+        let Some(result) = store.and_then(|store| store.load(name, self.monitor)) else { return Ok(None) };
+        let of = match self.folder {
+            Some(folder) => folder.path().display().to_string(),
+            None => "the run that was stopped".to_owned(),
         };
-        let Some(result) = found else { return Ok(None) };
         // It takes no time from this run.
         let planned = Planned { stage: name.to_owned(), weight: 0.0 };
         self.monitor.report(Event::Planned { stages: vec![planned] });
@@ -143,9 +137,8 @@ mod tests {
 
     #[test]
     fn a_stage_is_computed_once_and_a_disk_that_refuses_stops_no_run() {
-        let folder = std::env::temp_dir().join(format!("artitwin-stages-{}", std::process::id()));
-        std::fs::remove_dir_all(&folder).ok();
-        let checkpoint = Checkpoint::open(&folder, &Fingerprint::default(), false).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let checkpoint = StageStore::open(folder.path(), Fingerprint::default()).unwrap();
         let run = |times: usize, gives: u32| {
             let (sender, events) = mpsc::channel();
             let monitor = Monitor::new(sender, Arc::default());
@@ -170,7 +163,7 @@ mod tests {
         };
         assert_eq!(run(1, 5), (5, String::new()));
         assert_eq!(run(0, 6), (5, "a was kept from the run that was stopped".to_owned()));
-        std::fs::remove_dir_all(&folder).unwrap();
+        drop(folder);
         let (result, note) = run(1, 7);
         assert!(result == 7 && note.contains("the run goes on, but --resume would begin before a"), "{note}");
     }

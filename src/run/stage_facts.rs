@@ -55,10 +55,12 @@ mod tests {
             .with("name", "box")
             .with("matcher", "1 file");
         let counts = |stage: &str, fact: &str| {
-            of_stage(&facts.clone().with(fact, "other"), stage).digest() != of_stage(&facts, stage).digest()
+            of_stage(&facts.clone().with(fact, "other"), stage) != of_stage(&facts, stage)
         };
+        let names = serde_json::to_value(&facts).unwrap();
+        let names = names.as_object().unwrap();
         for (begin, stage) in FIRST_READ {
-            let known = facts.names().find(|name| name.starts_with(begin));
+            let known = names.keys().find(|name| name.starts_with(begin));
             let fact = known.unwrap_or_else(|| panic!("{begin} is no fact"));
             let at = rank(stage);
             let before: Vec<&str> = ORDER[..at].iter().copied().filter(|s| counts(s, fact)).collect();

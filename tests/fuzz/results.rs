@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use evaluate::{RunFiles, Truth};
 use io::{read_gap_report, read_npy, read_run_summary};
-use run::{Checkpoint, Fingerprint, Monitor};
+use run::{Fingerprint, Monitor, StageStore};
 use serde::{Serialize, Serializer, ser::SerializeTuple as _};
 
 use super::engine::{BYTES, Scratch, Target, plain, whole};
@@ -153,32 +153,30 @@ impl Serialize for Raw<'_> {
 /// What a stage may have left.
 type Stage = (Vec<f32>, BTreeMap<String, Vec<[f64; 3]>>, Option<(u64, i32, bool)>, Vec<u8>);
 
-/// Stages of a checkpoint, with the right checksum, and files that are damaged anywhere.
+/// Results of stages, with the right checksum, and files that are damaged anywhere.
 #[test]
-fn checkpoint() {
-    let name = "results::checkpoint";
+fn store() {
+    let name = "results::store";
     let scratch = Scratch::new(name);
-    let checkpoint =
-        Checkpoint::open(&scratch.0.join("c"), &Fingerprint::default().with("seed", 1), true).unwrap();
+    let store = StageStore::open(&scratch.0.join("c"), Fingerprint::default().with("seed", 1)).unwrap();
     let stage: Stage = (
         vec![1.0, 2.5],
         [("hinge".to_owned(), vec![[1.0, 2.0, 3.0]])].into(),
         Some((7, -3, true)),
         vec![1, 2, 3],
     );
-    checkpoint.save("stage", &stage).unwrap();
-    let files: Vec<_> = std::fs::read_dir(scratch.0.join("c")).unwrap().flatten().map(|e| e.path()).collect();
-    let file = files.into_iter().find(|p| p.extension().is_some_and(|e| e == "ckpt")).unwrap();
+    store.save("stage", &stage).unwrap();
+    let file = std::fs::read_dir(scratch.0.join("c")).unwrap().next().unwrap().unwrap().path();
     let whole_file = std::fs::read(&file).unwrap();
     let payload = whole_file[whole_file.len() - postcard::to_stdvec(&stage).unwrap().len()..].to_vec();
     let seeds = vec![vec![vec![0], payload], vec![vec![1], whole_file]];
     let target = Target { name, seeds, words: &["\u{ff}\u{ff}\u{ff}\u{ff}"], assemble: plain, bytes: BYTES };
     target.run(|input| {
         match input.split_first() {
-            Some((kind, payload)) if kind % 2 == 0 => checkpoint.save("stage", &Raw(payload)).unwrap(),
+            Some((kind, payload)) if kind % 2 == 0 => store.save("stage", &Raw(payload)).unwrap(),
             Some((_, bytes)) => std::fs::write(&file, bytes).unwrap(),
             None => return false,
         }
-        checkpoint.load::<Stage>("stage", &Monitor::silent()).is_some()
+        store.load::<Stage>("stage", &Monitor::silent()).is_some()
     });
 }

@@ -10,7 +10,8 @@ mod pixel_match;
 mod scale_space;
 
 pub(super) use feature::Feature;
-pub use known::KnownFeatures;
+pub use known::look_at;
+pub(crate) use known::whole_image_features;
 pub use luma::luma;
 pub use matcher::{Correspondence, MatchConfig, frame_pairs, match_states, on_object};
 pub(super) use partner::mutual_matches;

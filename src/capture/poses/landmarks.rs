@@ -11,8 +11,9 @@ use rayon::prelude::*;
 use super::{pairs::Matches, surfels::Surfels};
 use crate::{
     NoiseConfig, RgbdFrame,
-    features::{Feature, KnownFeatures, frame_pairs, mutual_matches},
+    features::{Feature, frame_pairs, mutual_matches, whole_image_features},
 };
+use common::ahead::Ahead;
 
 /// Frames that every frame is matched with: those seen from nearest by.
 const NEIGHBORS: usize = 8;
@@ -31,13 +32,8 @@ pub(super) struct Landmarks(Vec<Vec<FrameLandmarks>>);
 
 impl FrameLandmarks {
     /// Finds features, under a mask or not, and gives them to the surfels of their frame.
-    pub fn find(
-        frame: &RgbdFrame,
-        surfels: &mut Surfels,
-        noise: &NoiseConfig,
-        known: &KnownFeatures,
-    ) -> Self {
-        let features = known.of(frame);
+    pub fn find(frame: &RgbdFrame, surfels: &mut Surfels, noise: &NoiseConfig, ahead: &Ahead) -> Self {
+        let features = whole_image_features(frame, ahead);
         let numbers = surfels.set_landmarks(frame, noise, features.iter().map(|f| f.pixel.map(f64::from)));
         Self { features, numbers }
     }
@@ -60,11 +56,11 @@ impl Landmarks {
         states: &[Vec<RgbdFrame>],
         surfels: &mut [Vec<Surfels>],
         noise: &NoiseConfig,
-        known: &KnownFeatures,
+        ahead: &Ahead,
     ) -> Self {
         let of_state = |(frames, surfels): (&Vec<RgbdFrame>, &mut Vec<Surfels>)| {
             let pairs = frames.par_iter().zip(surfels.par_iter_mut());
-            pairs.map(|(frame, surfels)| FrameLandmarks::find(frame, surfels, noise, known)).collect()
+            pairs.map(|(frame, surfels)| FrameLandmarks::find(frame, surfels, noise, ahead)).collect()
         };
         Self(states.par_iter().zip(surfels).map(of_state).collect())
     }

@@ -48,7 +48,8 @@ use self::{
     correction::Refined, depth_warp::DepthWarp, landmarks::Landmarks, pairs::Matches, sensor::Calibrated,
     solve::Problem, surfels::Surfels, trajectory::Trajectory,
 };
-use super::{KnownFeatures, NoiseConfig, RgbdFrame};
+use super::{NoiseConfig, RgbdFrame};
+use common::ahead::Ahead;
 
 /// Whether poses are corrected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -114,19 +115,19 @@ impl PoseFindings {
 
 /// Corrects the poses of every state, and the depth of all, where held-out surfels then agree clearly better.
 /// Poses that were `tracked` come from the frames themselves: they are taken to where the frames agree best,
-/// and what that leaves open is their error. Features of images that are `known` are not looked for again.
+/// and what that leaves open is their error. Features that were found `ahead` are not looked for again.
 #[must_use]
 pub fn refine_poses(
     states: &mut [Vec<RgbdFrame>],
     noise: &NoiseConfig,
     tracked: bool,
-    known: &KnownFeatures,
+    ahead: &Ahead,
 ) -> PoseFindings {
     let mut surfels: Vec<Vec<Surfels>> = states
         .par_iter()
         .map(|frames| frames.par_iter().map(|f| Surfels::of(f, noise, |_| true)).collect())
         .collect();
-    let landmarks = Landmarks::find(states, &mut surfels, noise, known);
+    let landmarks = Landmarks::find(states, &mut surfels, noise, ahead);
     let within: Vec<Matches> = states.par_iter().enumerate().map(|(s, f)| landmarks.within(s, f)).collect();
     // 0. Poses of another time, or of another scene, are beyond what the rest can correct.
     let agreement = agreements(states, &surfels, &within);

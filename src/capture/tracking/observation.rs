@@ -2,9 +2,10 @@
 
 use super::lost::Lost;
 use crate::{
-    KnownFeatures, NoiseConfig, RgbdFrame,
+    NoiseConfig, RgbdFrame,
     poses::{landmarks::FrameLandmarks, surfels::Surfels},
 };
+use common::ahead::Ahead;
 
 /// What a frame shows, about a megabyte.
 pub struct Observation {
@@ -33,11 +34,11 @@ impl Observation {
     /// Of a frame without a mask, whose depth may have gaps of single pixels (as depth that was aligned to
     /// color has): what stands around the object shows the camera's motion, too.
     #[must_use]
-    pub fn of(mut frame: RgbdFrame, noise: &NoiseConfig, known: &KnownFeatures) -> Self {
+    pub fn of(mut frame: RgbdFrame, noise: &NoiseConfig, ahead: &Ahead) -> Self {
         fill_gaps(&mut frame);
         let frame = &frame;
         let mut surfels = Surfels::of(frame, noise, |_| true);
-        let landmarks = FrameLandmarks::find(frame, &mut surfels, noise, known);
+        let landmarks = FrameLandmarks::find(frame, &mut surfels, noise, ahead);
         let count = frame.rgb.len().max(1) as f64;
         Self {
             stamp_nanos: frame.stamp_nanos,

@@ -3,7 +3,8 @@ use rand_core::Rng;
 
 use super::{lost::Lost, *};
 use crate::analytic::{cuboid, looking_at_origin, view_of};
-use crate::{KnownFeatures, NoiseConfig, RgbdFrame};
+use crate::{NoiseConfig, RgbdFrame};
+use common::ahead::Ahead;
 use geometry::{Intrinsics, Pose};
 use numeric::random::stage_rng;
 
@@ -65,7 +66,7 @@ fn track(frames: &[RgbdFrame]) -> (Track, Vec<Option<Lost>>) {
     let hidden = |f: &RgbdFrame| RgbdFrame { world_from_camera: Pose::identity(), ..f.clone() };
     let lost = frames
         .iter()
-        .map(|f| tracker.add(Observation::of(hidden(f), &NOISE, &KnownFeatures::default())).err())
+        .map(|f| tracker.add(Observation::of(hidden(f), &NOISE, &Ahead::default())).err())
         .collect();
     (tracker.finish(), lost)
 }
@@ -199,7 +200,7 @@ fn a_view_that_shows_nothing_is_lost_with_its_reason() {
         let mut tracker = Tracker::new(0);
         frames
             .into_iter()
-            .map(|f| tracker.add(Observation::of(f, &NOISE, &KnownFeatures::default())).err())
+            .map(|f| tracker.add(Observation::of(f, &NOISE, &Ahead::default())).err())
             .collect::<Vec<_>>()
     };
     let black = |f: &mut RgbdFrame| f.rgb.fill([2; 3]);
@@ -219,10 +220,8 @@ fn a_view_that_shows_nothing_is_lost_with_its_reason() {
     let wall: Vec<RgbdFrame> =
         (0..3).map(|i| view(&|p: &Point3<f64>| p.z - FLOOR_M, eye(i), false, i)).collect();
     let mut tracker = Tracker::new(0);
-    let found: Vec<_> = wall
-        .into_iter()
-        .map(|f| tracker.add(Observation::of(f, &NOISE, &KnownFeatures::default())).err())
-        .collect();
+    let found: Vec<_> =
+        wall.into_iter().map(|f| tracker.add(Observation::of(f, &NOISE, &Ahead::default())).err()).collect();
     assert_eq!(found[1..], [Some(Lost::Blank); 2]);
 }
 
@@ -230,10 +229,8 @@ fn a_view_that_shows_nothing_is_lost_with_its_reason() {
 fn live(frames: &[RgbdFrame], most: usize) -> (LiveTracker, Vec<Result<LiveView, Lost>>) {
     let mut tracker = LiveTracker::new(3, most);
     let hidden = |f: &RgbdFrame| RgbdFrame { world_from_camera: Pose::identity(), ..f.clone() };
-    let seen = frames
-        .iter()
-        .map(|f| tracker.see(Observation::of(hidden(f), &NOISE, &KnownFeatures::default())))
-        .collect();
+    let seen =
+        frames.iter().map(|f| tracker.see(Observation::of(hidden(f), &NOISE, &Ahead::default()))).collect();
     (tracker, seen)
 }
 

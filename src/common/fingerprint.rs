@@ -1,16 +1,50 @@
-//! What a checkpoint belongs to: recordings, settings, seed, version.
+//! What a result follows from: recordings, settings, seed, version. And the key by which it is found again.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
+    fmt,
     hash::Hasher as _,
     io::{self, Read as _, Seek as _, SeekFrom},
     path::Path,
 };
 
 use serde::{Deserialize, Serialize};
-
-use common::files::below;
 use twox_hash::XxHash64;
+
+use crate::files::{below, open};
+
+/// What a result is kept under: its stage, and the digest of all that it follows from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Key {
+    pub(crate) stage: String,
+    digest: u64,
+}
+
+impl Key {
+    /// Of a result that follows from these pieces of bytes.
+    #[must_use]
+    pub fn of<'a>(stage: &str, pieces: impl IntoIterator<Item = &'a [u8]>) -> Self {
+        Self { stage: stage.to_owned(), digest: digest(pieces) }
+    }
+}
+
+/// As the name of a file.
+impl fmt::Display for Key {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}-{:016x}", self.stage.replace('/', "."), self.digest)
+    }
+}
+
+/// XXH64 of pieces of bytes.
+fn digest<'a>(pieces: impl IntoIterator<Item = &'a [u8]>) -> u64 {
+    let mut sum = XxHash64::default();
+    for piece in pieces {
+        // With lengths, so that no two lists of pieces run together to the same bytes.
+        sum.write(&(piece.len() as u64).to_le_bytes());
+        sum.write(piece);
+    }
+    sum.finish()
+}
 
 /// A file is hashed whole up to this size, bytes; of a larger one [`SAMPLES`] pieces are, spread evenly.
 const WHOLE_BYTES: u64 = 64 << 20;
@@ -67,7 +101,7 @@ impl Fingerprint {
     /// Sentences about what differs from `other`, named by this one's facts.
     #[must_use]
     pub fn differences(&self, other: &Self) -> Vec<String> {
-        let names: std::collections::BTreeSet<&String> = self.0.keys().chain(other.0.keys()).collect();
+        let names: BTreeSet<&String> = self.0.keys().chain(other.0.keys()).collect();
         let show = |value: Option<&String>| value.map_or("absent", String::as_str).to_owned();
         let differs = |name: &&String| self.0.get(*name) != other.0.get(*name);
         names
@@ -78,32 +112,25 @@ impl Fingerprint {
     }
 
     /// The facts whose names are wanted.
-    pub(super) fn only(&self, wanted: impl Fn(&str) -> bool) -> Self {
+    #[must_use]
+    pub fn only(&self, wanted: impl Fn(&str) -> bool) -> Self {
         Self(self.0.iter().filter(|(name, _)| wanted(name)).map(|(n, v)| (n.clone(), v.clone())).collect())
     }
 
-    /// Names of all facts.
-    #[cfg(test)]
-    pub(super) fn names(&self) -> impl Iterator<Item = &str> {
-        self.0.keys().map(String::as_str)
+    fn pieces(&self) -> impl Iterator<Item = &[u8]> {
+        self.0.iter().flat_map(|(name, value)| [name.as_bytes(), value.as_bytes()])
     }
 
-    /// A 64-bit digest of all facts.
+    /// The key of a result that follows from all facts.
     #[must_use]
-    pub fn digest(&self) -> u64 {
-        let mut sum = XxHash64::default();
-        for text in self.0.iter().flat_map(|(name, value)| [name, value]) {
-            // With lengths, so that no two lists of texts run together to the same bytes.
-            sum.write(&(text.len() as u64).to_le_bytes());
-            sum.write(text.as_bytes());
-        }
-        sum.finish()
+    pub fn key(&self, stage: &str) -> Key {
+        Key::of(stage, self.pieces())
     }
 
-    /// The digest as text.
+    /// A digest of all facts.
     #[must_use]
     pub fn text(&self) -> String {
-        format!("{:016x}", self.digest())
+        format!("{:016x}", digest(self.pieces()))
     }
 
     fn add(&mut self, name: &str, value: &serde_json::Value) {
@@ -119,7 +146,7 @@ impl Fingerprint {
 /// Adds size and content of a file; gives its size.
 fn add_content(path: &Path, sum: &mut XxHash64) -> io::Result<u64> {
     let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
-    let mut file = common::files::open(path).map_err(named)?;
+    let mut file = open(path).map_err(named)?;
     let bytes = file.metadata().map_err(named)?.len();
     // The size too: of a large file only pieces are read.
     sum.write(&bytes.to_le_bytes());
@@ -159,19 +186,19 @@ mod tests {
             .unwrap();
         assert_eq!(a.differences(&b), ["config.field.levels is 8, was 12", "seed is 1, was 2"]);
         assert_eq!(a.differences(&a), [""; 0]);
-        assert_ne!(a.digest(), b.digest());
+        assert_ne!(a.text(), b.text());
         assert_eq!(a.clone().with("extra", 3).differences(&a), ["extra is 3, was absent"]);
         assert_ne!(
-            Fingerprint::default().with("ab", "c").digest(),
-            Fingerprint::default().with("a", "bc").digest()
+            Fingerprint::default().with("ab", "c").text(),
+            Fingerprint::default().with("a", "bc").text()
         );
     }
 
     #[test]
     fn the_content_of_a_recording_counts_and_its_place_does_not() {
-        let root = std::env::temp_dir().join(format!("artitwin-fingerprint-{}", std::process::id()));
+        let root = tempfile::tempdir().unwrap();
         let make = |folder: &str, files: &[(&str, &str)]| {
-            let folder = root.join(folder);
+            let folder = root.path().join(folder);
             for (name, text) in files {
                 let path = folder.join(name);
                 fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -184,23 +211,22 @@ mod tests {
         assert_ne!(a, make("c", &[("state0/x.mcap", "abd"), ("state1/x.mcap", "defg")]));
         assert_ne!(a, make("d", &[("state0/y.mcap", "abc"), ("state1/x.mcap", "defg")]));
         assert_ne!(a, make("e", &[("state0/x.mcap", "abcd"), ("state1/x.mcap", "efg")]));
-        let file = |name: &str| Fingerprint::default().with_source("input", &root.join(name));
+        let file = |name: &str| Fingerprint::default().with_source("input", &root.path().join(name));
         assert!(file("a/state0/x.mcap").is_ok());
         assert!(file("a/missing").unwrap_err().to_string().contains("missing"));
-        fs::remove_dir_all(&root).unwrap();
     }
 
     #[test]
     fn a_large_file_is_sampled_to_its_end() {
-        let path = std::env::temp_dir().join(format!("artitwin-large-{}.bin", std::process::id()));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("large.bin");
         let digest = |tail: u8| {
             let mut file = fs::File::create(&path).unwrap();
             file.set_len(3 * WHOLE_BYTES).unwrap();
             file.seek(SeekFrom::End(-1)).unwrap();
             io::Write::write_all(&mut file, &[tail]).unwrap();
-            Fingerprint::default().with_source("input", &path).unwrap().digest()
+            Fingerprint::default().with_source("input", &path).unwrap().text()
         };
         assert_ne!(digest(0), digest(1));
-        fs::remove_file(&path).unwrap();
     }
 }
