@@ -165,10 +165,11 @@ impl CaptureConfig {
     /// # Errors
     /// [`CaptureError::Memory`].
     pub fn check_memory(&self, frames: &[(usize, usize, usize)]) -> Result<(), CaptureError> {
-        let bytes = |(count, width, height): &(usize, usize, usize)| {
-            *count as f64 * *width as f64 * *height as f64 * BYTES_PER_PIXEL as f64
-        };
-        let needed_gib = frames.iter().map(bytes).sum::<f64>() / f64::from(1 << 30);
+        let mut needed_bytes = 0.0;
+        for &(count, width, height) in frames {
+            needed_bytes += count as f64 * width as f64 * height as f64 * BYTES_PER_PIXEL as f64;
+        }
+        let needed_gib = needed_bytes / f64::from(1 << 30);
         if needed_gib <= self.memory_gib {
             return Ok(());
         }

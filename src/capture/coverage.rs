@@ -73,15 +73,14 @@ fn of_state(
 ) -> Option<Coverage> {
     let depth_m = median_over_object(frames.iter(), |f, i| f64::from(f.depth_m[i]))?;
     let object = frames.iter().flat_map(|f| sampled(f).map(|p| f.depth_m[p] == 0.0));
-    let (shown, lost) =
-        object.fold((0usize, 0usize), |(shown, lost), is_lost| (shown + 1, lost + usize::from(is_lost)));
+    let mut shown = 0_usize;
+    let mut lost = 0_usize;
+    for is_lost in object {
+        shown += 1;
+        lost += usize::from(is_lost);
+    }
     let unread = lost as f64 / shown.max(1) as f64;
-    let eye = |f: &RgbdFrame| {
-        let out: Vector3<f64> = f.world_from_camera.translation.vector - middle.coords;
-        // Counterclockwise is to the right of who stands in front and looks at the object.
-        [(out.y.atan2(out.x) - front_rad).rem_euclid(TAU), out.z.atan2(out.xy().norm()), out.norm()]
-    };
-    let eyes: Vec<[f64; 3]> = frames.iter().map(eye).collect();
+    let eyes: Vec<[f64; 3]> = frames.iter().map(|f| eye_of_view(f, middle, front_rad)).collect();
     let mut by_sector = [0; SECTORS.len()];
     for [azimuth_rad, ..] in &eyes {
         let sector = (azimuth_rad / TAU * SECTORS.len() as f64).round() as usize;
@@ -100,16 +99,23 @@ fn of_state(
     })
 }
 
-/// Some pixels of a frame that show the object.
+/// Azimuth from the front and elevation of a camera about the object's middle, radians, and its distance,
+/// meters.
+fn eye_of_view(frame: &RgbdFrame, middle: &Point3<f64>, front_rad: f64) -> [f64; 3] {
+    let out: Vector3<f64> = frame.world_from_camera.translation.vector - middle.coords;
+    // Counterclockwise is to the right of a viewer in front of the object.
+    [(out.y.atan2(out.x) - front_rad).rem_euclid(TAU), out.z.atan2(out.xy().norm()), out.norm()]
+}
+
+/// Some pixels of a frame on the object.
 fn sampled(frame: &RgbdFrame) -> impl Iterator<Item = usize> {
     (0..frame.depth_m.len()).step_by(STRIDE).filter(|p| frame.is_object(*p))
 }
 
 /// Points on the object's surface, of all frames alike.
 fn points(frames: &[RgbdFrame]) -> Vec<Point3<f64>> {
-    let of_frame =
-        |f: &RgbdFrame| -> Vec<Point3<f64>> { sampled(f).filter_map(|p| f.world_point(p)).collect() };
-    let all: Vec<Point3<f64>> = frames.iter().flat_map(of_frame).collect();
+    let all: Vec<Point3<f64>> =
+        frames.iter().flat_map(|f| sampled(f).filter_map(|p| f.world_point(p))).collect();
     let every = all.len().div_ceil(POINTS).max(1);
     all.into_iter().step_by(every).collect()
 }
@@ -138,16 +144,16 @@ fn reads(frame: &RgbdFrame, point: &Point3<f64>, noise: &NoiseConfig) -> bool {
 fn is_cut(frame: &RgbdFrame) -> bool {
     let width = frame.intrinsics.width;
     let height = frame.intrinsics.height;
-    let share = |pixels: Vec<usize>| {
-        pixels.iter().filter(|p| frame.is_object(**p)).count() as f64 / pixels.len().max(1) as f64
-    };
-    let sides = [
+    let sides: [Vec<usize>; 4] = [
         (0..width).collect(),
         (0..width).map(|x| (height - 1) * width + x).collect(),
         (0..height).map(|y| y * width).collect(),
         (0..height).map(|y| y * width + width - 1).collect(),
     ];
-    sides.into_iter().any(|side: Vec<usize>| share(side) > CUT_SHARE)
+    sides.iter().any(|side| {
+        let on_object = side.iter().filter(|p| frame.is_object(**p)).count();
+        on_object as f64 / side.len().max(1) as f64 > CUT_SHARE
+    })
 }
 
 /// Share of a side of the image on which an object shows that the side cuts.
@@ -210,17 +216,18 @@ impl Coverage {
         }
         advice
     }
+
+    /// Names of the sectors with views, or of those without.
+    fn sector_names(&self, with_views: bool) -> String {
+        let sectors = SECTORS.iter().zip(self.by_sector).filter(|(_, n)| (*n > 0) == with_views);
+        sectors.map(|(name, _)| *name).collect::<Vec<_>>().join(", ")
+    }
 }
 
 impl fmt::Display for Coverage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let named = |is_seen: bool| {
-            let sectors = SECTORS.iter().zip(self.by_sector).filter(|(_, n)| (*n > 0) == is_seen);
-            sectors.map(|(name, _)| *name).collect::<Vec<_>>().join(", ")
-        };
-        let elevations = || self.eyes.iter().map(|e| e[1].to_degrees());
-        let low = elevations().fold(90.0, f64::min);
-        let high = elevations().fold(-90.0, f64::max);
+        let low = self.eyes.iter().map(|e| e[1].to_degrees()).fold(90.0, f64::min);
+        let high = self.eyes.iter().map(|e| e[1].to_degrees()).fold(-90.0, f64::max);
         let [best_mm, worst_mm] = self.expected_m().map(|m| 1e3 * m);
         write!(
             f,
@@ -228,8 +235,8 @@ impl fmt::Display for Coverage {
              read in {:.0} of them; surfaces to be expected within {best_mm:.1} to {worst_mm:.1} mm",
             self.eyes.len(),
             self.depth_m,
-            named(true),
-            match named(false) {
+            self.sector_names(true),
+            match self.sector_names(false) {
                 none if none.is_empty() => String::new(),
                 unseen => format!(" (not from {unseen})"),
             },

@@ -14,11 +14,11 @@ use super::{NoiseConfig, RgbdFrame, median_over_object};
 
 /// Windows: half a side and distance between the readings used, in pixels, and how many readings with
 /// correlated noise are worth one (stereo noise is correlated over about three pixels).
-const WINDOWS: [Window; 4] = [
-    Window { radius: 2, stride: 1, correlated: 6.25 },
-    Window { radius: 4, stride: 2, correlated: 2.25 },
-    Window { radius: 7, stride: 3, correlated: 1.0 },
-    Window { radius: 12, stride: 4, correlated: 1.0 },
+const WINDOWS: [FitWindow; 4] = [
+    FitWindow { radius: 2, stride: 1, correlated: 6.25 },
+    FitWindow { radius: 4, stride: 2, correlated: 2.25 },
+    FitWindow { radius: 7, stride: 3, correlated: 1.0 },
+    FitWindow { radius: 12, stride: 4, correlated: 1.0 },
 ];
 /// Readings further from the plane of the smaller window are of another surface, standard deviations.
 /// tuned: made and recorded objects (docs/method.md 16)
@@ -33,7 +33,7 @@ const MIN_SHARE: [f64; 2] = [0.5, 0.35];
 const MAX_READINGS: f64 = 60.0;
 
 #[derive(Clone, Copy)]
-struct Window {
+struct FitWindow {
     radius: i32,
     stride: i32,
     correlated: f64,
@@ -41,7 +41,7 @@ struct Window {
 
 /// Inverse depth around a pixel: value, slope by u, slope by v; and the variance of the value.
 #[derive(Clone, Copy)]
-struct Plane {
+struct InversePlane {
     inverse: Vector3<f64>,
     variance: f64,
 }
@@ -89,35 +89,37 @@ impl InverseDepth {
 /// that have too few neighbors of one surface (flying pixels) become unknown.
 pub fn denoise(frame: &mut RgbdFrame, noise: &NoiseConfig) {
     let inverse = InverseDepth::new(frame);
-    let width = frame.intrinsics.width;
-    let height = frame.intrinsics.height;
-    let of_row = |y: usize| {
-        let mut row: Vec<(f32, f32)> =
-            frame.depth_m[y * width..(y + 1) * width].iter().map(|&d| (d, 1.0)).collect();
-        for (block, cleaned) in row.chunks_mut(LANES).enumerate() {
-            let first = block * LANES;
-            let sigmas: [Option<f64>; LANES] = std::array::from_fn(|lane| {
-                let depth_m = f64::from(cleaned.get(lane)?.0);
-                (depth_m > 0.0 && frame.is_object(y * width + first + lane))
-                    .then(|| noise.sigma_m(depth_m) / depth_m.powi(2))
-            });
-            let planes = local_planes(&inverse, inverse.at(first, y), &sigmas);
-            for ((cleaned, sigma), plane) in cleaned.iter_mut().zip(sigmas).zip(planes) {
-                let Some(sigma) = sigma else { continue };
-                *cleaned = match plane {
-                    Some(p) if p.inverse[0] > 0.0 => (
-                        (1.0 / p.inverse[0]) as f32,
-                        // docs/method.md (2.11): so many readings would give the plane's deviation.
-                        (sigma * sigma / p.variance).clamp(1.0, MAX_READINGS) as f32,
-                    ),
-                    _ => (0.0, 0.0),
-                };
-            }
-        }
-        row
-    };
-    let cleaned: Vec<Vec<(f32, f32)>> = (0..height).into_par_iter().map(of_row).collect();
+    let rows = (0..frame.intrinsics.height).into_par_iter();
+    let cleaned: Vec<Vec<(f32, f32)>> = rows.map(|y| denoised_row(frame, &inverse, noise, y)).collect();
     (frame.depth_m, frame.readings) = cleaned.into_iter().flatten().unzip();
+}
+
+/// Depth, meters, and number of readings of every pixel in a row.
+fn denoised_row(frame: &RgbdFrame, inverse: &InverseDepth, noise: &NoiseConfig, y: usize) -> Vec<(f32, f32)> {
+    let width = frame.intrinsics.width;
+    let mut row: Vec<(f32, f32)> =
+        frame.depth_m[y * width..(y + 1) * width].iter().map(|&d| (d, 1.0)).collect();
+    for (block, cleaned) in row.chunks_mut(LANES).enumerate() {
+        let first = block * LANES;
+        let sigmas: [Option<f64>; LANES] = std::array::from_fn(|lane| {
+            let depth_m = f64::from(cleaned.get(lane)?.0);
+            (depth_m > 0.0 && frame.is_object(y * width + first + lane))
+                .then(|| noise.sigma_m(depth_m) / depth_m.powi(2))
+        });
+        let planes = local_planes(inverse, inverse.at(first, y), &sigmas);
+        for ((cleaned, sigma), plane) in cleaned.iter_mut().zip(sigmas).zip(planes) {
+            let Some(sigma) = sigma else { continue };
+            *cleaned = match plane {
+                Some(p) if p.inverse[0] > 0.0 => (
+                    (1.0 / p.inverse[0]) as f32,
+                    // docs/method.md (2.11): so many readings would give the plane's deviation.
+                    (sigma * sigma / p.variance).clamp(1.0, MAX_READINGS) as f32,
+                ),
+                _ => (0.0, 0.0),
+            };
+        }
+    }
+    row
 }
 
 /// Over which distance on the object the errors of denoised depth are alike, meters: half a side of the
@@ -135,7 +137,7 @@ fn local_planes(
     inverse: &InverseDepth,
     first: usize,
     sigmas: &[Option<f64>; LANES],
-) -> [Option<Plane>; LANES] {
+) -> [Option<InversePlane>; LANES] {
     let mut best = [None; LANES];
     let mut intervals = [[f64::NEG_INFINITY, f64::INFINITY]; LANES];
     let mut growing = *sigmas;
@@ -146,7 +148,7 @@ fn local_planes(
         // The first window starts level at the reading; each later one at the plane before it, so that its
         // gate follows the slope.
         let starts: [Vector3<f64>; LANES] = std::array::from_fn(|lane| match best[lane] {
-            Some(Plane { inverse, .. }) => inverse,
+            Some(InversePlane { inverse, .. }) => inverse,
             None => Vector3::new(f64::from(inverse.values[first + lane]), 0.0, 0.0),
         });
         let is_first = window.radius == WINDOWS[0].radius;
@@ -176,7 +178,7 @@ fn local_planes(
 
 /// Sums over a window's readings that are within the gate.
 #[derive(Default)]
-struct Sums {
+struct WindowSums {
     /// Of 1, u, v, uu, uv, vv.
     moments: [Lanes; 6],
     /// Of the residual against `start` times 1, u, v.
@@ -189,12 +191,12 @@ struct Sums {
 fn sums(
     inverse: &InverseDepth,
     first: usize,
-    window: &Window,
+    window: &FitWindow,
     starts: &[Vector3<f64>; LANES],
     gates: &Lanes,
-) -> Sums {
+) -> WindowSums {
     let start = [0, 1, 2].map(|k| starts.map(|s| s[k] as f32));
-    let mut sums = Sums::default();
+    let mut sums = WindowSums::default();
     for dv in offsets(window) {
         let row = first.wrapping_add_signed(dv as isize * inverse.stride as isize);
         let v = dv as f32;
@@ -224,34 +226,32 @@ fn sums(
         }
         for lane in 0..LANES {
             // All of a row have one v, so that moments with v are products.
-            let of_row = [n[lane], nu[lane], v * n[lane], nuu[lane], v * nu[lane], v * v * n[lane]];
-            (0..6).for_each(|k| sums.moments[k][lane] += of_row[k]);
-            [r[lane], ru[lane], v * r[lane]]
-                .iter()
-                .enumerate()
-                .for_each(|(k, x)| sums.residuals[k][lane] += x);
+            let moments = [n[lane], nu[lane], v * n[lane], nuu[lane], v * nu[lane], v * v * n[lane]];
+            (0..6).for_each(|k| sums.moments[k][lane] += moments[k]);
+            let residuals = [r[lane], ru[lane], v * r[lane]];
+            (0..3).for_each(|k| sums.residuals[k][lane] += residuals[k]);
         }
     }
     sums
 }
 
 /// Offsets of the readings that a window uses, pixels.
-fn offsets(window: &Window) -> impl Iterator<Item = i32> {
+fn offsets(window: &FitWindow) -> impl Iterator<Item = i32> {
     let half = window.radius / window.stride;
     let stride = window.stride;
     (-half..=half).map(move |k| k * stride)
 }
 
-impl Sums {
+impl WindowSums {
     /// Least-squares plane of one pixel's readings; `None` if they are too few or do not lie on one.
     fn plane(
         &self,
         lane: usize,
         sigma: f64,
-        window: &Window,
+        window: &FitWindow,
         start: &Vector3<f64>,
         first: bool,
-    ) -> Option<Plane> {
+    ) -> Option<InversePlane> {
         let s = self.moments.map(|m| f64::from(m[lane]));
         let b = Vector3::from(self.residuals.map(|r| f64::from(r[lane])));
         let side = offsets(window).count();
@@ -267,7 +267,7 @@ impl Sums {
         if !first && misfit > 1.0 + (2.0 / freedom).sqrt() {
             return None;
         }
-        Some(Plane {
+        Some(InversePlane {
             inverse: start + change,
             variance: covariance[(0, 0)] * window.correlated * sigma * sigma,
         })

@@ -146,15 +146,18 @@ impl TfBuffer {
     /// One line per frame: `parent -> child (static)` or with the number of samples and their time span.
     #[must_use]
     pub fn describe(&self) -> Vec<String> {
-        let line = |(child, (parent, edge)): (&String, &(String, Edge))| match edge {
-            Edge::Static(_) => format!("{parent} -> {child} (static)"),
-            Edge::Moving(samples) => {
-                let span = samples.keys().next().zip(samples.keys().next_back());
-                let (first, last) = span.map_or((0.0, 0.0), |(a, b)| (stamp_secs(*a), stamp_secs(*b)));
-                format!("{parent} -> {child} ({} samples, {first:.3} to {last:.3} s)", samples.len())
-            }
-        };
-        self.edges.iter().map(line).collect()
+        let mut lines = Vec::with_capacity(self.edges.len());
+        for (child, (parent, edge)) in &self.edges {
+            lines.push(match edge {
+                Edge::Static(_) => format!("{parent} -> {child} (static)"),
+                Edge::Moving(samples) => {
+                    let span = samples.keys().next().zip(samples.keys().next_back());
+                    let (first, last) = span.map_or((0.0, 0.0), |(a, b)| (stamp_secs(*a), stamp_secs(*b)));
+                    format!("{parent} -> {child} ({} samples, {first:.3} to {last:.3} s)", samples.len())
+                }
+            });
+        }
+        lines
     }
 
     /// `target_from_source` at a stamp, through the frames' nearest common ancestor.
@@ -169,29 +172,26 @@ impl TfBuffer {
         stamp_nanos: i64,
         max_gap_nanos: i64,
     ) -> Result<Pose, CaptureError> {
-        let fail = |reason: String| CaptureError::NoTransform {
-            target: target.to_owned(),
-            source_frame: source.to_owned(),
-            stamp_secs: stamp_secs(stamp_nanos),
-            reason,
-        };
+        let fail = |reason: String| no_transform(target, source, stamp_nanos, reason);
         let from_source = self.ancestors(source);
         let from_target = self.ancestors(target);
         // Not the root: what is above the common ancestor cancels, and may be missing.
         let Some(common) = from_source.iter().find(|f| from_target.contains(f)) else {
-            let root = |chain: &[&str]| chain.last().copied().unwrap_or_default().to_owned();
             return Err(fail(format!(
                 "the frames are not connected (`{source}` ends at `{}`, `{target}` at `{}`)",
-                root(&from_source),
-                root(&from_target)
+                from_source.last().copied().unwrap_or_default(),
+                from_target.last().copied().unwrap_or_default()
             )));
         };
-        let up = |chain: &[&str]| -> Result<Pose, CaptureError> {
-            chain.iter().take_while(|f| *f != common).try_fold(Pose::identity(), |below, frame| {
-                Ok(self.step(frame, stamp_nanos, max_gap_nanos).map_err(|e| fail(e.to_string()))? * below)
-            })
-        };
-        Ok(up(&from_target)?.inverse() * up(&from_source)?)
+        let mut poses = [Pose::identity(); 2];
+        for (pose, chain) in poses.iter_mut().zip([&from_target, &from_source]) {
+            for frame in chain.iter().take_while(|f| *f != common) {
+                let step = self.step(frame, stamp_nanos, max_gap_nanos);
+                *pose = step.map_err(|e| fail(e.to_string()))? * *pose;
+            }
+        }
+        let [common_from_target, common_from_source] = poses;
+        Ok(common_from_target.inverse() * common_from_source)
     }
 
     /// The frame and those above it.
@@ -232,6 +232,15 @@ impl TfBuffer {
             (None, Some((first, _))) => Err(StepFault::NotBegun { child: frame(), at_s: stamp_secs(*first) }),
             (None, None) => Err(StepFault::NoSample(frame())),
         }
+    }
+}
+
+fn no_transform(target: &str, source: &str, stamp_nanos: i64, reason: String) -> CaptureError {
+    CaptureError::NoTransform {
+        target: target.to_owned(),
+        source_frame: source.to_owned(),
+        stamp_secs: stamp_secs(stamp_nanos),
+        reason,
     }
 }
 

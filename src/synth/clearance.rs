@@ -53,16 +53,20 @@ fn overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
     let axes = |p: &Pose| [Vector3::x(), Vector3::y(), Vector3::z()].map(|e| p.rotation * e);
     let axes_a = axes(pose_a);
     let axes_b = axes(pose_b);
-    let reach = |axes: &[Vector3<f64>; 3], half: &Vector3<f64>, along: &Vector3<f64>| {
-        (0..3).map(|k| half[k] * axes[k].dot(along).abs()).sum::<f64>()
-    };
-    let separated = |along: Vector3<f64>| {
-        // Parallel edges have no product; the axes of the faces stand for them.
-        along.norm_squared() > 1e-12
-            && between.dot(&along).abs() > reach(&axes_a, &half_a, &along) + reach(&axes_b, &half_b, &along)
-    };
     let crosses = axes_a.iter().flat_map(|u| axes_b.iter().map(move |v| u.cross(v)));
-    !axes_a.iter().chain(&axes_b).copied().chain(crosses).any(separated)
+    for along in axes_a.iter().chain(&axes_b).copied().chain(crosses) {
+        let reach = reach(&axes_a, &half_a, &along) + reach(&axes_b, &half_b, &along);
+        // Parallel edges have no product; the axes of the faces stand for them.
+        if along.norm_squared() > 1e-12 && between.dot(&along).abs() > reach {
+            return false;
+        }
+    }
+    true
+}
+
+/// How far a box reaches along a direction.
+fn reach(axes: &[Vector3<f64>; 3], half: &Vector3<f64>, along: &Vector3<f64>) -> f64 {
+    (0..3).map(|k| half[k] * axes[k].dot(along).abs()).sum::<f64>()
 }
 
 #[cfg(test)]

@@ -98,51 +98,68 @@ impl DepthCamera {
             white
         };
         let second_eye = world_from_camera * Point3::new(self.baseline_m, 0.0, 0.0);
-        let reading = |i: usize| {
+        let readings = (0..pixels).into_par_iter().with_min_len(k.width).map(|i| {
             let depth_m = view.depth_m[i];
             let is_lost = view.lacquered[i] || holes[i][0] < self.dropout || errors.is_lost(i);
             if depth_m <= 0.0 || is_lost {
                 return 0;
             }
             let between_m = errors.between_m(i);
-            let fails = 1.0 / (1.0 + ((view.cosine[i] - self.grazing_cosine) / GRAZING_WIDTH * 4.0).exp());
-            if between_m.is_none() && holes[i][1] < fails && self.grazing_cosine >= 0.0 {
-                return 0;
-            }
-            // What the second imager does not see has no disparity.
-            if between_m.is_none() && self.shadows {
-                let seen =
-                    world_from_camera * k.unproject((i % k.width) as f64, (i / k.width) as f64, depth_m);
-                let step = depth_step(&view.depth_m, k, i);
-                if step.is_beyond(EDGE_SHARE * depth_m)
-                    || !scene.is_clear(&seen, &second_eye, SHADOW_MARGIN_M)
-                {
+            if between_m.is_none() {
+                let fails =
+                    1.0 / (1.0 + ((view.cosine[i] - self.grazing_cosine) / GRAZING_WIDTH * 4.0).exp());
+                if holes[i][1] < fails && self.grazing_cosine >= 0.0 {
+                    return 0;
+                }
+                if self.shadows && is_in_shadow(view, scene, k, world_from_camera, &second_eye, i) {
                     return 0;
                 }
             }
-            let focal_m = k.fx * self.baseline_m;
             let read_m = between_m.unwrap_or(depth_m) * errors.factor(i);
-            // Stereo errs in disparity, evenly; in depth the same error grows with the square of the
-            // range.
-            let mut disparity_px =
-                focal_m / read_m + self.disparity_sigma_px * noise[i] + errors.disparity_px(i);
-            if self.disparity_step_px > 0.0 {
-                disparity_px = (disparity_px / self.disparity_step_px).round() * self.disparity_step_px;
-            }
-            let mm = 1000.0 * focal_m / disparity_px;
-            // A disparity at or below zero, and what 16 bits cannot hold, is no reading.
-            if mm > 0.0 && mm < f64::from(u16::MAX) { mm.round() as u16 } else { 0 }
-        };
-        (0..pixels).into_par_iter().with_min_len(k.width).map(reading).collect()
+            let error_px = self.disparity_sigma_px * noise[i];
+            self.reading_mm(read_m, error_px, errors.disparity_px(i), k)
+        });
+        readings.collect()
+    }
+
+    /// Depth by a disparity with errors, millimeters; 0 where it is no reading.
+    fn reading_mm(&self, depth_m: f64, noise_px: f64, error_px: f64, k: &Intrinsics) -> u16 {
+        let focal_m = k.fx * self.baseline_m;
+        // Stereo errs in disparity, evenly; in depth the same error grows with the square of the range.
+        let mut disparity_px = focal_m / depth_m + noise_px + error_px;
+        if self.disparity_step_px > 0.0 {
+            disparity_px = (disparity_px / self.disparity_step_px).round() * self.disparity_step_px;
+        }
+        let mm = 1000.0 * focal_m / disparity_px;
+        // A disparity at or below zero, and a depth beyond 16 bits, is no reading.
+        if mm > 0.0 && mm < f64::from(u16::MAX) { mm.round() as u16 } else { 0 }
     }
 
     /// Colors of a view in sRGB with the camera's noise, row-major.
     #[must_use]
     pub fn rgb(&self, view: &View, rng: &mut impl Rng) -> Vec<[u8; 3]> {
-        let mut channel = |linear: f64| {
-            let encoded = 255.0 * linear.clamp(0.0, 1.0).powf(1.0 / 2.2);
-            (encoded + self.color_sigma * random::normal(rng)).round().clamp(0.0, 255.0) as u8
-        };
-        view.color.iter().map(|c| [channel(c.x), channel(c.y), channel(c.z)]).collect()
+        let mut pixels = Vec::with_capacity(view.color.len());
+        for color in &view.color {
+            pixels.push([color.x, color.y, color.z].map(|linear| {
+                let encoded = 255.0 * linear.clamp(0.0, 1.0).powf(1.0 / 2.2);
+                (encoded + self.color_sigma * random::normal(rng)).round().clamp(0.0, 255.0) as u8
+            }));
+        }
+        pixels
     }
+}
+
+/// Whether a pixel's surface is hidden from the second imager: it has no disparity.
+fn is_in_shadow(
+    view: &View,
+    scene: &Scene,
+    k: &Intrinsics,
+    world_from_camera: &Pose,
+    second_eye: &Point3<f64>,
+    i: usize,
+) -> bool {
+    let depth_m = view.depth_m[i];
+    let seen = world_from_camera * k.unproject((i % k.width) as f64, (i / k.width) as f64, depth_m);
+    depth_step(&view.depth_m, k, i).is_beyond(EDGE_SHARE * depth_m)
+        || !scene.is_clear(&seen, second_eye, SHADOW_MARGIN_M)
 }

@@ -135,11 +135,8 @@ impl Plate {
         let part_from_handle = self.frame(width_m, 0.0);
         let from_face = (self.part_from_face.inverse() * part_from_handle).translation.vector;
         // All in the frame of the recess.
-        let between = |lower: [f64; 3], upper: [f64; 3], material: &Material| {
-            let mut solid = Solid::between(lower, upper, material);
-            solid.part_from_solid = part_from_handle * solid.part_from_solid;
-            solid
-        };
+        let between =
+            |lower, upper, material| Solid::between(lower, upper, material).moved(&part_from_handle);
         let lower = -self.half - from_face;
         let upper = self.half - from_face;
         let a = 0.5 * length_m;

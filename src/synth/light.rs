@@ -34,13 +34,14 @@ impl Light {
 
     /// How near a surface point comes to mirroring a bulb to the eye, in `[0, 1]`.
     pub(super) fn gloss(&self, eye: &Point3<f64>, point: &Point3<f64>, normal: &Vector3<f64>) -> f64 {
-        let lobe = |bulb: &Point3<f64>| {
+        let mut gloss = 0.0_f64;
+        for bulb in &self.bulbs {
             let [to_eye, to_bulb] = [eye - point, bulb - point].map(|v| v.normalize());
-            if normal.dot(&to_bulb) <= 0.0 || normal.dot(&to_eye) <= 0.0 {
-                return 0.0;
+            if normal.dot(&to_bulb) > 0.0 && normal.dot(&to_eye) > 0.0 {
+                let cosine = (to_eye + to_bulb).normalize().dot(normal).max(0.0);
+                gloss = gloss.max(cosine.powf(LOBE_EXPONENT));
             }
-            (to_eye + to_bulb).normalize().dot(normal).max(0.0).powf(LOBE_EXPONENT)
-        };
-        self.bulbs.iter().map(lobe).fold(0.0, f64::max)
+        }
+        gloss
     }
 }

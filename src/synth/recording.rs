@@ -113,7 +113,8 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
     // The first take defines the world.
     let offset = if take == 0 { Pose::identity() } else { drift(config) };
     let recorded_from_world = offset * poses.relocalization;
-    let frame = |i: usize| {
+    let mut frames = Vec::with_capacity(views);
+    for i in 0..views {
         let world_from_camera = cameras[i];
         let light = camera.light((take, i), &lamp, scene(i), &world_from_camera, &sphere);
         let mut view = View::cast(scene(i), &intrinsics, &world_from_camera, &light);
@@ -130,7 +131,7 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
             let at = side * SynthFrame::POSE_OFFSET_NANOS as f64 - 1e9 * camera.lag_s;
             recorded_from_world * poses.drift[i] * path.pose(time(i, at)) * error
         });
-        SynthFrame {
+        frames.push(SynthFrame {
             rgb: depth_camera.rgb(&view, &mut rng("color", i)),
             depth_mm,
             mask: config.sensor.is_none().then(|| view.part.iter().map(Option::is_some).collect()),
@@ -139,9 +140,8 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
             velocity,
             gain: camera.gain(take, i),
             has_hand: !hands[i].is_empty(),
-        }
-    };
-    let frames: Vec<SynthFrame> = (0..views).map(frame).collect();
+        });
+    }
     // Scenes with their hands: what a hand hides was not seen.
     let eyes: Vec<(&Scene, Pose)> = (0..views).map(|i| (scene(i), cameras[i])).collect();
     let seen = seen_points(object, state, &intrinsics, &eyes, SURFACE_POINTS, &mut rng("seen", 0));

@@ -30,17 +30,19 @@ pub fn workspace(objects: &[&Object]) -> [Point3<f64>; 2] {
 
 /// The box that an object needs, whatever its state: all joints at either limit or half way.
 pub(super) fn whole_way(object: &Object) -> [Point3<f64>; 2] {
-    let at = |share: f64| {
-        let mut moved = object.clone();
-        for joint in moved.parts.iter_mut().filter_map(|p| p.joint.as_mut()) {
-            let [low, high] = joint.limits;
-            joint.positions = [low + share * (high - low); 2];
-        }
-        moved
-    };
     // An arc may reach furthest between its limits.
-    let [low, half, high] = [0.0, 0.5, 1.0].map(at);
+    let [low, half, high] = [0.0, 0.5, 1.0].map(|share| at_share_of_limits(object, share));
     workspace(&[&low, &half, &high])
+}
+
+/// An object with all joints at one share of the way between their limits.
+fn at_share_of_limits(object: &Object, share: f64) -> Object {
+    let mut moved = object.clone();
+    for joint in moved.parts.iter_mut().filter_map(|p| p.joint.as_mut()) {
+        let [low, high] = joint.limits;
+        joint.positions = [low + share * (high - low); 2];
+    }
+    moved
 }
 
 #[cfg(test)]

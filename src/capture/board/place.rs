@@ -108,7 +108,7 @@ impl BoardPlace {
         if views.len() < LEAST_VIEWS {
             return None;
         }
-        let problem = Problem { views, scale: scale[0], turn: color.mean_rad };
+        let problem = PlaceProblem { views, scale: scale[0], turn: color.mean_rad };
         let step = (views.len() / STARTS).max(1);
         let fits = views.iter().step_by(step).map(|v| problem.fit(problem.by_one(v)));
         let best = fits.flatten().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
@@ -141,13 +141,13 @@ impl BoardPlace {
     }
 }
 
-struct Problem<'a> {
+struct PlaceProblem<'a> {
     views: &'a [BoardInView<'a>],
     scale: f64,
     turn: [f64; 2],
 }
 
-struct Fit {
+struct PlaceFit {
     board_from_map: Pose,
     information: Matrix6<f64>,
     /// How the gradient changes with the logarithm of the length and the turn of color.
@@ -158,14 +158,14 @@ struct Fit {
 
 /// Of a view: where the board puts a color camera against where the map does, in the camera's frame; the
 /// derivatives by a motion of the map, and by the logarithm of the length and the turn; the information.
-struct Residual {
+struct ViewResidual {
     off: Vector6<f64>,
     by_map: Matrix6<f64>,
     by_known: Matrix6x3<f64>,
     information: Matrix6<f64>,
 }
 
-impl Problem<'_> {
+impl PlaceProblem<'_> {
     fn color_in_map(&self, view: &BoardInView<'_>) -> Pose {
         let turn = Vector3::new(self.turn[0], self.turn[1], 0.0);
         stretched(&view.map_from_camera, self.scale) * Pose::new(Vector3::zeros(), turn)
@@ -175,7 +175,7 @@ impl Problem<'_> {
         view.sighting.board_from_camera * self.color_in_map(view).inverse()
     }
 
-    fn fit(&self, board_from_map: Pose) -> Option<Fit> {
+    fn fit(&self, board_from_map: Pose) -> Option<PlaceFit> {
         let mut at = board_from_map;
         for _ in 0..ROUNDS {
             let (fit, gradient) = self.sums(&at)?;
@@ -189,13 +189,13 @@ impl Problem<'_> {
     }
 
     /// Normal equations about a place: the gradient by a motion of the map, and all else.
-    fn sums(&self, board_from_map: &Pose) -> Option<(Fit, Vector6<f64>)> {
-        let all: Vec<Residual> =
+    fn sums(&self, board_from_map: &Pose) -> Option<(PlaceFit, Vector6<f64>)> {
+        let all: Vec<ViewResidual> =
             self.views.iter().map(|v| self.residual(board_from_map, v)).collect::<Option<_>>()?;
         let squares: Vec<f64> = all.iter().map(|r| r.off.dot(&(r.information * r.off))).collect();
         let variance = (median(squares.clone())? / CHI_SQUARE_MEDIAN_6).max(1.0);
         let mut gradient = Vector6::zeros();
-        let mut fit = Fit {
+        let mut fit = PlaceFit {
             board_from_map: *board_from_map,
             information: Matrix6::zeros(),
             by_known: Matrix6x3::zeros(),
@@ -216,7 +216,7 @@ impl Problem<'_> {
     }
 
     /// What a view adds to the sum of docs/method.md (2.29).
-    fn residual(&self, board_from_map: &Pose, view: &BoardInView<'_>) -> Option<Residual> {
+    fn residual(&self, board_from_map: &Pose, view: &BoardInView<'_>) -> Option<ViewResidual> {
         let map_from_color = self.color_in_map(view);
         let off =
             shift_and_turn(&((board_from_map * map_from_color).inverse() * view.sighting.board_from_camera));
@@ -229,25 +229,30 @@ impl Problem<'_> {
         });
         let covariance = view.sighting.covariance + Matrix6::from_diagonal(&tracked);
         let information = covariance.cholesky()?.inverse();
-        Some(Residual { off, by_map: -adjoint(&map_from_color.inverse()), by_known, information })
+        Some(ViewResidual { off, by_map: -adjoint(&map_from_color.inverse()), by_known, information })
     }
 
     /// Covariance of a place by how it changes where parts of the recording are left out in turn: errors of
     /// neighboring views are alike (block jackknife: Kuensch 1989).
-    fn by_blocks(&self, best: &Fit) -> Matrix6<f64> {
+    fn by_blocks(&self, best: &PlaceFit) -> Matrix6<f64> {
         let blocks = BLOCKS.min(self.views.len());
-        let without = |block: usize| {
-            let left_out = |k: usize| k * blocks / self.views.len() == block;
-            let views: Vec<BoardInView<'_>> =
-                (0..self.views.len()).filter(|k| !left_out(*k)).map(|k| self.views[k]).collect();
-            let fit = Problem { views: &views, ..*self }.fit(best.board_from_map)?;
-            Some(shift_and_turn(&(best.board_from_map.inverse() * fit.board_from_map)))
-        };
-        let moved: Vec<Vector6<f64>> = (0..blocks).filter_map(without).collect();
+        let moved: Vec<Vector6<f64>> =
+            (0..blocks).filter_map(|block| self.change_without_block(best, block, blocks)).collect();
         let count = moved.len().max(1) as f64;
         let mean = moved.iter().sum::<Vector6<f64>>() / count;
         let sum: Matrix6<f64> = moved.iter().map(|m| (m - mean) * (m - mean).transpose()).sum();
         sum * ((count - 1.0) / count)
+    }
+
+    /// Shift, meters, and turn, radians, of the place fitted without one block of views; `None` where that
+    /// fit fails.
+    fn change_without_block(&self, best: &PlaceFit, block: usize, blocks: usize) -> Option<Vector6<f64>> {
+        let views: Vec<BoardInView<'_>> = (0..self.views.len())
+            .filter(|k| k * blocks / self.views.len() != block)
+            .map(|k| self.views[k])
+            .collect();
+        let fit = PlaceProblem { views: &views, ..*self }.fit(best.board_from_map)?;
+        Some(shift_and_turn(&(best.board_from_map.inverse() * fit.board_from_map)))
     }
 }
 

@@ -54,7 +54,7 @@ pub(super) struct BoardView<'a> {
 /// Unknowns: motion of the camera in its own frame, spread of the ink.
 type Step = SVector<f64, 7>;
 
-struct Fit {
+struct ViewFit {
     board_from_camera: Pose,
     ink_px: f64,
     information: SMatrix<f64, 7, 7>,
@@ -67,13 +67,9 @@ struct Fit {
 impl BoardView<'_> {
     /// The pose under which most edges lie where they are seen; `tags` give starts.
     pub fn pose(&self, tags: &[SeenTag]) -> Option<BoardPose> {
-        let corners = |seen: &SeenTag| {
-            let on_board = self.layout.corners(seen.tag).into_iter().flatten();
-            on_board.zip(seen.corners).collect::<Vec<_>>()
-        };
         // All tags, or each alone, should the others be wrong.
-        let all: Vec<_> = tags.iter().flat_map(corners).collect();
-        let starts = std::iter::once(all).chain(tags.iter().map(corners));
+        let all: Vec<_> = tags.iter().flat_map(|tag| self.corner_pairs(tag)).collect();
+        let starts = std::iter::once(all).chain(tags.iter().map(|tag| self.corner_pairs(tag)));
         let fits = starts.filter_map(|p| self.fit(&pose_by_homography(self.intrinsics, &p)?.inverse()));
         let mut best = fits.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
         let over = turned_over(&best.board_from_camera.inverse()).and_then(|p| self.fit(&p.inverse()));
@@ -83,17 +79,26 @@ impl BoardView<'_> {
         self.found(&best)
     }
 
-    fn found(&self, fit: &Fit) -> Option<BoardPose> {
-        let off = |p: &EdgePoint| {
-            let camera_from_board = fit.board_from_camera.inverse();
-            self.residual(&camera_from_board, fit.ink_px, p).map_or(f64::INFINITY, |(r, _)| r.abs())
-        };
-        let agrees = |tag: u16| self.points.iter().filter(|p| p.tag == tag).all(|p| off(p) < OTHER_PX);
+    /// Corners of a tag on the board, each with its pixel.
+    fn corner_pairs(&self, seen: &SeenTag) -> Vec<(Point2<f64>, Point2<f64>)> {
+        self.layout.corners(seen.tag).into_iter().flatten().zip(seen.corners).collect()
+    }
+
+    /// Distance of an edge point from its place under a fit, pixels; infinite where it projects nowhere.
+    fn distance_px(&self, fit: &ViewFit, point: &EdgePoint) -> f64 {
+        let camera_from_board = fit.board_from_camera.inverse();
+        self.residual(&camera_from_board, fit.ink_px, point).map_or(f64::INFINITY, |(r, _)| r.abs())
+    }
+
+    fn found(&self, fit: &ViewFit) -> Option<BoardPose> {
         let mut tags: Vec<u16> = self.points.iter().map(|p| p.tag).collect();
         tags.dedup();
-        tags.retain(|t| agrees(*t));
-        let squares: Vec<f64> =
-            self.points.iter().filter(|p| tags.contains(&p.tag)).map(|p| off(p).powi(2)).collect();
+        tags.retain(|tag| {
+            let mut points = self.points.iter().filter(|p| p.tag == *tag);
+            points.all(|p| self.distance_px(fit, p) < OTHER_PX)
+        });
+        let of_tags = self.points.iter().filter(|p| tags.contains(&p.tag));
+        let squares: Vec<f64> = of_tags.map(|p| self.distance_px(fit, p).powi(2)).collect();
         let covariance = fit.information.cholesky()?.inverse() * fit.scale.powi(2);
         Some(BoardPose {
             board_from_camera: fit.board_from_camera,
@@ -105,8 +110,8 @@ impl BoardView<'_> {
     }
 
     /// Gauss-Newton from a pose.
-    fn fit(&self, start: &Pose) -> Option<Fit> {
-        let mut fit = Fit {
+    fn fit(&self, start: &Pose) -> Option<ViewFit> {
+        let mut fit = ViewFit {
             board_from_camera: *start,
             ink_px: 0.0,
             information: SMatrix::zeros(),
@@ -132,7 +137,7 @@ impl BoardView<'_> {
     }
 
     /// Normal equations about a fit; fills in its information, scale and cost.
-    fn sums(&self, fit: &mut Fit, loose_px: f64) -> Option<Step> {
+    fn sums(&self, fit: &mut ViewFit, loose_px: f64) -> Option<Step> {
         let camera_from_board = fit.board_from_camera.inverse();
         let residuals: Vec<Option<(f64, Step)>> =
             self.points.iter().map(|p| self.residual(&camera_from_board, fit.ink_px, p)).collect();

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::features::{
     descriptor::{Descriptor, Gradients, describe, orientations},
     luma::luma,
-    scale_space::{Octave, Plane, octaves},
+    scale_space::{FloatImage, Octave, octaves},
 };
 use crate::frame::RgbdFrame;
 use numeric::vectorized;
@@ -83,13 +83,13 @@ pub(super) fn image_features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<F
     let height = frame.intrinsics.height;
     let values: Vec<f32> = frame.rgb.iter().map(|rgb| luma(*rgb)).collect();
     let everywhere = vec![true; values.len()];
-    detect(&Crop::whole(Plane { width, height, values }, everywhere, config), config)
+    detect(&Crop::whole(FloatImage { width, height, values }, everywhere, config), config)
 }
 
 /// The part of a frame that is searched.
 struct Crop {
     /// Its brightness.
-    image: Plane,
+    image: FloatImage,
     /// Its pixels on the object.
     object: Vec<bool>,
     /// Those at which features may be.
@@ -98,6 +98,14 @@ struct Crop {
 }
 
 impl Crop {
+    /// Whether one of its masks holds the pixel nearest to a point. Steps of octaves are powers of two, so
+    /// that no sum is rounded.
+    fn marks(&self, mask: &[bool], u: f32, v: f32) -> bool {
+        let x = (u + 0.5) as usize;
+        let y = (v + 0.5) as usize;
+        x < self.image.width && y < self.image.height && mask[y * self.image.width + x]
+    }
+
     /// Only the object is searched: most frames show it in a small part. `None` without an object.
     fn of(frame: &RgbdFrame, config: &FeatureConfig) -> Option<Self> {
         let w = frame.intrinsics.width;
@@ -111,12 +119,12 @@ impl Crop {
         let rows = (top..=bottom).map(|y| y * w + left..y * w + right + 1);
         let values = rows.clone().flat_map(|row| &frame.rgb[row]).map(|rgb| luma(*rgb)).collect();
         let object = rows.flat_map(|row| object[row].iter().copied()).collect();
-        let image = Plane { width: right + 1 - left, height: bottom + 1 - top, values };
+        let image = FloatImage { width: right + 1 - left, height: bottom + 1 - top, values };
         Some(Self { corner: [left, top], ..Self::whole(image, object, config) })
     }
 
     /// A whole image.
-    fn whole(image: Plane, object: Vec<bool>, config: &FeatureConfig) -> Self {
+    fn whole(image: FloatImage, object: Vec<bool>, config: &FeatureConfig) -> Self {
         let inner = eroded(&object, image.width, config.mask_erosion_px);
         Self { image, object, inner, corner: [0; 2] }
     }
@@ -171,21 +179,13 @@ struct Extremum {
 
 /// Features of a crop, strongest first, in its pixels.
 fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
-    let w = crop.image.width;
-    let h = crop.image.height;
-    // The nearest pixel; steps are powers of two, so that no sum is rounded.
-    let inside = |set: &[bool], u: f32, v: f32| {
-        let x = (u + 0.5) as usize;
-        let y = (v + 0.5) as usize;
-        x < w && y < h && set[y * w + x]
-    };
     let octaves = octaves(&crop.image, config.scales, config.sigma_px, config.upsample);
     let mut extrema = Vec::new();
     for (o, octave) in octaves.iter().enumerate() {
         let step = octave.step;
         for level in 1..=config.scales {
-            let inside = |x: usize, y: usize| inside(&crop.inner, x as f32 * step, y as f32 * step);
-            extrema.extend(self::extrema(octave, (o, level), config, inside));
+            let is_inside = |x: usize, y: usize| crop.marks(&crop.inner, x as f32 * step, y as f32 * step);
+            extrema.extend(self::extrema(octave, (o, level), config, is_inside));
         }
     }
     // Strongest first, so that no more are described than are asked for; of equal ones that which was found
@@ -202,7 +202,7 @@ fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
         // Gradients stop at the whole mask, features at the eroded one: what is behind the object changes
         // with the view and must not enter a descriptor.
         let gradients = gradients.entry(e.found).or_insert_with(|| {
-            let keep = move |x: usize, y: usize| inside(&crop.object, x as f32 * step, y as f32 * step);
+            let keep = move |x: usize, y: usize| crop.marks(&crop.object, x as f32 * step, y as f32 * step);
             Gradients::of(&octave.gaussians[e.found.1], keep)
         });
         let scale = config.sigma_px * 2f32.powf(e.level / config.scales as f32);
@@ -253,23 +253,33 @@ vectorized! {
     fn stands_out(rows: [&[f32]; 3], least: f32, candidates: &mut Vec<usize>) = stand_out
 }
 
+/// Pixels that are compared at once.
+const LANES: usize = 32;
+
+/// `count` values of a row from `first` on; 0 behind them.
+#[inline(always)]
+fn lanes_at(row: &[f32], first: usize, count: usize) -> [f32; LANES] {
+    let part = &row[first..first + count];
+    <[f32; LANES]>::try_from(part).unwrap_or_else(|_| {
+        // The end of a row.
+        let mut lanes = [0.0; LANES];
+        lanes[..count].copy_from_slice(part);
+        lanes
+    })
+}
+
 #[inline(always)]
 fn stand_out([above, row, below]: [&[f32]; 3], least: f32, candidates: &mut Vec<usize>) {
-    const LANES: usize = 32;
     let n = row.len();
     for first in (1..n.saturating_sub(1)).step_by(LANES) {
         let count = LANES.min(n - 1 - first);
-        let part = |row: &[f32], shift: usize| -> [f32; LANES] {
-            let part = &row[first + shift - 1..first + shift - 1 + count];
-            <[f32; LANES]>::try_from(part).unwrap_or_else(|_| {
-                // The end of a row.
-                let mut lanes = [0.0; LANES];
-                lanes[..count].copy_from_slice(part);
-                lanes
-            })
-        };
-        let middle = part(row, 1);
-        let others = [part(row, 0), part(row, 2), part(above, 1), part(below, 1)];
+        let middle = lanes_at(row, first, count);
+        let others = [
+            lanes_at(row, first - 1, count),
+            lanes_at(row, first + 1, count),
+            lanes_at(above, first, count),
+            lanes_at(below, first, count),
+        ];
         let mut stands = [0u8; LANES];
         for k in 0..LANES {
             let value = middle[k];
@@ -285,7 +295,7 @@ fn stand_out([above, row, below]: [&[f32]; 3], least: f32, candidates: &mut Vec<
 }
 
 /// Whether a pixel is above or below all 26 neighbors in space and scale.
-fn is_extremum(d: &[Plane], level: usize, x: usize, y: usize, value: f32) -> bool {
+fn is_extremum(d: &[FloatImage], level: usize, x: usize, y: usize, value: f32) -> bool {
     let sign = value.signum();
     // Its own level first: most pixels fail there.
     [level, level - 1, level + 1].into_iter().all(|level| {
@@ -307,7 +317,7 @@ const FARTHEST: f32 = 0.6;
 /// The extremum near a pixel, by the quadratic through the values around it; `None` for weak ones, edges and
 /// drift.
 fn refined(
-    d: &[Plane],
+    d: &[FloatImage],
     found: (usize, usize),
     [mut x, mut y]: [usize; 2],
     config: &FeatureConfig,
@@ -338,22 +348,24 @@ fn refined(
             });
         }
         // One sample at a time, since the quadratic holds no farther.
-        let moved = |c: usize, o: f32, low: usize, high: usize| {
-            let m = c as i64 + o.round().clamp(-1.0, 1.0) as i64;
-            (m >= low as i64 && m <= high as i64).then_some(m as usize)
-        };
-        x = moved(x, offset[0], 1, w - 2)?;
-        y = moved(y, offset[1], 1, h - 2)?;
-        level = moved(level, offset[2], 1, config.scales)?;
+        x = next_sample(x, offset[0], w - 2)?;
+        y = next_sample(y, offset[1], h - 2)?;
+        level = next_sample(level, offset[2], config.scales)?;
     }
     None
+}
+
+/// The sample nearest to an offset, at most one away; `None` outside 1 to `last`.
+fn next_sample(sample: usize, offset: f32, last: usize) -> Option<usize> {
+    let next = sample as i64 + offset.round().clamp(-1.0, 1.0) as i64;
+    (next >= 1 && next <= last as i64).then_some(next as usize)
 }
 
 /// The values around a sample of the differences: by level, then row, then column.
 struct Around([f32; 27]);
 
 impl Around {
-    fn of(differences: &[Plane], level: usize, x: usize, y: usize) -> Self {
+    fn of(differences: &[FloatImage], level: usize, x: usize, y: usize) -> Self {
         let mut values = [0.0; 27];
         for (row, three) in values.chunks_exact_mut(3).enumerate() {
             let plane = &differences[level - 1 + row / 3];
@@ -402,8 +414,8 @@ mod tests {
     use super::*;
 
     /// Gaussian blobs at sub-pixel positions.
-    fn blobs(width: usize, height: usize, centers: &[([f32; 2], f32)]) -> Plane {
-        let mut p = Plane::zeros(width, height);
+    fn blobs(width: usize, height: usize, centers: &[([f32; 2], f32)]) -> FloatImage {
+        let mut p = FloatImage::zeros(width, height);
         for i in 0..width * height {
             let x = (i % width) as f32;
             let y = (i / width) as f32;
@@ -438,7 +450,7 @@ mod tests {
 
     #[test]
     fn an_edge_and_the_outside_of_the_mask_have_no_features() {
-        let mut edge = Plane::zeros(96, 96);
+        let mut edge = FloatImage::zeros(96, 96);
         (0..96 * 96).for_each(|i| edge.values[i] = if i % 96 > 47 { 0.9 } else { 0.1 });
         let config = FeatureConfig::default();
         let found = detect(&Crop::whole(edge, vec![true; 96 * 96], &config), &config);

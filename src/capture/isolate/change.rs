@@ -37,30 +37,36 @@ pub fn at_rest(
     size_m: f64,
     noise: &NoiseConfig,
 ) -> Vec<Vec<Cell>> {
-    let rests = |(cells, frames): (&Vec<Cell>, &Vec<RgbdFrame>)| -> Vec<Cell> {
-        let stays = |c: &&Cell| {
+    let mut at_rest = Vec::with_capacity(states.len());
+    for (cells, frames) in cells.iter().zip(states) {
+        let stay = cells.par_iter().filter(|c| {
             let sight = sight(&center(c, size_m), frames, size_m, noise);
             sight.through < frames_needed(frames.len()) || sight.through <= sight.there
-        };
-        cells.par_iter().filter(stays).copied().collect()
-    };
-    cells.iter().zip(states).map(rests).collect()
+        });
+        at_rest.push(stay.copied().collect());
+    }
+    at_rest
 }
 
 /// Cells of all states that frames of another state looked through, in patches.
 pub fn changed(cells: &[Vec<Cell>], states: &[Vec<RgbdFrame>], size_m: f64, noise: &NoiseConfig) -> CellSet {
-    let of_state = |own: usize| -> Vec<Cell> {
-        let is_gone = |c: &&Cell| {
+    let mut changed = CellSet::default();
+    for (own, cells) in cells.iter().enumerate() {
+        let gone = cells.par_iter().filter(|c| {
             let point = center(c, size_m);
-            (0..states.len()).filter(|other| *other != own).any(|other| {
-                let sight = sight(&point, &states[other], size_m, noise);
-                sight.through >= frames_needed(states[other].len()) && sight.through >= CLEARLY * sight.there
-            })
-        };
-        let gone: Vec<Cell> = cells[own].par_iter().filter(is_gone).copied().collect();
-        clusters(&gone, 1).into_iter().filter(|patch| patch.len() >= LEAST_PATCH).flatten().collect()
-    };
-    (0..states.len()).flat_map(of_state).collect()
+            let mut others = (0..states.len()).filter(|other| *other != own);
+            others.any(|other| is_looked_through(&point, &states[other], size_m, noise))
+        });
+        let patches = clusters(&gone.copied().collect::<Vec<Cell>>(), 1);
+        changed.extend(patches.into_iter().filter(|patch| patch.len() >= LEAST_PATCH).flatten());
+    }
+    changed
+}
+
+/// Whether enough frames of a state see what lies behind a cell.
+fn is_looked_through(point: &Point3<f64>, frames: &[RgbdFrame], size_m: f64, noise: &NoiseConfig) -> bool {
+    let sight = sight(point, frames, size_m, noise);
+    sight.through >= frames_needed(frames.len()) && sight.through >= CLEARLY * sight.there
 }
 
 /// How frames see a point.

@@ -15,6 +15,8 @@ mod select;
 mod support;
 mod voxels;
 
+use std::ops::Range;
+
 use nalgebra::Point3;
 use rand_core::Rng;
 use rayon::prelude::*;
@@ -74,49 +76,40 @@ pub fn isolate(
 
 /// Cell size: two standard deviations of the depth noise, or two pixels, at the median depth.
 fn cell_size(capture: &Capture) -> f64 {
-    let frames = capture.states.iter().flatten();
-    let object = |f: &RgbdFrame| -> Vec<f64> {
-        (0..f.depth_m.len())
-            .step_by(17)
-            .filter(|p| f.is_object(*p))
-            .map(|p| f64::from(f.depth_m[p]))
-            .filter(|d| *d > 0.0)
-            .collect()
-    };
-    let depth_m = median(frames.clone().flat_map(object).collect()).unwrap_or(1.0);
-    let pixel_m = frames.map(|f| depth_m / f.intrinsics.fx).fold(0.0, f64::max);
+    let frames = || capture.states.iter().flatten();
+    let mut depths_m = Vec::new();
+    for frame in frames() {
+        let pixels = (0..frame.depth_m.len()).step_by(17).filter(|p| frame.is_object(*p));
+        depths_m.extend(pixels.map(|p| f64::from(frame.depth_m[p])).filter(|d| *d > 0.0));
+    }
+    let depth_m = median(depths_m).unwrap_or(1.0);
+    let pixel_m = frames().map(|f| depth_m / f.intrinsics.fx).fold(0.0, f64::max);
     // docs/method.md (2.18): wider than the noise, and than the gaps between pixels.
     (2.0 * capture.noise.sigma_m(depth_m)).max(2.0 * pixel_m).clamp(0.002, 0.05)
 }
 
-/// Cells that each frame sees of what its mask shows, each once.
-fn seen(frames: &[RgbdFrame], size_m: f64) -> Vec<Vec<Cell>> {
-    let of_frame = |f: &RgbdFrame| {
-        let points = (0..f.depth_m.len()).filter(|p| f.is_object(*p)).filter_map(|p| f.world_point(p));
-        let mut cells: Vec<Cell> = points.filter_map(|point| cell(&point, size_m)).collect();
-        // Beside each other most pixels see one cell.
-        cells.dedup();
-        cells.sort_unstable();
-        cells.dedup();
-        cells
-    };
-    frames.par_iter().map(of_frame).collect()
+/// Cells of a frame under its mask, each once, sorted.
+fn object_cells(frame: &RgbdFrame, size_m: f64) -> Vec<Cell> {
+    let pixels = (0..frame.depth_m.len()).filter(|p| frame.is_object(*p));
+    let points = pixels.filter_map(|p| frame.world_point(p));
+    let mut cells: Vec<Cell> = points.filter_map(|point| cell(&point, size_m)).collect();
+    // Most neighboring pixels see one cell.
+    cells.dedup();
+    cells.sort_unstable();
+    cells.dedup();
+    cells
+}
+
+fn cells_of_frames(frames: &[RgbdFrame], size_m: f64) -> Vec<Vec<Cell>> {
+    frames.par_iter().map(|f| object_cells(f, size_m)).collect()
 }
 
 /// Forgets depth under masks that stands apart, or lies outside the workspace.
 fn clean_masks(capture: &mut Capture, config: &CaptureConfig, size_m: f64) {
-    let of_state = |frames: &mut Vec<RgbdFrame>| {
-        // One frame is enough, since masks leave no background whose noise could count.
-        let cells = supported(&seen(frames, size_m), 1);
-        let bad = outlier_cells(&cells, size_m);
-        let workspace = config.isolate.workspace;
-        let is_bad =
-            |p: &Point3<f64>| !in_box(workspace, p) || cell(p, size_m).is_none_or(|c| bad.contains(&c));
-        frames.par_iter_mut().map(|f| forget(f, is_bad)).sum::<usize>()
-    };
-    let forgotten: usize = capture.states.par_iter_mut().map(of_state).sum();
-    let on_object = |f: &RgbdFrame| (0..f.depth_m.len()).filter(|p| f.is_object(*p)).count();
-    let pixels: usize = capture.states.par_iter().flatten().map(on_object).sum();
+    let states = capture.states.par_iter_mut();
+    let forgotten: usize = states.map(|frames| forget_outliers(frames, config, size_m)).sum();
+    let frames = capture.states.par_iter().flatten();
+    let pixels: usize = frames.map(|f| (0..f.depth_m.len()).filter(|p| f.is_object(*p)).count()).sum();
     capture.notes.push(Note::new(NoteCode::MasksUsed, format!(
         "masks of the recording are used ({pixels} pixels); {forgotten} depth readings in them stand apart \
          and are not used"
@@ -156,11 +149,11 @@ fn find_object(
         ));
     }
     let background = Background { planes, config, noise: capture.noise };
-    let support = |frames: &Vec<RgbdFrame>| {
+    let mut supports = Vec::with_capacity(capture.states.len());
+    for frames in &capture.states {
         let weights: Vec<Vec<f32>> = frames.par_iter().map(|f| pixel_weights(f, &capture.noise)).collect();
-        find_support(frames, &weights, size_m, &background)
-    };
-    let supports: Vec<_> = capture.states.iter().map(support).collect();
+        supports.push(find_support(frames, &weights, size_m, &background));
+    }
     let seen: Vec<Vec<Cell>> = supports.iter().map(|s| s.cells.clone()).collect();
     // A hand or a person in some frames is no part of what stands there.
     let cells = at_rest(&seen, &capture.states, size_m, &capture.noise);
@@ -170,14 +163,30 @@ fn find_object(
         let own: Vec<Cell> = cells[s].iter().filter(|c| object.contains(c)).copied().collect();
         // Cells at the rim are seen too rarely to count, but their points belong to the object.
         let near = dilated(&own, 1);
-        let is_object =
-            |p: &Point3<f64>| in_box(workspace, p) && cell(p, size_m).is_some_and(|c| near.contains(&c));
-        let is_known = |f: &RgbdFrame, pixel: usize, p: &Point3<f64>| {
-            background.is_above(f, pixel, p) || supports[s].is_solid(p, size_m, &background)
-        };
-        frames.par_iter_mut().for_each(|f| paint(f, &silhouette(f, &own, size_m), is_object, is_known));
+        frames.par_iter_mut().for_each(|frame| {
+            let silhouette = silhouette(frame, &own, size_m);
+            paint(
+                frame,
+                &silhouette,
+                |p| in_box(workspace, p) && cell(p, size_m).is_some_and(|c| near.contains(&c)),
+                |f, pixel, p| {
+                    background.is_above(f, pixel, p) || supports[s].is_solid(p, size_m, &background)
+                },
+            );
+        });
     }
     Ok(())
+}
+
+/// Forgets depth under the masks of one state in outlier cells, or outside the workspace; returns the number
+/// of readings.
+fn forget_outliers(frames: &mut [RgbdFrame], config: &CaptureConfig, size_m: f64) -> usize {
+    // One frame is enough, since masks leave no noisy background.
+    let cells = supported(&cells_of_frames(frames, size_m), 1);
+    let bad = outlier_cells(&cells, size_m);
+    let workspace = config.isolate.workspace;
+    let is_bad = |p: &Point3<f64>| !in_box(workspace, p) || cell(p, size_m).is_none_or(|c| bad.contains(&c));
+    frames.par_iter_mut().map(|f| forget(f, is_bad)).sum()
 }
 
 /// Which of the cells of all states are the object.
@@ -194,17 +203,15 @@ fn choose(
     let reach = isolate.link_distance_m.map_or(3, |d| ((d / size_m).ceil() as i32).clamp(1, 20));
     // As near to a plane as the cells of a group may be to each other.
     let touching_m = isolate.plane_clearance_m + f64::from(reach + 1) * size_m;
-    let is_at_support = |c: &Cell| {
-        let point = center(c, size_m);
-        background.planes.iter().any(|p| p.height_m(&point).abs() <= touching_m)
-    };
     // Over all states together: parts that stand apart in one may be linked in another.
     choose_object(&Search {
         cells,
         size_m,
         reach,
         changed: &changed,
-        is_at_support: &is_at_support,
+        is_at_support: &|c| {
+            background.planes.iter().any(|p| p.height_m(&center(c, size_m)).abs() <= touching_m)
+        },
         focus: common_focus(&poses),
         at: isolate.at.as_ref().map(|at| place(at, &capture.states)).transpose()?,
         takes_all: isolate.workspace.is_some(),
@@ -259,17 +266,19 @@ fn silhouette(frame: &RgbdFrame, cells: &[Cell], size_m: f64) -> Vec<bool> {
         let Some((u, v)) = k.project(&point) else { continue };
         // By the longer focal length, so that the cells' squares leave no gaps.
         let half = 0.5 * size_m * k.fx.max(k.fy) / point.z;
-        let span = |mid: f64, count: usize| {
-            let from = (mid - half).round().max(0.0) as usize;
-            from..((mid + half).round().max(-1.0) + 1.0).min(count as f64) as usize
-        };
-        for y in span(v, k.height) {
-            for x in span(u, k.width) {
+        for y in pixels_about(v, half, k.height) {
+            for x in pixels_about(u, half, k.width) {
                 covered[y * k.width + x] = true;
             }
         }
     }
     covered
+}
+
+/// Pixels of `count` at most `half` from a coordinate.
+fn pixels_about(middle: f64, half: f64, count: usize) -> Range<usize> {
+    let first = (middle - half).round().max(0.0) as usize;
+    first..((middle + half).round().max(-1.0) + 1.0).min(count as f64) as usize
 }
 
 /// Refuses states without depth on the object and states without a common place. The box about the object in
@@ -288,7 +297,7 @@ fn check(capture: &Capture, size_m: f64) -> Result<[[f64; 3]; 2], CaptureError> 
             );
             return Err(CaptureError::Isolation { reason });
         }
-        cells.push(supported(&seen(frames, size_m), frames_needed(frames.len())));
+        cells.push(supported(&cells_of_frames(frames, size_m), frames_needed(frames.len())));
     }
     let (lower, upper) = bounds(cells.iter().flatten());
     let corners = [lower, upper.map(|v| v.saturating_add(1))].map(|c| c.map(|v| f64::from(v) * size_m));

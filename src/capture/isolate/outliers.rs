@@ -26,12 +26,12 @@ pub fn outlier_cells(cells: &[Cell], size_m: f64) -> CellSet {
     // Cells in place of readings, so that places seen often do not make the others look lonely.
     let points: Vec<[f64; 3]> = cells.iter().map(|c| center(c, size_m).coords.into()).collect();
     let Ok(tree) = ImmutableKdTree::new_from_slice(&points) else { return CellSet::default() };
-    let mean_distance = |p: &[f64; 3]| {
+    let mean_distances = points.par_iter().with_min_len(256).map(|p| {
         // The cell itself is the nearest, at distance 0.
         let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(NEIGHBORS.saturating_add(1)).execute();
         near.iter().map(|n| n.distance.sqrt()).sum::<f64>() / NEIGHBORS.get() as f64
-    };
-    let distances: Vec<f64> = points.par_iter().with_min_len(256).map(mean_distance).collect();
+    });
+    let distances: Vec<f64> = mean_distances.collect();
     let mean = distances.iter().sum::<f64>() / distances.len() as f64;
     let deviation =
         (distances.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / distances.len() as f64).sqrt();

@@ -75,14 +75,15 @@ pub fn choose_object(search: &Search<'_>) -> Result<Object, CaptureError> {
     let core = search.core(&groups, &changed, best);
     let (lower, upper) = bounds(core.iter().flat_map(|g| &groups[*g]));
     // Inside its bounds are parts of the object that holes cut off; beside them stand other things.
-    let inside = |g: &[Cell]| {
-        let (l, u) = bounds(g.iter());
-        (0..3).all(|k| l[k] >= lower[k] - reach && u[k] <= upper[k] + reach)
-    };
-    let large = |g: &[Cell]| g.len() * 200 >= groups[best].len();
-    let kept: Vec<usize> = (0..groups.len())
-        .filter(|g| core.contains(g) || (large(&groups[*g]) && (search.takes_all || inside(&groups[*g]))))
-        .collect();
+    let mut kept = Vec::new();
+    for (g, group) in groups.iter().enumerate() {
+        let (l, u) = bounds(group.iter());
+        let is_inside = (0..3).all(|k| l[k] >= lower[k] - reach && u[k] <= upper[k] + reach);
+        let is_large = group.len() * 200 >= groups[best].len();
+        if core.contains(&g) || (is_large && (search.takes_all || is_inside)) {
+            kept.push(g);
+        }
+    }
     let mut object: Vec<Cell> = kept.iter().flat_map(|g| groups[*g].iter().copied()).collect();
     object.sort_unstable();
     let (l, u) = bounds(object.iter());
@@ -110,14 +111,9 @@ impl Search<'_> {
     /// The group that is the object, and why; `changed`: cells of each group that did.
     fn best(&self, groups: &[Vec<Cell>], changed: &[usize]) -> Result<(usize, String), CaptureError> {
         let nothing = || CaptureError::Isolation { reason: "nothing stands out from the background".into() };
-        let first_best = |score: &dyn Fn(&[Cell]) -> f64| {
-            (0..groups.len()).fold(None, |best: Option<usize>, g| match best {
-                Some(b) if score(&groups[b]) >= score(&groups[g]) => Some(b),
-                _ => Some(g),
-            })
-        };
         if let Some(at) = self.at {
-            let nearest = first_best(&|g| -distance_m(g, self.size_m, &at)).ok_or_else(nothing)?;
+            let nearness = groups.iter().map(|g| -distance_m(g, self.size_m, &at));
+            let nearest = first_greatest(nearness).ok_or_else(nothing)?;
             return Ok((nearest, "the one at the given place".into()));
         }
         let mut order: Vec<(usize, usize)> = changed.iter().copied().zip(0..).collect();
@@ -141,7 +137,8 @@ impl Search<'_> {
                 })
             }
             _ => {
-                let best = first_best(&|g| score(g, self.size_m, self.focus)).ok_or_else(nothing)?;
+                let scores = groups.iter().map(|g| score(g, self.size_m, self.focus));
+                let best = first_greatest(scores).ok_or_else(nothing)?;
                 Ok((best, "the one that the cameras look at".into()))
             }
         }
@@ -163,10 +160,11 @@ impl Search<'_> {
         }
         let stands = |g: usize| groups[g].iter().filter(|c| (self.is_at_support)(c)).count() >= STANDING;
         if !core.iter().any(|g| stands(*g)) {
-            let to = |g: &usize| {
-                core.iter().map(|k| apart(&groups[*k], &groups[*g])).fold(f64::INFINITY, f64::min)
-            };
-            let below: Vec<(f64, usize)> = others().filter(|g| stands(*g)).map(|g| (to(&g), g)).collect();
+            let mut below: Vec<(f64, usize)> = Vec::new();
+            for g in others().filter(|g| stands(*g)) {
+                let distances = core.iter().map(|k| apart(&groups[*k], &groups[g]));
+                below.push((distances.fold(f64::INFINITY, f64::min), g));
+            }
             core.extend(below.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, g)| g));
         }
         core
@@ -180,6 +178,17 @@ impl Search<'_> {
         let margin = (2 * self.reach).max(extent(la, ua).min(extent(lb, ub)) / PIECES_APART);
         (0..3).all(|k| la[k] - margin <= ub[k] && lb[k] - margin <= ua[k])
     }
+}
+
+/// Index of the greatest value, the first of equals.
+fn first_greatest(values: impl Iterator<Item = f64>) -> Option<usize> {
+    let mut best: Option<(usize, f64)> = None;
+    for (i, value) in values.enumerate() {
+        if !best.is_some_and(|(_, greatest)| greatest >= value) {
+            best = Some((i, value));
+        }
+    }
+    best.map(|(i, _)| i)
 }
 
 /// Distance from a point to the nearest cell of a group, meters.

@@ -80,18 +80,19 @@ pub fn find_support(
         }
     }
     let needed = frames_needed(frames.len());
-    let stands_out = |c: &Cell, (seen_by, count): (usize, u32)| {
-        let point = center(c, size_m);
+    let mut cells: Vec<Cell> = Vec::new();
+    for (cell, (seen_by, count)) in totals {
+        let point = center(&cell, size_m);
         let behind = (0..background.planes.len())
             .filter_map(|p| columns.get(&column(p, &point, size_m, background)))
             .map(|n| n.background)
             .max();
         // Columns count one pixel of so many, cells all.
         let behind = behind.map_or(0.0, |n| f64::from(n) * (STRIDE * STRIDE) as f64);
-        seen_by >= needed && f64::from(count) >= COLUMN_SHARE * behind
-    };
-    let mut cells: Vec<Cell> =
-        totals.into_iter().filter(|(c, t)| stands_out(c, *t)).map(|(c, _)| c).collect();
+        if seen_by >= needed && f64::from(count) >= COLUMN_SHARE * behind {
+            cells.push(cell);
+        }
+    }
     cells.sort_unstable();
     let is_solid =
         |n: &ColumnReadings| n.low >= MIN_READINGS && f64::from(n.below) <= BELOW_SHARE * f64::from(n.low);

@@ -35,29 +35,14 @@ pub struct PoseAgreement {
 impl PoseAgreement {
     /// Of a state's frames; `None` where too few features match.
     pub(super) fn of(trajectory: &Trajectory, surfels: &[Surfels], matches: &Matches) -> Option<Self> {
-        let share = |delay_s: f64| {
-            let poses = trajectory.delayed(delay_s);
-            let mut agreeing = 0;
-            let mut all = 0;
-            for (&[i, j], matches) in matches.iter().filter(|([i, j], _)| i < j) {
-                let other_from_this = poses[j].inverse() * poses[i];
-                let agrees = |m: &&[u32; 2]| {
-                    surfels[i]
-                        .across(**m, &surfels[j], &other_from_this, &PoseNoise::EXPECTED)
-                        .iter()
-                        .all(Option::is_some)
-                };
-                all += matches.len();
-                agreeing += matches.iter().filter(agrees).count();
-            }
-            (all >= LEAST_MATCHES).then(|| agreeing as f64 / all as f64)
-        };
-        let reported = share(0.0)?;
-        let steps = (MOST_DELAY_S / DELAY_STEP_S).round() as i32;
-        let delayed = (-steps..=steps).map(|k| f64::from(k) * DELAY_STEP_S);
-        let best =
-            || delayed.filter_map(|s| Some([s, share(s)?])).reduce(|a, b| if b[1] > a[1] { b } else { a });
-        let delay = if reported < LEAST_SHARE { best() } else { None };
+        let reported = agreeing_share(trajectory, surfels, matches, 0.0)?;
+        let mut delay = None;
+        if reported < LEAST_SHARE {
+            let steps = (MOST_DELAY_S / DELAY_STEP_S).round() as i32;
+            let delays_s = (-steps..=steps).map(|k| f64::from(k) * DELAY_STEP_S);
+            let shares = delays_s.filter_map(|s| Some([s, agreeing_share(trajectory, surfels, matches, s)?]));
+            delay = shares.reduce(|a, b| if b[1] > a[1] { b } else { a });
+        }
         Some(Self { share: reported, delay: delay.filter(|d| d[1] > EXPLAINED * reported) })
     }
 
@@ -72,4 +57,25 @@ impl PoseAgreement {
     pub fn certain_delay_s(&self) -> Option<f64> {
         self.delay.filter(|d| d[1] > LEAST_SHARE).map(|d| d[0])
     }
+}
+
+/// Share of the matches that agree at poses later by `delay_s`; `None` where too few features match.
+fn agreeing_share(
+    trajectory: &Trajectory,
+    surfels: &[Surfels],
+    matches: &Matches,
+    delay_s: f64,
+) -> Option<f64> {
+    let poses = trajectory.delayed(delay_s);
+    let mut agreeing = 0;
+    let mut all = 0;
+    for (&[i, j], matches) in matches.iter().filter(|([i, j], _)| i < j) {
+        let other_from_this = poses[j].inverse() * poses[i];
+        for landmarks in matches {
+            let found = surfels[i].across(*landmarks, &surfels[j], &other_from_this, &PoseNoise::EXPECTED);
+            all += 1;
+            agreeing += usize::from(found.iter().all(Option::is_some));
+        }
+    }
+    (all >= LEAST_MATCHES).then(|| agreeing as f64 / all as f64)
 }

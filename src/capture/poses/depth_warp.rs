@@ -37,14 +37,14 @@ pub struct DepthWarp {
 
 /// What a pixel has of each value about it.
 #[derive(Clone, Copy)]
-pub(crate) struct Support {
+pub(crate) struct SplineSupport {
     /// The first of them; the others follow in four rows of four.
     first: usize,
     columns: usize,
     weights: [[f64; ORDER]; 2],
 }
 
-impl Support {
+impl SplineSupport {
     /// Of each row of values the index of the first, and the weights of all.
     pub fn rows(&self) -> [(usize, [f64; ORDER]); ORDER] {
         std::array::from_fn(|row| {
@@ -69,17 +69,19 @@ impl DepthWarp {
         Self { step_px, shape, values: vec![0.0; shape[0] * shape[1]] }
     }
 
-    /// What the pixel has of the values.
-    pub(crate) fn support(&self, [u, v]: [f64; 2]) -> Support {
-        let along = |pixel: f64, count: usize| {
-            let at = (pixel / self.step_px).max(0.0);
-            // The last pixel may lie on the end of the last interval.
-            let cell = (at as usize).min(count - ORDER);
-            (cell, cubic(at - cell as f64))
-        };
-        let (column, across) = along(u, self.shape[0]);
-        let (row, down) = along(v, self.shape[1]);
-        Support { first: row * self.shape[0] + column, columns: self.shape[0], weights: [across, down] }
+    /// First of the values about a coordinate, of `count`, and their weights.
+    fn interval(&self, pixel: f64, count: usize) -> (usize, [f64; ORDER]) {
+        let at = (pixel / self.step_px).max(0.0);
+        // The last pixel may lie on the end of the last interval.
+        let cell = (at as usize).min(count - ORDER);
+        (cell, cubic(at - cell as f64))
+    }
+
+    /// The values about a pixel, with their weights.
+    pub(crate) fn support(&self, [u, v]: [f64; 2]) -> SplineSupport {
+        let (column, across) = self.interval(u, self.shape[0]);
+        let (row, down) = self.interval(v, self.shape[1]);
+        SplineSupport { first: row * self.shape[0] + column, columns: self.shape[0], weights: [across, down] }
     }
 
     /// By which share of the range a reading is too short.

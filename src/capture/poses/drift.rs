@@ -35,11 +35,7 @@ impl PoseErrors {
 
     /// Whether poses err by as much as is looked for at most.
     pub(super) fn are_at_most(&self) -> bool {
-        let reach = |noise: &PoseNoise| {
-            noise.translation_m >= PoseNoise::EXPECTED.translation_m
-                || noise.rotation_rad >= PoseNoise::EXPECTED.rotation_rad
-        };
-        reach(&self.jitter) || reach(&self.walk)
+        self.jitter.reaches_expected() || self.walk.reaches_expected()
     }
 
     /// Variances of the steps, and of the jitter. What frames see does not depend on where they are as a

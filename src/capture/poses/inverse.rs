@@ -29,12 +29,9 @@ fn triangle_inverse(lower: &DMatrix<f64>) -> DMatrix<f64> {
         return inverse;
     }
     let half = n / 2;
-    let part = |rows: std::ops::Range<usize>, columns: std::ops::Range<usize>| {
-        lower.view((rows.start, columns.start), (rows.len(), columns.len())).into_owned()
-    };
-    let above = triangle_inverse(&part(0..half, 0..half));
-    let below = triangle_inverse(&part(half..n, half..n));
-    let beside = -(&below * part(half..n, 0..half) * &above);
+    let above = triangle_inverse(&lower.view((0, 0), (half, half)).into_owned());
+    let below = triangle_inverse(&lower.view((half, half), (n - half, n - half)).into_owned());
+    let beside = -(&below * lower.view((half, 0), (n - half, half)).into_owned() * &above);
     inverse.view_mut((0, 0), (half, half)).copy_from(&above);
     inverse.view_mut((half, 0), (n - half, half)).copy_from(&beside);
     inverse.view_mut((half, half), (n - half, n - half)).copy_from(&below);

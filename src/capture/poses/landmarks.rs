@@ -62,11 +62,11 @@ impl Landmarks {
         noise: &NoiseConfig,
         known: &KnownFeatures,
     ) -> Self {
-        let of_state = |(frames, surfels): (&Vec<RgbdFrame>, &mut Vec<Surfels>)| {
+        let of_states = states.par_iter().zip(surfels).map(|(frames, surfels)| {
             let pairs = frames.par_iter().zip(surfels.par_iter_mut());
             pairs.map(|(frame, surfels)| FrameLandmarks::find(frame, surfels, noise, known)).collect()
-        };
-        Self(states.par_iter().zip(surfels).map(of_state).collect())
+        });
+        Self(of_states.collect())
     }
 
     /// Matches between the frames of a state.

@@ -32,7 +32,7 @@ pub(super) mod surfels;
 mod trajectory;
 pub(super) mod world;
 
-use nalgebra::{Point3, Vector3, Vector6};
+use nalgebra::{Point3, Vector6};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -80,6 +80,12 @@ pub struct PoseFindings {
 }
 
 impl PoseFindings {
+    /// Expected errors of the mean pose of a state.
+    fn mean_noise(&self, state: usize, states: &[Vec<RgbdFrame>]) -> PoseNoise {
+        let noise = self.states[state].as_ref().map_or(PoseNoise::EXPECTED, |c| c.noise);
+        noise.of_mean(states[state].len())
+    }
+
     /// Whether any pose was changed.
     #[must_use]
     pub fn changed(&self) -> bool {
@@ -91,23 +97,15 @@ impl PoseFindings {
     /// that nothing in the recording shows it.
     #[must_use]
     pub fn frame_deviation(&self, frames: &[RgbdFrame], middle: &Point3<f64>) -> Option<[f64; 2]> {
-        let squares = |draw: &ErrorDraw| {
-            let of_camera = |(f, frame): (usize, &RgbdFrame)| {
-                let pose = &frame.world_from_camera;
-                let seen = pose.inverse_transform_point(middle).coords;
-                let turned = pose.rotation * draw.poses[0][f].fixed_rows::<3>(3).into_owned();
-                [pose.rotation * draw.moved_by_pose([0, f], &seen), turned]
-            };
-            let all = frames.iter().enumerate().map(of_camera);
-            let sum = all.fold([Vector3::zeros(); 2], |[a, b], [moved, turned]| [a + moved, b + turned]);
-            sum.map(|v| (v / frames.len() as f64).norm_squared())
-        };
         let covered = self.draws.iter().all(|d| d.covers(0, frames.len()));
         if self.draws.is_empty() || frames.is_empty() || !covered {
             return None;
         }
-        let all = self.draws.iter().map(squares);
-        let sum = all.fold([0.0; 2], |[a, b], [moved, turned]| [a + moved, b + turned]);
+        let mut sum = [0.0; 2];
+        for draw in &self.draws {
+            let [moved, turned] = draw.mean_motion_of_first_state(frames, middle).map(|v| v.norm_squared());
+            sum = [sum[0] + moved, sum[1] + turned];
+        }
         Some(sum.map(|square| (square / self.draws.len() as f64).sqrt()))
     }
 }
@@ -171,23 +169,17 @@ pub fn refine_poses(
         return findings;
     }
     // 4. The mean error of each state against that of state 0.
-    let mean_noise = |s: usize| {
-        let noise = findings.states[s].as_ref().map_or(PoseNoise::EXPECTED, |c| c.noise);
-        noise.of_mean(states[s].len())
-    };
-    let draws = &mut findings.draws;
-    let world = |s: usize| {
-        let expected = mean_noise(0).beside(&mean_noise(s));
+    for s in 1..states.len() {
+        let expected = findings.mean_noise(0, states).beside(&findings.mean_noise(s, states));
         let matches = landmarks.between([0, s], [&states[0], &states[s]]);
         let poses = [0, s].map(|s| world::poses_of(&states[s]));
         let poses = poses.each_ref().map(Vec::as_slice);
-        let surfels = [&*surfels[0], &*surfels[s]];
-        let (correction, follow) = world::correct(poses, surfels, matches, &expected)?;
-        draws.iter_mut().for_each(|draw| follow.apply([0, s], draw));
-        Some(correction)
-    };
-    let worlds = (1..states.len()).map(world).collect();
-    findings.worlds = worlds;
+        let found = world::correct(poses, [&*surfels[0], &*surfels[s]], matches, &expected);
+        if let Some((_, follow)) = &found {
+            findings.draws.iter_mut().for_each(|draw| follow.apply([0, s], draw));
+        }
+        findings.worlds.push(found.map(|(correction, _)| correction));
+    }
     for (frames, world) in states.iter_mut().skip(1).zip(&findings.worlds) {
         if let Some(correction) = world.as_ref().map(|w| w.corrected_from_reported) {
             frames.iter_mut().for_each(|f| f.world_from_camera = correction * f.world_from_camera);
@@ -222,18 +214,17 @@ fn agreements(
 fn draws(states: &[Vec<RgbdFrame>], found: &[Option<Refined>], warps: Vec<DepthWarp>) -> Vec<ErrorDraw> {
     let used = || found.iter().map(|r| r.as_ref().filter(|r| r.correction.used));
     let count = used().flatten().map(|r| r.draws.len()).max().unwrap_or(0);
-    let draw = |d: usize| ErrorDraw {
-        // Poses that are right as reported have no errors.
-        poses: used()
-            .zip(states)
-            .map(|(r, frames)| {
-                r.and_then(|r| r.draws.get(d).cloned())
-                    .unwrap_or_else(|| vec![Vector6::zeros(); frames.len()])
-            })
-            .collect(),
-        warp: warps.get(d).cloned(),
-    };
-    (0..count).map(draw).collect()
+    let mut draws = Vec::with_capacity(count);
+    for d in 0..count {
+        let mut poses = Vec::with_capacity(states.len());
+        for (refined, frames) in used().zip(states) {
+            // Poses that are right as reported have no errors.
+            let none = || vec![Vector6::zeros(); frames.len()];
+            poses.push(refined.and_then(|r| r.draws.get(d).cloned()).unwrap_or_else(none));
+        }
+        draws.push(ErrorDraw { poses, warp: warps.get(d).cloned() });
+    }
+    draws
 }
 
 /// The poses of one state to be found; `None` where too little is seen to decide.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{IsometryMatrix3, Matrix6, Vector3, Vector6};
+use nalgebra::{IsometryMatrix3, Matrix6, Vector6};
 use rayon::prelude::*;
 
 use super::{
@@ -107,6 +107,12 @@ pub(crate) struct PairSums {
 }
 
 /// The residuals of a pair.
+struct FrameSums {
+    pairs: Vec<PairSums>,
+    ratios: Vec<Ratios>,
+    sensor: Option<SensorSums>,
+}
+
 struct Rows {
     surfels: Vec<Row>,
     landmarks: Vec<Row>,
@@ -128,6 +134,19 @@ pub(crate) struct Gain {
 pub(crate) struct Changes {
     frames: usize,
     pairs: Vec<PairChange>,
+}
+
+impl Changes {
+    /// Mean gain of the surfels of one frame; `None` without any.
+    fn frame_gain(&self, frame: usize) -> Option<f64> {
+        let mut gain = 0.0;
+        let mut count = 0;
+        for pair in self.pairs.iter().filter(|c| c.frame == frame) {
+            gain += pair.gain;
+            count += pair.count;
+        }
+        (count > 0).then(|| gain / count as f64)
+    }
 }
 
 /// The same of one pair.
@@ -164,59 +183,69 @@ impl Comparison {
 
     /// Robust standard deviation of the residuals in expected ones, at least 1.
     pub fn scale(&self, views: Views<'_>) -> f64 {
-        let of_pair = |pair: &[usize; 2]| {
+        let ratios = self.pairs.par_iter().map(|pair| {
             let mut ratios = Ratios::default();
             self.compare(*pair, views, Subset::Fitted, |r, _| ratios.add(r));
             ratios
-        };
-        robust_scale(self.pairs.par_iter().map(of_pair).collect())
+        });
+        robust_scale(ratios.collect())
     }
 
     /// Normal equations about poses, and about those of the sensor, where some are given; `scale` is that
     /// before.
     pub fn sums(&self, views: Views<'_>, sensor: Option<&SensorErrors>, scale: f64, fit: Fit) -> Sums {
-        let of_frame = |pairs: &[[usize; 2]]| {
-            let mut of_sensor =
-                sensor.map(|errors| SensorSums::none(views.world_from_camera.len(), errors.count()));
-            let rows: Vec<Rows> =
-                pairs.iter().map(|&pair| self.rows(pair, views, sensor, scale, fit)).collect();
-            let agreeing = rows.iter().map(|r| r.agreeing / r.tried.max(1) as f64).sum();
-            let matches = pairs.iter().filter_map(|pair| self.matches.get(pair)).flatten();
-            let weights = ReadingWeights::of(agreeing, matches.map(|m| m[0]));
-            let mut sums = Vec::new();
-            let mut ratios = Vec::new();
-            for (&pair, mut rows) in pairs.iter().zip(rows) {
-                ratios.push(rows.ratios);
-                let of_surfels = weights.of_surfels * (INDEPENDENT / rows.agreeing).min(1.0);
-                rows.surfels.iter_mut().for_each(|row| row.weight *= of_surfels);
-                rows.landmarks.iter_mut().for_each(|row| row.weight *= weights.of_landmarks);
-                rows.surfels.append(&mut rows.landmarks);
-                if rows.surfels.is_empty() {
-                    continue;
-                }
-                sums.push(pair_sums(pair, &rows.surfels));
-                if let Some(sums) = &mut of_sensor {
-                    add_rows(sums, pair, &rows.surfels);
-                }
-            }
-            (sums, ratios, of_sensor)
-        };
         // By first frames: the sensor's sums are large, and a task has them once.
         let frames: Vec<&[[usize; 2]]> = self.pairs.chunk_by(|a, b| a[0] == b[0]).collect();
-        let all: Vec<_> = frames.par_iter().map(|pairs| of_frame(pairs)).collect();
+        let all: Vec<FrameSums> =
+            frames.par_iter().map(|pairs| self.frame_sums(pairs, views, sensor, scale, fit)).collect();
         let mut pairs = Vec::new();
         let mut ratios = Vec::new();
         let mut sensor_sums = None;
         // In the order of the frames, as sums of floats depend on it.
-        for (of_pairs, seen, of_sensor) in all {
-            pairs.extend(of_pairs);
-            ratios.extend(seen);
-            sensor_sums = match (sensor_sums, of_sensor) {
+        for frame in all {
+            pairs.extend(frame.pairs);
+            ratios.extend(frame.ratios);
+            sensor_sums = match (sensor_sums, frame.sensor) {
                 (Some(sum), Some(next)) => Some(SensorSums::plus(sum, next)),
                 (sum, next) => sum.or(next),
             };
         }
         Sums { pairs, sensor: sensor_sums.map(SensorSums::whole), scale: robust_scale(ratios) }
+    }
+
+    /// Normal equations of the pairs of one first frame.
+    fn frame_sums(
+        &self,
+        pairs: &[[usize; 2]],
+        views: Views<'_>,
+        sensor: Option<&SensorErrors>,
+        scale: f64,
+        fit: Fit,
+    ) -> FrameSums {
+        let rows: Vec<Rows> = pairs.iter().map(|&pair| self.rows(pair, views, sensor, scale, fit)).collect();
+        let agreeing = rows.iter().map(|r| r.agreeing / r.tried.max(1) as f64).sum();
+        let matches = pairs.iter().filter_map(|pair| self.matches.get(pair)).flatten();
+        let weights = ReadingWeights::of(agreeing, matches.map(|m| m[0]));
+        let mut sums = FrameSums {
+            pairs: Vec::new(),
+            ratios: Vec::new(),
+            sensor: sensor.map(|errors| SensorSums::none(views.world_from_camera.len(), errors.count())),
+        };
+        for (&pair, mut rows) in pairs.iter().zip(rows) {
+            sums.ratios.push(rows.ratios);
+            let of_surfels = weights.of_surfels * (INDEPENDENT / rows.agreeing).min(1.0);
+            rows.surfels.iter_mut().for_each(|row| row.weight *= of_surfels);
+            rows.landmarks.iter_mut().for_each(|row| row.weight *= weights.of_landmarks);
+            rows.surfels.append(&mut rows.landmarks);
+            if rows.surfels.is_empty() {
+                continue;
+            }
+            sums.pairs.push(pair_sums(pair, &rows.surfels));
+            if let Some(sensor) = &mut sums.sensor {
+                add_rows(sensor, pair, &rows.surfels);
+            }
+        }
+        sums
     }
 
     fn rows(
@@ -225,32 +254,23 @@ impl Comparison {
         views: Views<'_>,
         sensor: Option<&SensorErrors>,
         scale: f64,
-        Fit { loose, is_rough }: Fit,
+        fit: Fit,
     ) -> Rows {
-        let row = |r: &Residual| {
-            let variance_m2 = (r.sigma_m * scale).powi(2) + (loose * r.displacement_m).powi(2);
-            // Tukey's biweight: surfels of other surfaces have no say at all.
-            let share = (1.0 - r.distance_m.powi(2) / (variance_m2 * CUT * CUT)).max(0.0).powi(2);
-            let sensor = sensor.map_or_else(BySensor::default, |errors| by_sensor(r, errors));
-            let weight = share / variance_m2;
-            (share > 0.0)
-                .then(|| (share, Row { poses: by_poses(r), sensor, distance_m: r.distance_m, weight }))
-        };
-        let most = if is_rough { self.most() / self.coarse } else { self.most() };
+        let most = if fit.is_rough { self.most() / self.coarse } else { self.most() };
         let mut surfels = Vec::with_capacity(most);
         let mut landmarks = Vec::new();
         let mut agreeing = 0.0;
         let mut ratios = Ratios::default();
         let tried = self.compare_surfels(pair, views, Subset::Fitted, most, |r, _| {
             ratios.add(r);
-            if let Some((share, row)) = row(r) {
+            if let Some((share, row)) = weighted_row(r, sensor, scale, fit.loose) {
                 agreeing += share;
                 surfels.push(row);
             }
         });
         self.compare_landmarks(pair, views, Subset::Fitted, |r, _| {
             ratios.add(r);
-            landmarks.extend(row(r).map(|(_, row)| row));
+            landmarks.extend(weighted_row(r, sensor, scale, fit.loose).map(|(_, row)| row));
         });
         Rows { surfels, landmarks, agreeing, tried, ratios }
     }
@@ -367,25 +387,18 @@ impl Gain {
         if pairs().map(|c| c.count).sum::<usize>() < LEAST_SURFELS {
             return None;
         }
-        let robust_m = |k: usize| {
-            median(pairs().flat_map(|c| c.distances_m[k].iter().copied()).collect())
-                .map(|m| SIGMAS_PER_MAD * m)
-        };
+        let mut residual_m = [0.0; 2];
+        for (k, residual_m) in residual_m.iter_mut().enumerate() {
+            let distances = pairs().flat_map(|c| c.distances_m[k].iter().copied());
+            *residual_m = SIGMAS_PER_MAD * median(distances.collect())?;
+        }
         // Every frame is one observation: its surfels share its pose.
-        let of_frame = |state: &Changes, frame: usize| {
-            let own = state.pairs.iter().filter(|c| c.frame == frame);
-            let (gain, count) = own.fold((0.0, 0), |(gain, count), c| (gain + c.gain, count + c.count));
-            (count > 0).then(|| gain / count as f64)
-        };
         let gains: Vec<f64> =
-            states.iter().flat_map(|s| (0..s.frames).filter_map(move |frame| of_frame(s, frame))).collect();
+            states.iter().flat_map(|s| (0..s.frames).filter_map(|frame| s.frame_gain(frame))).collect();
         let count = gains.len() as f64;
         let mean = gains.iter().sum::<f64>() / count;
         let variance = gains.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
-        Some(Self {
-            sigmas: mean / (variance / count).sqrt().max(1e-12),
-            residual_m: [robust_m(0)?, robust_m(1)?],
-        })
+        Some(Self { sigmas: mean / (variance / count).sqrt().max(1e-12), residual_m })
     }
 }
 
@@ -396,6 +409,17 @@ fn subset(surfels: &Surfels, held_out: bool) -> [Vec<u32>; FACINGS] {
     surfels.facing().each_ref().map(of_facing)
 }
 
+/// A row of the normal equations with the share that its residual counts; `None` for another surface.
+#[inline]
+fn weighted_row(r: &Residual, sensor: Option<&SensorErrors>, scale: f64, loose: f64) -> Option<(f64, Row)> {
+    let variance_m2 = (r.sigma_m * scale).powi(2) + (loose * r.displacement_m).powi(2);
+    // Tukey's biweight: surfels of other surfaces have no say at all.
+    let share = (1.0 - r.distance_m.powi(2) / (variance_m2 * CUT * CUT)).max(0.0).powi(2);
+    let sensor = sensor.map_or_else(BySensor::default, |errors| by_sensor(r, errors));
+    let weight = share / variance_m2;
+    (share > 0.0).then(|| (share, Row { poses: by_poses(r), sensor, distance_m: r.distance_m, weight }))
+}
+
 /// Derivatives of the distance by small motions (translation, rotation) of both cameras in their own frames.
 pub(crate) fn by_poses(r: &Residual) -> [f64; 12] {
     // A motion of the first camera moves the point of docs/method.md (2.13), one of the other the plane,
@@ -403,13 +427,12 @@ pub(crate) fn by_poses(r: &Residual) -> [f64; 12] {
     let own = r.point.coords.cross(&r.normal);
     let other = r.other_point.coords.cross(&r.other_normal);
     let mut row = [0.0; 12];
-    let put = |row: &mut [f64; 12], at: usize, v: &Vector3<f64>, sign: f64| {
-        (0..3).for_each(|k| row[at + k] = sign * v[k])
-    };
-    put(&mut row, 0, &r.normal, 1.0);
-    put(&mut row, 3, &own, 1.0);
-    put(&mut row, 6, &r.other_normal, -1.0);
-    put(&mut row, 9, &other, -1.0);
+    for k in 0..3 {
+        row[k] = r.normal[k];
+        row[3 + k] = own[k];
+        row[6 + k] = -r.other_normal[k];
+        row[9 + k] = -other[k];
+    }
     row
 }
 
@@ -443,7 +466,7 @@ fn bounded(z: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{DVector, Point3, SVector};
+    use nalgebra::{DVector, Point3, SVector, Vector3};
 
     use super::*;
     use crate::NoiseConfig;

@@ -24,6 +24,11 @@ impl PoseNoise {
         self.translation_m.hypot(self.rotation_rad * depth_m)
     }
 
+    /// Whether it is as large as expected errors, along or about an axis.
+    pub(crate) fn reaches_expected(&self) -> bool {
+        self.translation_m >= Self::EXPECTED.translation_m || self.rotation_rad >= Self::EXPECTED.rotation_rad
+    }
+
     /// Of the mean of so many poses.
     pub(crate) fn of_mean(&self, count: usize) -> Self {
         self.times(1.0 / (count.max(1) as f64).sqrt())

@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 use super::{
     correction::{Refined, is_clear},
     depth_warp::DepthWarp,
-    error_draw::Drawn,
     pairs::{Changes, Gain, Views},
     sensor_errors::SensorErrors,
     solve::{Problem, Sensor, Solution, solve},
@@ -77,24 +76,9 @@ impl SensorCalibration {
         let [du, dv] = self.color_shift_px[0];
         for frame in frames {
             let width = frame.intrinsics.width;
-            let height = frame.intrinsics.height;
-            let at = |x: usize, y: usize, channel: usize| f64::from(frame.rgb[y * width + x][channel]);
-            let moved = |i: usize| {
-                let u = ((i % width) as f64 + du).clamp(0.0, (width - 1) as f64);
-                let v = ((i / width) as f64 + dv).clamp(0.0, (height - 1) as f64);
-                let x = u as usize;
-                let y = v as usize;
-                let right = (x + 1).min(width - 1);
-                let below = (y + 1).min(height - 1);
-                let s = u - x as f64;
-                let t = v - y as f64;
-                [0, 1, 2].map(|c| {
-                    let above = (1.0 - s) * at(x, y, c) + s * at(right, y, c);
-                    let under = (1.0 - s) * at(x, below, c) + s * at(right, below, c);
-                    ((1.0 - t) * above + t * under).round() as u8
-                })
-            };
-            frame.rgb = (0..width * height).into_par_iter().map(moved).collect();
+            let pixels = (0..width * frame.intrinsics.height).into_par_iter();
+            let moved = pixels.map(|i| color_at(frame, (i % width) as f64 + du, (i / width) as f64 + dv));
+            frame.rgb = moved.collect();
         }
     }
 
@@ -152,6 +136,26 @@ pub(super) fn solve_together(
     if posed.is_empty() { None } else { solve(&posed, Some(SensorErrors::none(&intrinsics))) }
 }
 
+/// Color at a place of the image, bilinear; the border repeats.
+fn color_at(frame: &RgbdFrame, u: f64, v: f64) -> [u8; 3] {
+    let width = frame.intrinsics.width;
+    let height = frame.intrinsics.height;
+    let u = u.clamp(0.0, (width - 1) as f64);
+    let v = v.clamp(0.0, (height - 1) as f64);
+    let x = u as usize;
+    let y = v as usize;
+    let right = (x + 1).min(width - 1);
+    let below = (y + 1).min(height - 1);
+    let s = u - x as f64;
+    let t = v - y as f64;
+    let at = |x: usize, y: usize, channel: usize| f64::from(frame.rgb[y * width + x][channel]);
+    [0, 1, 2].map(|c| {
+        let above = (1.0 - s) * at(x, y, c) + s * at(right, y, c);
+        let under = (1.0 - s) * at(x, below, c) + s * at(right, below, c);
+        ((1.0 - t) * above + t * under).round() as u8
+    })
+}
+
 /// The sensor's errors, with the poses of all states that go with them; `None` where the states have not one
 /// camera, or too little is seen.
 pub(super) fn calibrate(
@@ -196,11 +200,11 @@ pub(super) fn calibrate(
     let pose_lag_s = [sensor.lag_s, covariance[(lag, lag)].sqrt()];
     let color_shift_px = [[0, 1].map(|i| sensor.color_shift[i] * focal_px[i]), [0, 1].map(shift_sigma)];
     let covariance = covariance.view((0, 0), (count, count)).into_owned();
-    let of_warp = |d: &Drawn| DepthWarp {
-        values: d.sensor.rows(0, count).iter().copied().collect(),
-        ..sensor.warp.clone()
-    };
-    let warps = draws.iter().map(of_warp).collect();
+    let mut warps = Vec::with_capacity(draws.len());
+    for draw in &draws {
+        let values = draw.sensor.rows(0, count).iter().copied().collect();
+        warps.push(DepthWarp { values, ..sensor.warp.clone() });
+    }
     let warp = sensor.warp;
     let mean = warp.mean(&intrinsics);
     let calibration = SensorCalibration {

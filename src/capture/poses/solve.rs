@@ -344,20 +344,10 @@ fn most_likely(
     sensor: Option<&SensorErrors>,
     before: &Sizes,
 ) -> Option<Sizes> {
-    // Partners and weights stay: such a round costs a factor and no search.
-    let settled = |errors: PoseErrors| {
-        let mut sizes = Sizes { poses: started(problems, errors), ..before.clone() };
-        for _ in 0..SIZES {
-            sizes = resized(problems, at, sensor, &step(problems, sums, at, sensor, &sizes)?, &sizes);
-            if errors == PoseErrors::WITHOUT_DRIFT {
-                sizes.poses.iter_mut().for_each(|p| p.walk = errors.walk);
-            }
-        }
-        let likelihood = step(problems, sums, at, sensor, &sizes)?.log_likelihood;
-        Some((sizes, likelihood))
-    };
-    let (still, drifting) =
-        rayon::join(|| settled(PoseErrors::WITHOUT_DRIFT), || settled(PoseErrors::EXPECTED));
+    let (still, drifting) = rayon::join(
+        || settled_sizes(problems, sums, at, sensor, before, PoseErrors::WITHOUT_DRIFT),
+        || settled_sizes(problems, sums, at, sensor, before, PoseErrors::EXPECTED),
+    );
     let (still, likelihood_of_still) = still?;
     let (drifting, likelihood_of_drifting) = drifting?;
     // Drift has two sizes in each state, shown by three values of every pose.
@@ -370,7 +360,28 @@ fn started(problems: &[&Problem<'_>], errors: PoseErrors) -> Vec<PoseErrors> {
     problems.iter().map(|p| if p.tracked { PoseErrors::WITHOUT_DRIFT } else { errors }).collect()
 }
 
-/// Sizes by what was found and what is not known of it. See docs/method.md (2.15).
+/// Sizes found from a start, and the logarithm of their likelihood. Partners and weights stay: such a round
+/// costs a factor and no search.
+fn settled_sizes(
+    problems: &[&Problem<'_>],
+    sums: &[Sums],
+    at: &[DVector<f64>],
+    sensor: Option<&SensorErrors>,
+    before: &Sizes,
+    start: PoseErrors,
+) -> Option<(Sizes, f64)> {
+    let mut sizes = Sizes { poses: started(problems, start), ..before.clone() };
+    for _ in 0..SIZES {
+        sizes = resized(problems, at, sensor, &step(problems, sums, at, sensor, &sizes)?, &sizes);
+        if start == PoseErrors::WITHOUT_DRIFT {
+            sizes.poses.iter_mut().for_each(|p| p.walk = start.walk);
+        }
+    }
+    let likelihood = step(problems, sums, at, sensor, &sizes)?.log_likelihood;
+    Some((sizes, likelihood))
+}
+
+/// Sizes by the estimates and their covariance. See docs/method.md (2.15).
 fn resized(
     problems: &[&Problem<'_>],
     at: &[DVector<f64>],
@@ -378,29 +389,28 @@ fn resized(
     step: &Step,
     sizes: &Sizes,
 ) -> Sizes {
-    let of_state = |k: usize| {
-        let lag_s = sensor.map_or(0.0, |s| s.lag_s + step.sensor[s.lag()]);
-        let mean = &at[k] + &step.poses[k] - &problems[k].velocities * lag_s;
-        let covariance = &step.pose_covariances[k];
-        if problems[k].tracked {
-            return sizes.poses[k];
-        }
-        problems[k].drift.sizes(&sizes.poses[k], &step.pose_information[k], &mean, covariance)
-    };
-    let of_warp = |errors: &SensorErrors| {
-        let mean = errors.values() + &step.sensor;
-        let information = &step.sensor_information;
-        let pull = information * mean;
-        // As in docs/method.md (2.15), with one size for all values of the warp.
-        let marginal = information - information * &step.sensor_covariance * information;
-        let smooth = errors.warp.smooth();
-        let count = errors.first_of_shift();
-        let pull = pull.rows(0, count);
-        let marginal = marginal.view((0, 0), (count, count));
-        let change = growth(pull.dot(&(&smooth * pull)), smooth.dot(&marginal));
-        (sizes.warp * change).max(LEAST_WARP)
-    };
-    Sizes { poses: (0..problems.len()).map(of_state).collect(), warp: sensor.map_or(sizes.warp, of_warp) }
+    let lag_s = sensor.map_or(0.0, |s| s.lag_s + step.sensor[s.lag()]);
+    let mut poses = sizes.poses.clone();
+    for (k, problem) in problems.iter().enumerate().filter(|(_, problem)| !problem.tracked) {
+        let mean = &at[k] + &step.poses[k] - &problem.velocities * lag_s;
+        let information = &step.pose_information[k];
+        poses[k] = problem.drift.sizes(&sizes.poses[k], information, &mean, &step.pose_covariances[k]);
+    }
+    Sizes { poses, warp: sensor.map_or(sizes.warp, |errors| resized_warp(sizes.warp, errors, step)) }
+}
+
+/// As in docs/method.md (2.15), with one size for all values of the warp.
+fn resized_warp(size: f64, errors: &SensorErrors, step: &Step) -> f64 {
+    let mean = errors.values() + &step.sensor;
+    let information = &step.sensor_information;
+    let pull = information * mean;
+    let marginal = information - information * &step.sensor_covariance * information;
+    let smooth = errors.warp.smooth();
+    let count = errors.first_of_shift();
+    let pull = pull.rows(0, count);
+    let marginal = marginal.view((0, 0), (count, count));
+    let change = growth(pull.dot(&(&smooth * pull)), smooth.dot(&marginal));
+    (size * change).max(LEAST_WARP)
 }
 
 /// Translation, meters, and rotation vector, radians, of a correction in the camera's frame.

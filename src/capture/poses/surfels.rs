@@ -153,7 +153,7 @@ impl Surfels {
         let plane =
             |[x, y]: [usize; 2]| if wanted(y * k.width + x) { plane(frame, noise, x, y) } else { None };
         let planes =
-            Planes { columns, rows, step, all: (0..columns * rows).map(|i| plane(place(i))).collect() };
+            WindowPlanes { columns, rows, step, all: (0..columns * rows).map(|i| plane(place(i))).collect() };
         let cells: Vec<Option<Surfel>> = (0..columns * rows)
             .map(|i| surfel(&k, noise, place(i), &planes.all[i]?, planes.slopes(i)?))
             .collect();
@@ -255,13 +255,13 @@ impl Surfels {
         let Some(first) = all.first() else { return Vec::new() };
         let bends: Vec<Bend> =
             (0..first.cells.len()).map(|i| Bend::at(&errors.warp, first.pixel(i))).collect();
-        let corrected = |surfels: &Self| {
+        let corrected = all.par_iter().map(|surfels| {
             if surfels.intrinsics == first.intrinsics {
                 return surfels.corrected_by(errors, |i| bends[i]);
             }
             surfels.corrected_by(errors, |i| Bend::at(&errors.warp, surfels.pixel(i)))
-        };
-        all.par_iter().map(corrected).collect()
+        });
+        corrected.collect()
     }
 
     /// The same by the bend of the sensor's errors at each cell.
@@ -355,11 +355,15 @@ impl Surfels {
 
     /// The surfel nearest to a pixel.
     fn at(&self, (u, v): (f64, f64)) -> Option<&Surfel> {
-        let cell = |pixel: f64, count: usize| {
-            let at = (pixel - R as f64) / self.step as f64 + 0.5;
-            (at >= 0.0 && at < count as f64).then_some(at as usize)
-        };
-        self.cells[cell(v, self.rows)? * self.columns + cell(u, self.columns)?].as_ref()
+        let row = self.nearest_cell(v, self.rows)?;
+        let column = self.nearest_cell(u, self.columns)?;
+        self.cells[row * self.columns + column].as_ref()
+    }
+
+    /// The cell nearest to a coordinate, of `count` in a row or column.
+    fn nearest_cell(&self, pixel: f64, count: usize) -> Option<usize> {
+        let at = (pixel - R as f64) / self.step as f64 + 0.5;
+        (at >= 0.0 && at < count as f64).then_some(at as usize)
     }
 }
 
@@ -417,14 +421,14 @@ fn plane(frame: &RgbdFrame, noise: &NoiseConfig, x: usize, y: usize) -> Option<W
 }
 
 /// The planes of all cells.
-struct Planes {
+struct WindowPlanes {
     columns: usize,
     rows: usize,
     step: usize,
     all: Vec<Option<WindowPlane>>,
 }
 
-impl Planes {
+impl WindowPlanes {
     /// Slopes of inverse depth at a cell, by the cells about it that lie on its plane, 1/(meter pixel). Those
     /// of one window are noisy, and noise of normals looks like information about motions that no surface
     /// shows.

@@ -79,6 +79,12 @@ pub(super) fn poses_of(frames: &[RgbdFrame]) -> Vec<Pose> {
     frames.iter().map(|f| f.world_from_camera).collect()
 }
 
+/// Poses of both states, those from `first` on moved about a center.
+fn second_state_moved(reported: &[Pose], first: usize, from_center: &Pose, moved: &Pose) -> Vec<Pose> {
+    let world = from_center * moved * from_center.inverse();
+    reported.iter().enumerate().map(|(i, p)| if i < first { *p } else { world * p }).collect()
+}
+
 /// See [`align_worlds`]; of the reported poses of both states.
 pub(crate) fn correct(
     states: [&[Pose]; 2],
@@ -102,13 +108,9 @@ pub(crate) fn correct(
     let from_center = Pose::from_parts(center.coords.into(), nalgebra::UnitQuaternion::identity());
     // A motion about the middle; what no surface shows stays small there.
     let mut moved = Pose::identity();
-    let moved_poses = |moved: &Pose| -> Vec<Pose> {
-        let world = from_center * moved * from_center.inverse();
-        reported.iter().enumerate().map(|(i, p)| if i < first { *p } else { world * p }).collect()
-    };
     let mut scale = comparison.scale(seen_from(&all, &reported));
     for round in 0..ROUNDS {
-        let poses = moved_poses(&moved);
+        let poses = second_state_moved(&reported, first, &from_center, &moved);
         let sums = comparison.sums(
             seen_from(&all, &poses),
             None,
@@ -122,7 +124,7 @@ pub(crate) fn correct(
             break;
         }
     }
-    let poses = moved_poses(&moved);
+    let poses = second_state_moved(&reported, first, &from_center, &moved);
     let Gain { sigmas, residual_m } =
         Gain::of(&[comparison.changes(seen_from(&all, &reported), seen_from(&all, &poses))])?;
     if sigmas <= 0.0 {

@@ -26,8 +26,9 @@ enum Word {
 /// The cells of a view whose plane at least two others find as well, and more than see through it.
 pub(super) fn agreed(views: &[Cells], planes: &[Planes], reference: usize) -> Vec<bool> {
     let view = &views[reference];
-    let is_agreed = |cell: usize| {
-        let Some(point) = place(view, &planes[reference], cell) else { return false };
+    let mut agreed = vec![false; view.hole.len()];
+    for (cell, agreed) in agreed.iter_mut().enumerate() {
+        let Some(point) = place(view, &planes[reference], cell) else { continue };
         let mut same = 0;
         let mut through = 0;
         for other in (0..views.len()).filter(|&o| o != reference) {
@@ -37,9 +38,9 @@ pub(super) fn agreed(views: &[Cells], planes: &[Planes], reference: usize) -> Ve
                 Word::Nothing => {}
             }
         }
-        same >= WITNESSES && same > 2 * through
-    };
-    (0..view.hole.len()).map(is_agreed).collect()
+        *agreed = same >= WITNESSES && same > 2 * through;
+    }
+    agreed
 }
 
 /// Relative standard deviation of the depths that views agree on: that of differences between two views, over

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::cells::Cells;
 use crate::common_focus;
+use geometry::Intrinsics;
 
 /// Samples of a patch along each side, and cells between them: the patch is 9 cells wide.
 /// assumed: 18 pixels, between the windows of denoising (15 and 25).
@@ -57,15 +58,11 @@ pub(super) fn eyes(views: &[Cells], reference: usize) -> Vec<Eye<'_>> {
 impl<'a> Eye<'a> {
     fn of(reference: &Cells, cells: &'a Cells) -> Self {
         let motion = cells.world_from_camera.inverse() * reference.world_from_camera;
-        let matrix = |c: &Cells| {
-            let k = &c.camera;
-            Matrix3::new(k.fx, 0.0, k.cx, 0.0, k.fy, k.cy, 0.0, 0.0, 1.0)
-        };
-        let k = matrix(reference);
         // A camera's matrix can always be inverted.
-        let back = k.try_inverse().unwrap_or_else(Matrix3::identity);
-        let turn = matrix(cells) * motion.rotation.to_rotation_matrix().matrix() * back;
-        let shift = matrix(cells) * motion.translation.vector;
+        let back = camera_matrix(&reference.camera).try_inverse().unwrap_or_else(Matrix3::identity);
+        let matrix = camera_matrix(&cells.camera);
+        let turn = matrix * motion.rotation.to_rotation_matrix().matrix() * back;
+        let shift = matrix * motion.translation.vector;
         Self { cells, turn: turn.cast(), shift: shift.cast() }
     }
 }
@@ -244,7 +241,11 @@ impl Eye<'_> {
     }
 }
 
-/// Where a place is, seen from a view, against the depth that the view read.
+fn camera_matrix(k: &Intrinsics) -> Matrix3<f64> {
+    Matrix3::new(k.fx, 0.0, k.cx, 0.0, k.fy, k.cy, 0.0, 0.0, 1.0)
+}
+
+/// Where a place is, seen from a view, against the depth read there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Side {
     Before,

@@ -83,13 +83,23 @@ fn best(
     let neighbors = NEIGHBORS.iter().map(|(dx, dy)| (x + dx, y + dy));
     let inside = neighbors.filter(|(x, y)| (0..w).contains(x) && (0..h).contains(y));
     let passed_on = inside.map(|(x, y)| planes.at[(y * w + x) as usize]).filter(|p| *p != Vector3::zeros());
-    let better = |old: (Vector3<f32>, f32), plane: Vector3<f32>| {
+    let mut best = planes.at[cell];
+    let mut least = planes.cost[cell];
+    for plane in passed_on {
         let cost = patch.cost(&plane, eyes);
-        if cost < old.1 { (plane, cost) } else { old }
-    };
-    let found = passed_on.fold((planes.at[cell], planes.cost[cell]), better);
+        if cost < least {
+            (best, least) = (plane, cost);
+        }
+    }
     let ray = view.ray(cell);
-    (0..TRIES).fold(found, |found, _| better(found, perturbed(&found.0, &ray, round, rng)))
+    for _ in 0..TRIES {
+        let plane = perturbed(&best, &ray, round, rng);
+        let cost = patch.cost(&plane, eyes);
+        if cost < least {
+            (best, least) = (plane, cost);
+        }
+    }
+    (best, least)
 }
 
 /// A plane turned and moved along the ray, by less from round to round.
@@ -136,26 +146,32 @@ fn extended(view: &Cells) -> Planes {
     planes
 }
 
-/// The plane of the depth read about a cell.
-fn read(view: &Cells, cell: usize) -> Option<Vector3<f32>> {
-    let w = view.camera.width;
-    let inverse = |x: usize, y: usize| {
-        let depth_m = *view.depth_m.get(y * w + x)?;
-        (x < w && depth_m > 0.0).then(|| 1.0 / depth_m)
-    };
-    let x = cell % w;
-    let y = cell / w;
-    let here = inverse(x, y)?;
-    // Between the readings on both sides, or beside the hole on one.
-    let slope = |before: Option<f32>, after: Option<f32>| match (before, after) {
+/// Inverse depth read at a cell, 1/meter.
+fn inverse_depth(view: &Cells, x: usize, y: usize) -> Option<f32> {
+    let depth_m = *view.depth_m.get(y * view.camera.width + x)?;
+    (x < view.camera.width && depth_m > 0.0).then(|| 1.0 / depth_m)
+}
+
+/// Slope between the readings on both sides, or beside the hole on one.
+fn slope(before: Option<f32>, here: f32, after: Option<f32>) -> Option<f32> {
+    match (before, after) {
         (Some(a), Some(b)) => Some((b - a) / (2 * SLOPE) as f32),
         (Some(a), None) => Some((here - a) / SLOPE as f32),
         (None, Some(b)) => Some((b - here) / SLOPE as f32),
         (None, None) => None,
-    };
-    let back = |v: usize| v.checked_sub(SLOPE);
-    let across = slope(back(x).and_then(|x| inverse(x, y)), inverse(x + SLOPE, y))?;
-    let down = slope(back(y).and_then(|y| inverse(x, y)), inverse(x, y + SLOPE))?;
+    }
+}
+
+/// The plane of the depth read about a cell.
+fn read(view: &Cells, cell: usize) -> Option<Vector3<f32>> {
+    let w = view.camera.width;
+    let x = cell % w;
+    let y = cell / w;
+    let here = inverse_depth(view, x, y)?;
+    let left = x.checked_sub(SLOPE).and_then(|x| inverse_depth(view, x, y));
+    let above = y.checked_sub(SLOPE).and_then(|y| inverse_depth(view, x, y));
+    let across = slope(left, here, inverse_depth(view, x + SLOPE, y))?;
+    let down = slope(above, here, inverse_depth(view, x, y + SLOPE))?;
     let nx = across * view.camera.fx as f32;
     let ny = down * view.camera.fy as f32;
     let ray = view.ray(cell);

@@ -70,7 +70,7 @@ pub enum Unaligned {
 /// # Errors
 /// [`Unaligned`].
 pub fn align_tracks(first: &Track, second: &Track, seed: u64) -> Result<(Pose, f64), Unaligned> {
-    let sides = [first, second].map(Side::of);
+    let sides = [first, second].map(TrackSide::of);
     let pairs: Vec<[usize; 2]> =
         (0..sides[0].poses.len()).flat_map(|i| (0..sides[1].poses.len()).map(move |j| [i, j])).collect();
     let matches: Vec<Vec<[u32; 2]>> = pairs
@@ -86,10 +86,8 @@ pub fn align_tracks(first: &Track, second: &Track, seed: u64) -> Result<(Pose, f
     // By cells; of equals the first.
     found.sort_by_key(|p| std::cmp::Reverse(p.cells));
     let &Proposal { motion: coarse, cells, overlap } = found.first().ok_or(Unaligned::NothingAlike)?;
-    let rivals = |p: &&Proposal| {
-        (cells as f64) < CLEAR * p.cells as f64 && !is_same(&p.motion, &coarse, &sides[0].poses[0], depth_m)
-    };
-    if let Some(next) = found[1..].iter().find(rivals) {
+    let mut rivals = found[1..].iter().filter(|p| (cells as f64) < CLEAR * p.cells as f64);
+    if let Some(next) = rivals.find(|p| !is_same(&p.motion, &coarse, &sides[0].poses[0], depth_m)) {
         return Err(Unaligned::Ambiguous { cells: [cells, next.cells] });
     }
     let fine = refined(&sides, &pairs, &matches, &coarse).unwrap_or(coarse);
@@ -97,13 +95,13 @@ pub fn align_tracks(first: &Track, second: &Track, seed: u64) -> Result<(Pose, f
 }
 
 /// Some keyframes of a state.
-struct Side<'a> {
+struct TrackSide<'a> {
     keyframes: Vec<usize>,
     poses: Vec<Pose>,
     surfels: Vec<&'a Surfels>,
 }
 
-impl<'a> Side<'a> {
+impl<'a> TrackSide<'a> {
     fn of(track: &'a Track) -> Self {
         let keyframes = spread_views(&track.key_poses, KEYFRAMES);
         Self {
@@ -125,18 +123,18 @@ struct Proposal {
 
 /// Motions that landmarks follow, the most followed first.
 fn proposals(
-    sides: &[Side<'_>; 2],
+    sides: &[TrackSide<'_>; 2],
     pairs: &[[usize; 2]],
     matches: &[Vec<[u32; 2]>],
     depth_m: f64,
     seed: u64,
 ) -> Vec<Proposal> {
-    let of_pair = |(&[i, j], matched): (&[usize; 2], &Vec<[u32; 2]>)| -> Vec<LandmarkPair> {
+    let mut left: Vec<LandmarkPair> = Vec::new();
+    for (&[i, j], matched) in pairs.iter().zip(matches) {
         let cameras = [&sides[0].poses[i], &sides[1].poses[j]];
         let frames = [sides[0].surfels[i], sides[1].surfels[j]];
-        matched.iter().map(|m| LandmarkPair::new(cameras, frames, *m)).collect()
-    };
-    let mut left: Vec<LandmarkPair> = pairs.iter().zip(matches).flat_map(of_pair).collect();
+        left.extend(matched.iter().map(|m| LandmarkPair::new(cameras, frames, *m)));
+    }
     let mut motions = Vec::new();
     for attempt in 0..MOTIONS {
         let mut rng = stage_rng(seed, "track/states", attempt as u64);
@@ -150,16 +148,15 @@ fn proposals(
 }
 
 /// Surfels that lie where the other state sees them, of both states.
-fn agreement(sides: &[Side<'_>; 2], pairs: &[[usize; 2]], motion: &Pose) -> Overlap {
-    let of_pair = |&[i, j]: &[usize; 2]| {
+fn agreement(sides: &[TrackSide<'_>; 2], pairs: &[[usize; 2]], motion: &Pose) -> Overlap {
+    let overlaps = pairs.par_iter().map(|&[i, j]| {
         let moved = motion * sides[0].poses[i];
         let a = sides[0].surfels[i];
         let b = sides[1].surfels[j];
         let near = view_distance_rad(&moved, &sides[1].poses[j], mean_depth_m(a)) < REACH_RAD;
         if near { overlap([a, b], &(sides[1].poses[j].inverse() * moved)) } else { Overlap::default() }
-    };
-    let all: Vec<Overlap> = pairs.par_iter().map(of_pair).collect();
-    all.into_iter().fold(Overlap::default(), Overlap::plus)
+    });
+    overlaps.collect::<Vec<Overlap>>().into_iter().fold(Overlap::default(), Overlap::plus)
 }
 
 /// Whether two motions of the first map take what its camera sees to about the same place.
@@ -170,7 +167,7 @@ fn is_same(a: &Pose, b: &Pose, camera: &Pose, depth_m: f64) -> bool {
 
 /// The motion by surfaces and landmarks, where held-out ones gain by it.
 fn refined(
-    sides: &[Side<'_>; 2],
+    sides: &[TrackSide<'_>; 2],
     pairs: &[[usize; 2]],
     matches: &[Vec<[u32; 2]>],
     motion: &Pose,

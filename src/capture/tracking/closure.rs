@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::{
-    keyframes::{Edge, Keyframes, view_distance_rad},
+    keyframes::{KeyframeEdge, Keyframes, view_distance_rad},
     locate::{Guess, Known, Located, locate},
 };
 use crate::poses::pose_noise::PoseNoise;
@@ -32,7 +32,7 @@ pub(super) fn close_loops(keyframes: &mut Keyframes, seed: u64) -> usize {
     pairs.sort_unstable();
     pairs.dedup();
     pairs.retain(|pair| !keyframes.has_edge(*pair));
-    let found: Vec<Option<Edge>> = pairs
+    let found: Vec<Option<KeyframeEdge>> = pairs
         .par_iter()
         .map(|&[i, j]| {
             let pose = keyframes.all[i].pose.inverse() * keyframes.all[j].pose;
@@ -105,12 +105,17 @@ const LOOKED_AT: usize = 100;
 const JOINED_BY: usize = 4;
 
 /// What two keyframes say of each other; `None` where that is too little, or contradicts itself.
-fn compared(keyframes: &Keyframes, [i, j]: [usize; 2], guess: Option<Guess>, seed: u64) -> Option<Edge> {
+fn compared(
+    keyframes: &Keyframes,
+    [i, j]: [usize; 2],
+    guess: Option<Guess>,
+    seed: u64,
+) -> Option<KeyframeEdge> {
     let mut rng = stage_rng(seed, "track/close", (i * keyframes.all.len() + j) as u64);
     let known = Known { observation: &keyframes.all[i].observation, pose: Pose::identity(), matches: None };
     let new = &keyframes.all[j].observation;
     let Located { pose, by_known, mut matches, .. } = locate(&[known], new, guess, &mut rng).ok()?;
-    Some(Edge {
+    Some(KeyframeEdge {
         frames: [i, j],
         first_from_second: pose,
         information: by_known[0],

@@ -67,7 +67,7 @@ pub(super) struct Placed<'a> {
 }
 
 /// The plane below everything.
-struct Support {
+struct SupportPlane {
     normal: Unit<Vector3<f64>>,
     offset_m: f64,
     /// Standard deviation of up by it, radians.
@@ -75,7 +75,7 @@ struct Support {
 }
 
 /// A piece of surface.
-struct Patch {
+struct SurfacePatch {
     point: Point3<f64>,
     /// Towards the camera.
     normal: Vector3<f64>,
@@ -129,9 +129,9 @@ impl Placed<'_> {
 
     fn world_from_map(
         &self,
-        patches: &[Patch],
+        patches: &[SurfacePatch],
         normal: &Unit<Vector3<f64>>,
-        support: Option<&Support>,
+        support: Option<&SupportPlane>,
     ) -> Pose {
         let ahead = self.poses.iter().map(|p| p.rotation * Vector3::z()).sum::<Vector3<f64>>();
         let focus =
@@ -169,25 +169,25 @@ impl Placed<'_> {
         median(self.observations.iter().map(|o| mean_depth_m(&o.surfels)).collect()).unwrap_or(1.0)
     }
 
-    fn patches(&self) -> Vec<Patch> {
+    fn patches(&self) -> Vec<SurfacePatch> {
         let count: usize = self.observations.iter().map(|o| o.surfels.sum().1 as usize).sum();
         let every = count.div_ceil(LOOKED_AT).max(1);
-        let of_keyframe = |(observation, pose): (&&Observation, &Pose)| -> Vec<Patch> {
-            let patch = |(point, normal): (Point3<f64>, Vector3<f64>)| Patch {
+        let mut patches = Vec::new();
+        for (observation, pose) in self.observations.iter().zip(self.poses) {
+            patches.extend(observation.surfels.points(every).map(|(point, normal)| SurfacePatch {
                 // A surfel covers more where it is further away, and where it is seen from aside.
                 weight: point.z.powi(2) / normal.dot(&point.coords.normalize()).max(0.1),
                 gate_m: GATE * DEPTH_SHARE * point.z,
                 point: pose * point,
                 normal: -(pose.rotation * normal),
-            };
-            observation.surfels.points(every).map(patch).collect()
-        };
-        self.observations.iter().zip(self.poses).flat_map(of_keyframe).collect()
+            }));
+        }
+        patches
     }
 }
 
 /// Normal and offset of the largest plane below everything that faces up by about `upright`.
-fn support(patches: &[Patch], upright: &Unit<Vector3<f64>>) -> Option<Support> {
+fn support(patches: &[SurfacePatch], upright: &Unit<Vector3<f64>>) -> Option<SupportPlane> {
     let total: f64 = patches.iter().map(|p| p.weight).sum();
     let mut best: Option<(f64, Unit<Vector3<f64>>, f64)> = None;
     for proposing in patches.iter().step_by(PROPOSING) {
@@ -196,31 +196,31 @@ fn support(patches: &[Patch], upright: &Unit<Vector3<f64>>) -> Option<Support> {
             continue;
         }
         let offset_m = normal.dot(&proposing.point.coords);
-        let on = |p: &&Patch| is_on(p, &normal, offset_m);
+        let on = |p: &&SurfacePatch| is_on(p, &normal, offset_m);
         let held: f64 = patches.iter().filter(on).map(|p| p.weight).sum();
-        let below = |p: &&Patch| normal.dot(&p.point.coords) - offset_m < -2.0 * p.gate_m;
+        let below = |p: &&SurfacePatch| normal.dot(&p.point.coords) - offset_m < -2.0 * p.gate_m;
         let lower: f64 = patches.iter().filter(below).map(|p| p.weight).sum();
         if lower <= BELOW_SHARE * total && held >= LEAST_SHARE * total && best.is_none_or(|b| held > b.0) {
             best = Some((held, normal, offset_m));
         }
     }
     let (_, normal, offset_m) = best?;
-    let mut found = Support { normal, offset_m, sigma_rad: LEVEL_RAD };
+    let mut found = SupportPlane { normal, offset_m, sigma_rad: LEVEL_RAD };
     for _ in 0..5 {
         found = refit(patches, &found)?;
     }
     Some(found)
 }
 
-fn is_on(patch: &Patch, normal: &Unit<Vector3<f64>>, offset_m: f64) -> bool {
+fn is_on(patch: &SurfacePatch, normal: &Unit<Vector3<f64>>, offset_m: f64) -> bool {
     (normal.dot(&patch.point.coords) - offset_m).abs() <= patch.gate_m
         && normal.dot(&patch.normal) >= SAME_COSINE
 }
 
 /// Least squares over the patches on a plane.
-fn refit(patches: &[Patch], plane: &Support) -> Option<Support> {
-    let on: Vec<&Patch> = patches.iter().filter(|p| is_on(p, &plane.normal, plane.offset_m)).collect();
-    let weight = |p: &Patch| p.weight / p.gate_m.powi(2);
+fn refit(patches: &[SurfacePatch], plane: &SupportPlane) -> Option<SupportPlane> {
+    let on: Vec<&SurfacePatch> = patches.iter().filter(|p| is_on(p, &plane.normal, plane.offset_m)).collect();
+    let weight = |p: &SurfacePatch| p.weight / p.gate_m.powi(2);
     let total: f64 = on.iter().map(|p| weight(p)).sum();
     let mean = on.iter().map(|p| p.point.coords * weight(p)).sum::<Vector3<f64>>() / total;
     let spread = on
@@ -237,7 +237,7 @@ fn refit(patches: &[Patch], plane: &Support) -> Option<Support> {
     let reach_m =
         (0..3).filter(|k| *k != least).map(|k| eigen.eigenvalues[k].sqrt()).fold(f64::INFINITY, f64::min);
     let error_m = on.iter().map(|p| p.gate_m * weight(p)).sum::<f64>() / (GATE * total);
-    Some(Support {
+    Some(SupportPlane {
         normal,
         offset_m: normal.dot(&mean),
         sigma_rad: LEVEL_RAD.hypot(error_m / reach_m.max(1e-9)),

@@ -96,7 +96,7 @@ impl fmt::Display for NoGravity {
 }
 
 /// Means over a triangle of time.
-struct Window {
+struct TimeWindow {
     /// Of what was read but for what moved the sensor, in the map.
     rest: Vector3<f64>,
     /// Of the rotation from the sensor to the map.
@@ -119,7 +119,7 @@ pub(super) fn measured_up(
 }
 
 /// Windows side by side, each from a view to another about half a second from one between.
-fn windows(placed: &[(i64, Pose)], accelerometer: &Accelerometer) -> Vec<Window> {
+fn windows(placed: &[(i64, Pose)], accelerometer: &Accelerometer) -> Vec<TimeWindow> {
     let mut all = Vec::new();
     let mut begin = 0;
     while begin < placed.len() {
@@ -136,7 +136,7 @@ fn window(
     placed: &[(i64, Pose)],
     [begin, middle, end]: [usize; 3],
     accelerometer: &Accelerometer,
-) -> Option<Window> {
+) -> Option<TimeWindow> {
     let views = &placed[begin..=end];
     if views.windows(2).any(|pair| pair[1].0 - pair[0].0 > GAP_NANOS) {
         return None;
@@ -169,7 +169,7 @@ fn window(
         read += weight * (rotation * value);
         turn += weight * rotation.matrix();
     }
-    (sum > 0.0).then(|| Window { rest: read / sum - moved, turn: turn / sum })
+    (sum > 0.0).then(|| TimeWindow { rest: read / sum - moved, turn: turn / sum })
 }
 
 /// Rotation of the camera between two views.
@@ -180,7 +180,7 @@ fn rotation_at(views: &[(i64, Pose)], stamp: i64) -> Option<nalgebra::UnitQuater
 }
 
 /// Gravity and bias by weighted least squares.
-fn solve(windows: &[Window]) -> Result<MeasuredUp, NoGravity> {
+fn solve(windows: &[TimeWindow]) -> Result<MeasuredUp, NoGravity> {
     let mut weights = vec![1.0; windows.len()];
     let mut state = Vector6::<f64>::zeros();
     let mut covariance = Matrix6::<f64>::identity();
@@ -225,7 +225,7 @@ fn solve(windows: &[Window]) -> Result<MeasuredUp, NoGravity> {
     })
 }
 
-fn row(window: &Window) -> SMatrix<f64, 3, 6> {
+fn row(window: &TimeWindow) -> SMatrix<f64, 3, 6> {
     let mut row = SMatrix::<f64, 3, 6>::zeros();
     row.fixed_view_mut::<3, 3>(0, 0).copy_from(&Matrix3::identity());
     row.fixed_view_mut::<3, 3>(0, 3).copy_from(&window.turn);

@@ -24,7 +24,7 @@ pub(super) struct Keyframe {
 
 /// What two keyframes say of each other.
 #[derive(Clone)]
-pub(super) struct Edge {
+pub(super) struct KeyframeEdge {
     pub frames: [usize; 2],
     pub first_from_second: Pose,
     /// Information about the second one's pose, in its own frame.
@@ -39,7 +39,7 @@ pub(super) struct Edge {
 #[derive(Default)]
 pub(super) struct Keyframes {
     pub all: Vec<Keyframe>,
-    pub edges: Vec<Edge>,
+    pub edges: Vec<KeyframeEdge>,
 }
 
 impl Keyframe {
@@ -96,7 +96,7 @@ impl Keyframes {
         for (at, &k) in known.iter().enumerate() {
             // A frame beyond sight says nothing.
             if located.overlaps[at].agreeing > 0 {
-                self.edges.push(Edge {
+                self.edges.push(KeyframeEdge {
                     frames: [k, number],
                     first_from_second: self.all[k].pose.inverse() * located.pose,
                     information: located.by_known[at],

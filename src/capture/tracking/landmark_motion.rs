@@ -126,14 +126,16 @@ pub(super) fn landmark_motion(pairs: &[LandmarkPair], rng: &mut impl Rng) -> Opt
 
 /// The motion of a triple, if it keeps the lengths between its points.
 fn motion_of(triple: &[LandmarkPair; 3]) -> Option<Pose> {
-    let keeps = |a: &LandmarkPair, b: &LandmarkPair| {
-        let lengths = [(a.from - b.from).norm(), (a.to - b.to).norm()];
-        let sigma_m = (1.0 / a.weight() + 1.0 / b.weight()).sqrt();
-        lengths[0] > sigma_m && (lengths[0] - lengths[1]).abs() <= GATE * sigma_m
-    };
     let [a, b, c] = triple;
-    (keeps(a, b) && keeps(b, c) && keeps(c, a)).then_some(())?;
+    (keeps_length(a, b) && keeps_length(b, c) && keeps_length(c, a)).then_some(())?;
     rigid_fit(triple.iter().map(|p| (p.from, p.to, 1.0)))
+}
+
+/// Whether the points of two landmarks are as far from each other in both frames.
+fn keeps_length(a: &LandmarkPair, b: &LandmarkPair) -> bool {
+    let lengths = [(a.from - b.from).norm(), (a.to - b.to).norm()];
+    let sigma_m = (1.0 / a.weight() + 1.0 / b.weight()).sqrt();
+    lengths[0] > sigma_m && (lengths[0] - lengths[1]).abs() <= GATE * sigma_m
 }
 
 #[cfg(test)]

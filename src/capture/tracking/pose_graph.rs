@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix6, Vector6};
 
-use super::keyframes::Edge;
+use super::keyframes::KeyframeEdge;
 use crate::poses::{drift::adjoint, pose_noise::PoseNoise};
 use geometry::{Pose, shift_and_turn};
 
@@ -26,7 +26,7 @@ const FLOOR: f64 = 0.3;
 const DOUBTED: f64 = 54.0;
 
 /// Poses that pairs agree on; the first frame stays. `edges` name their frames by place in `start`.
-pub(super) fn pose_graph(start: &[Pose], edges: &[Edge]) -> Vec<Pose> {
+pub(super) fn pose_graph(start: &[Pose], edges: &[KeyframeEdge]) -> Vec<Pose> {
     let mut poses = start.to_vec();
     if poses.len() < 2 {
         return poses;
@@ -45,7 +45,7 @@ pub(super) fn pose_graph(start: &[Pose], edges: &[Edge]) -> Vec<Pose> {
 }
 
 /// The step that the pairs ask for; those found by looks count half at the squared length `doubted`.
-fn step(poses: &[Pose], edges: &[Edge], doubted: f64) -> Option<DVector<f64>> {
+fn step(poses: &[Pose], edges: &[KeyframeEdge], doubted: f64) -> Option<DVector<f64>> {
     let size = 6 * (poses.len() - 1);
     let mut information = DMatrix::zeros(size, size);
     let mut gradient = DVector::zeros(size);
@@ -80,7 +80,7 @@ fn step(poses: &[Pose], edges: &[Edge], doubted: f64) -> Option<DVector<f64>> {
 
 /// What the poses make of a pair against what the pair says, in the second camera's frame, and its derivative
 /// by a motion of the first camera in its own.
-fn residual(poses: &[Pose], edge: &Edge) -> (Vector6<f64>, Matrix6<f64>) {
+fn residual(poses: &[Pose], edge: &KeyframeEdge) -> (Vector6<f64>, Matrix6<f64>) {
     let [i, j] = edge.frames;
     let second_from_first = poses[j].inverse() * poses[i];
     let off = edge.first_from_second.inverse() * second_from_first.inverse();
@@ -88,7 +88,7 @@ fn residual(poses: &[Pose], edge: &Edge) -> (Vector6<f64>, Matrix6<f64>) {
 }
 
 /// Information that a pair has, errors that run together included.
-fn edge_information(edge: &Edge) -> Matrix6<f64> {
+fn edge_information(edge: &KeyframeEdge) -> Matrix6<f64> {
     let floor = PoseNoise::EXPECTED.times(FLOOR);
     let floor = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| {
         (if k < 3 { floor.translation_m } else { floor.rotation_rad }).powi(2)
@@ -106,8 +106,8 @@ mod tests {
 
     use super::*;
 
-    fn edge(frames: [usize; 2], first_from_second: Pose, closure: bool) -> Edge {
-        Edge {
+    fn edge(frames: [usize; 2], first_from_second: Pose, closure: bool) -> KeyframeEdge {
+        KeyframeEdge {
             frames,
             first_from_second,
             information: Matrix6::identity() * 1e6,

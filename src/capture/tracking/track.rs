@@ -8,7 +8,7 @@ use super::{
     adjust::Adjustment,
     closure::{close_loops, join_pieces},
     imu::{Accelerometer, MeasuredUp, NoGravity, measured_up},
-    keyframes::{Edge, Keyframe},
+    keyframes::{Keyframe, KeyframeEdge},
     observation::Observation,
     pose_graph::pose_graph,
     tracker::Tracker,
@@ -62,11 +62,13 @@ impl Tracker {
         let closures = close_loops(&mut self.keyframes, seed);
         let members = self.keyframes.of_piece(self.largest_piece());
         let place = |k: usize| members.binary_search(&k).ok();
-        let edges: Vec<Edge> = self
+        let edges: Vec<KeyframeEdge> = self
             .keyframes
             .edges
             .iter()
-            .filter_map(|e| Some(Edge { frames: [place(e.frames[0])?, place(e.frames[1])?], ..e.clone() }))
+            .filter_map(|e| {
+                Some(KeyframeEdge { frames: [place(e.frames[0])?, place(e.frames[1])?], ..e.clone() })
+            })
             .collect();
         let start: Vec<Pose> = members.iter().map(|&k| self.keyframes.all[k].pose).collect();
         let near = pose_graph(&start, &edges);
@@ -115,7 +117,7 @@ impl Track {
 }
 
 /// Keyframes whose surfels and landmarks agree, near where pairs of them say.
-fn together(observations: &[Observation], near: &[Pose], edges: &[Edge]) -> Vec<Pose> {
+fn together(observations: &[Observation], near: &[Pose], edges: &[KeyframeEdge]) -> Vec<Pose> {
     let surfels: Vec<Surfels> = observations.iter().map(|o| o.surfels.clone()).collect();
     let mut pairs: Vec<[usize; 2]> = edges.iter().map(|e| e.frames).collect();
     pairs.sort_unstable();

@@ -45,16 +45,16 @@ impl HandheldCamera {
     #[must_use]
     pub fn drawn(sensor: HandheldSensor, k: &Intrinsics, seed: u64) -> Self {
         let rng = |effect| stream(seed, "camera", effect, 0);
+        let mut warp = Vec::new();
         // Without the effect no field is made: one of zeros would cost as much.
-        let has_warp = sensor.of(Effect::DepthWarp) > 0.0;
-        let warp = || {
-            let rng = &mut rng(Effect::DepthWarp);
-            depth_warp::field(sensor.of(Effect::DepthWarp), k.width, k.height, rng)
-        };
+        let warp_level = sensor.of(Effect::DepthWarp);
+        if warp_level > 0.0 {
+            warp = depth_warp::field(warp_level, k.width, k.height, &mut rng(Effect::DepthWarp));
+        }
         Self {
             sensor,
             depth_scale: depth_scale::draw(sensor.of(Effect::DepthScale), &mut rng(Effect::DepthScale)),
-            depth_warp: if has_warp { warp() } else { Vec::new() },
+            depth_warp: warp,
             color_shift_px: color_shift::draw(
                 sensor.of(Effect::ColorShift),
                 k.width,

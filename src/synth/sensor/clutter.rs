@@ -26,7 +26,8 @@ pub(super) fn things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut impl Rng
     let center = nalgebra::center(lower, upper);
     let half_m = (upper - lower) * 0.5;
     let radius_m = half_m.norm();
-    let thing = |k: usize| {
+    let mut things = Vec::with_capacity(THINGS);
+    for k in 0..THINGS {
         let half = Vector3::from_fn(|_, _| radius_m * random::range(rng, HALF_RADII[0], HALF_RADII[1]));
         // One thing a sector, so that they do not stand in each other.
         let azimuth = TAU * (k as f64 + random::range(rng, 0.1, 0.9)) / THINGS as f64;
@@ -50,13 +51,13 @@ pub(super) fn things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut impl Rng
             lacquer: None,
         };
         let stands = Pose::new(Vector3::new(at.x, at.y, floor_z_m + half.z), Vector3::z() * yaw);
-        if is_can {
+        things.push(if is_can {
             Solid::cylinder(half.x, half.z, stands, &material)
         } else {
             Solid { part_from_solid: stands, ..Solid::between((-half).into(), half.into(), &material) }
-        }
-    };
-    (0..THINGS).map(thing).collect()
+        });
+    }
+    things
 }
 
 #[cfg(test)]

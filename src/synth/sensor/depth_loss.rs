@@ -25,15 +25,16 @@ const GRAZING_SHARE: f64 = 0.8;
 
 /// Pixels without a reading.
 pub(super) fn lost(level: f64, view: &View, rng: &mut impl Rng) -> Vec<bool> {
-    let is_lost = |i: usize| {
+    let mut lost = Vec::with_capacity(view.depth_m.len());
+    for i in 0..view.depth_m.len() {
         let dark = if view.reflectance[i] < DARK { DARK_SHARE } else { 0.0 };
         let glossy = GLOSSY_SHARE * view.gloss[i];
         let grazing = GRAZING_SHARE * (1.0 - view.cosine[i] / GRAZING_COSINE).max(0.0);
-        // Three draws whatever is seen, so that neither view nor level shifts the draws of later pixels.
+        // Three draws for every pixel, so that neither view nor level shifts the draws of later ones.
         let draws = [(); 3].map(|()| random::unit(rng));
-        [dark, glossy, grazing].iter().zip(draws).any(|(share, draw)| draw < level * share)
-    };
-    (0..view.depth_m.len()).map(is_lost).collect()
+        lost.push([dark, glossy, grazing].iter().zip(draws).any(|(share, draw)| draw < level * share));
+    }
+    lost
 }
 
 #[cfg(test)]

@@ -16,16 +16,17 @@ const MARGIN: f64 = 0.1;
 
 /// Depth of every pixel that reads one between two surfaces.
 pub(super) fn between_m(level: f64, view: &View, k: &Intrinsics, rng: &mut impl Rng) -> Vec<Option<f64>> {
-    let flies = |i: usize| {
+    let mut between_m = Vec::with_capacity(k.width * k.height);
+    for i in 0..k.width * k.height {
         // Drawn for every pixel, on an edge or not, so that the view does not shift later draws.
         let [draw, share] = [random::unit(rng), random::range(rng, MARGIN, 1.0 - MARGIN)];
         let depth_m = view.depth_m[i];
         let step = depth_step(&view.depth_m, k, i);
         let other_m = view.depth_m[step.neighbor];
         let is_edge = depth_m > 0.0 && other_m > 0.0 && step.is_beyond(DEEP_M);
-        (is_edge && draw < level * SHARE).then_some(depth_m + share * (other_m - depth_m))
-    };
-    (0..k.width * k.height).map(flies).collect()
+        between_m.push((is_edge && draw < level * SHARE).then_some(depth_m + share * (other_m - depth_m)));
+    }
+    between_m
 }
 
 #[cfg(test)]

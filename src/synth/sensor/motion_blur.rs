@@ -24,18 +24,17 @@ pub(super) fn blurred(
     k: &Intrinsics,
     velocity: &[Vector3<f64>; 2],
 ) -> Vec<Vector3<f64>> {
-    let blurred = |i: usize| {
+    let blurred = (0..colors.len()).into_par_iter().with_min_len(k.width).map(|i| {
         let [u, v] = [(i % k.width) as f64, (i / k.width) as f64];
         let trace = trace_px(view.depth_m[i], k, [u, v], velocity).map(|s| s * level * EXPOSURE_S);
         let samples = (trace[0].hypot(trace[1]).ceil() + 1.0).min(MOST_SAMPLES);
-        let at = |s: usize| {
-            // About the middle of the exposure, so that blur does not shift the image.
-            let share = (s as f64 + 0.5) / samples - 0.5;
-            bilinear(colors, k.width, [u + share * trace[0], v + share * trace[1]])
-        };
-        (0..samples as usize).map(at).sum::<Vector3<f64>>() / samples
-    };
-    (0..colors.len()).into_par_iter().with_min_len(k.width).map(blurred).collect()
+        // About the middle of the exposure, so that blur does not shift the image.
+        let shares = (0..samples as usize).map(|s| (s as f64 + 0.5) / samples - 0.5);
+        let along =
+            shares.map(|share| bilinear(colors, k.width, [u + share * trace[0], v + share * trace[1]]));
+        along.sum::<Vector3<f64>>() / samples
+    });
+    blurred.collect()
 }
 
 /// Speed in the image of the surface point at a pixel, pixels a second.
