@@ -1,5 +1,5 @@
-//! From where the views of a state see the object, and how well: what a recording is good for, before
-//! anything is made of it.
+//! Directions and quality of a state's views of the object: the worth of a recording, before anything is made
+//! of it.
 
 use std::{f64::consts::TAU, fmt};
 
@@ -13,9 +13,9 @@ use numeric::statistics::median;
 pub const SECTORS: [&str; 8] =
     ["front", "front right", "right", "back right", "back", "back left", "left", "front left"];
 /// Every so many pixels are looked at.
-/// derived: some hundred of an object that fills a tenth of 640x480
+/// derived: some hundred of an object on a tenth of 640x480
 const STRIDE: usize = 97;
-/// Points on the object that are looked for in all views of their state.
+/// Points on the object, looked for in all views of their state.
 const POINTS: usize = 400;
 /// A reading within so many standard deviations is of the same surface.
 /// chosen: 0.3 % of a normal distribution
@@ -32,7 +32,7 @@ pub struct Coverage {
     pub eyes: Vec<[f64; 3]>,
     /// Views from each of [`SECTORS`].
     pub by_sector: [usize; SECTORS.len()],
-    /// Median number of views that read a point of the object's surface.
+    /// Median number of readings of a point of the object's surface, by view.
     pub seen_by: f64,
     /// Median depth of the object, meters.
     pub depth_m: f64,
@@ -40,11 +40,11 @@ pub struct Coverage {
     pub sigma_m: f64,
     /// Share of the object's pixels without depth.
     pub unread: f64,
-    /// Share of the views whose border cuts the object.
+    /// Share of the views with the object cut by the border.
     pub cut: f64,
 }
 
-/// How each state sees the object that its frames' masks show; `None` for a state that shows nothing.
+/// How each state sees the object under its masks; `None` for a state without object.
 #[must_use]
 pub fn coverage(capture: &Capture) -> Vec<Option<Coverage>> {
     let points: Vec<Vec<Point3<f64>>> = capture.states.iter().map(|frames| points(frames)).collect();
@@ -156,31 +156,31 @@ fn is_cut(frame: &RgbdFrame) -> bool {
     })
 }
 
-/// Share of a side of the image on which an object shows that the side cuts.
+/// Least share of a side of the image in an object cut by it.
 /// chosen: a leg of a twentieth of the width is one
 const CUT_SHARE: f64 = 0.05;
-/// Fewest views that surfaces are fused from without holes.
+/// Fewest views for surfaces without holes.
 /// measured: docs/figures.md, curves over the number of views
 const FEW_VIEWS: usize = 10;
 /// Views about an object should reach from one sector to the second next at least.
 /// derived: two faces of a box at a right angle are seen
 const FEW_SECTORS: usize = 3;
-/// Standard deviation of a reading above which a motion of millimeters is not seen, meters.
-/// chosen: a third of the least motion that has been separated, 3 mm, over some ten views
+/// Largest standard deviation of a reading for motions of millimeters, meters.
+/// chosen: a third of the least separated motion, 3 mm, over some ten views
 const COARSE_M: f64 = 0.004;
-/// Share of the object's pixels without depth above which parts may be missing.
+/// Share of the object's pixels without depth; above, parts may be missing.
 /// measured: shared/bags/handheld, dark things of the generator lose two thirds
 const MUCH_UNREAD: f64 = 0.4;
 
 impl Coverage {
-    /// How far a surface may be off, meters: with independent errors, and with errors that all views share.
-    /// What a sensor errs by beyond its noise (scale, warp, poses) lies between.
+    /// How far a surface may be off, meters: with independent errors, and with errors shared by all views.
+    /// Errors beyond a sensor's noise (scale, warp, poses) lie between.
     #[must_use]
     pub fn expected_m(&self) -> [f64; 2] {
         [self.sigma_m / self.seen_by.max(1.0).sqrt(), self.sigma_m]
     }
 
-    /// What to do better when the state is recorded again; empty where nothing is wrong.
+    /// Advice for another recording of the state; empty where nothing is wrong.
     #[must_use]
     pub fn advice(&self) -> Vec<String> {
         let mut advice = Vec::new();

@@ -4,8 +4,7 @@
 //! camera is alike in all pixels. So inverse depth is fitted by affine functions in growing windows around
 //! each pixel; the window grows as long as the fit explains its readings and agrees with the smaller ones
 //! within their confidence (intersection of confidence intervals: Goldenshluger and Nemirovski 1997;
-//! Katkovnik, Egiazarian and Astola 2006). Readings of another surface are gated out, so that edges stay
-//! where they are.
+//! Katkovnik, Egiazarian and Astola 2006). Readings of another surface are gated out: edges stay in place.
 
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
@@ -26,10 +25,10 @@ const GATE: f64 = 3.0;
 /// The same in the smallest window, against the noisy reading in its middle.
 /// derived: 3 √2, as both readings have noise (docs/method.md 2.6)
 const FIRST_GATE: f64 = 4.2;
-/// Share of a window's readings that must be of the same surface: in the smallest one, and in the others.
+/// Least share of a window's readings on the same surface: in the smallest one, and in the others.
 /// tuned: made and recorded objects (docs/method.md 16)
 const MIN_SHARE: [f64; 2] = [0.5, 0.35];
-/// Most readings that one depth may stand for. chosen: a bound on what errors that neighbors share allow
+/// Most readings behind one depth. chosen: a bound for the common errors of neighbors
 const MAX_READINGS: f64 = 60.0;
 
 #[derive(Clone, Copy)]
@@ -46,12 +45,12 @@ struct InversePlane {
     variance: f64,
 }
 
-/// Pixels of a row whose planes are fitted together: a register of the oldest x86-64 and of aarch64.
+/// Pixels of a row with planes fitted together: a register of the oldest x86-64 and of aarch64.
 const LANES: usize = 4;
-/// Pixels without a reading around the image, so that windows need no bounds.
+/// Pixels without a reading around the image: windows need no bounds.
 const MARGIN: usize = WINDOWS[WINDOWS.len() - 1].radius as usize;
 
-/// A value for each of the pixels that are fitted together.
+/// A value for each of the pixels fitted together.
 type Lanes = [f32; LANES];
 
 /// Inverse depth inside a margin without readings.
@@ -70,7 +69,7 @@ impl InverseDepth {
         for (row, depths) in
             values.chunks_exact_mut(stride).skip(MARGIN).zip(frame.depth_m.chunks_exact(width))
         {
-            // An inverse depth of 0, infinitely far, marks what was not read.
+            // An inverse depth of 0, infinitely far, marks a missing reading.
             row[MARGIN..]
                 .iter_mut()
                 .zip(depths)
@@ -85,8 +84,8 @@ impl InverseDepth {
     }
 }
 
-/// Replaces the depth of object pixels by that of their local plane, and sets the frame's `readings`. Depths
-/// that have too few neighbors of one surface (flying pixels) become unknown.
+/// Replaces the depth of object pixels by their local planes, and sets the frame's `readings`. Depths with
+/// too few neighbors of one surface (flying pixels) become unknown.
 pub fn denoise(frame: &mut RgbdFrame, noise: &NoiseConfig) {
     let inverse = InverseDepth::new(frame);
     let rows = (0..frame.intrinsics.height).into_par_iter();
@@ -122,8 +121,8 @@ fn denoised_row(frame: &RgbdFrame, inverse: &InverseDepth, noise: &NoiseConfig, 
     row
 }
 
-/// Over which distance on the object the errors of denoised depth are alike, meters: half a side of the
-/// largest window at the median depth; 0 for raw depth.
+/// Distance on the object of correlated errors of denoised depth, meters: half a side of the largest window
+/// at the median depth; 0 for raw depth.
 #[must_use]
 pub fn smoothing_m(frames: &[RgbdFrame]) -> f64 {
     let denoised = frames.iter().filter(|f| !f.readings.is_empty());
@@ -131,8 +130,7 @@ pub fn smoothing_m(frames: &[RgbdFrame]) -> f64 {
     median_over_object(denoised, |f, i| radius * f64::from(f.depth_m[i]) / f.intrinsics.fx).unwrap_or(0.0)
 }
 
-/// The plane of the largest window that holds one, for every pixel from `first` on that has a standard
-/// deviation.
+/// The plane of the largest window with one, for every pixel from `first` on with a standard deviation.
 fn local_planes(
     inverse: &InverseDepth,
     first: usize,
@@ -145,15 +143,15 @@ fn local_planes(
         if growing.iter().all(Option::is_none) {
             break;
         }
-        // The first window starts level at the reading; each later one at the plane before it, so that its
-        // gate follows the slope.
+        // The first window starts level at the reading; each later one at the plane before it: its gate
+        // follows the slope.
         let starts: [Vector3<f64>; LANES] = std::array::from_fn(|lane| match best[lane] {
             Some(InversePlane { inverse, .. }) => inverse,
             None => Vector3::new(f64::from(inverse.values[first + lane]), 0.0, 0.0),
         });
         let is_first = window.radius == WINDOWS[0].radius;
-        // The difference from a single reading has twice the variance of that from a plane: 4.2 is three
-        // times the root of two.
+        // The difference from a single reading has twice the variance of a difference from a plane: 4.2 is
+        // three times the root of two.
         let gate = if is_first { FIRST_GATE } else { GATE };
         let sums = sums(inverse, first, window, &starts, &growing.map(|s| (gate * s.unwrap_or(0.0)) as f32));
         for lane in 0..LANES {
@@ -176,7 +174,7 @@ fn local_planes(
     best
 }
 
-/// Sums over a window's readings that are within the gate.
+/// Sums over a window's readings within the gate.
 #[derive(Default)]
 struct WindowSums {
     /// Of 1, u, v, uu, uv, vv.
@@ -213,7 +211,7 @@ fn sums(
             for lane in 0..LANES {
                 // Residuals in place of values: small numbers keep their digits in single precision.
                 let residual = readings[lane] - (start[0][lane] + start[2][lane] * v + start[1][lane] * u);
-                // Without a branch, so that the lanes of a register stay together.
+                // Without a branch: the lanes of a register stay together.
                 let near = (readings[lane] > 0.0) & (residual.abs() < gates[lane]);
                 let (one, residual) = if near { (1.0, residual) } else { (0.0, 0.0) };
                 n[lane] += one;
@@ -225,7 +223,7 @@ fn sums(
             }
         }
         for lane in 0..LANES {
-            // All of a row have one v, so that moments with v are products.
+            // All of a row have one v: moments with v are products.
             let moments = [n[lane], nu[lane], v * n[lane], nuu[lane], v * nu[lane], v * v * n[lane]];
             (0..6).for_each(|k| sums.moments[k][lane] += moments[k]);
             let residuals = [r[lane], ru[lane], v * r[lane]];
@@ -235,7 +233,7 @@ fn sums(
     sums
 }
 
-/// Offsets of the readings that a window uses, pixels.
+/// Offsets of a window's readings, pixels.
 fn offsets(window: &FitWindow) -> impl Iterator<Item = i32> {
     let half = window.radius / window.stride;
     let stride = window.stride;
@@ -260,9 +258,9 @@ impl WindowSums {
         }
         let covariance = Matrix3::new(s[0], s[1], s[2], s[1], s[3], s[4], s[2], s[4], s[5]).try_inverse()?;
         let change = covariance * b;
-        // What the fit takes off the squares is known without a second pass over the window.
+        // The fall of the squares is known without a second pass over the window.
         let misfit = (f64::from(self.squares[lane]) - change.dot(&b)) / (s[0] - 3.0) / (sigma * sigma);
-        // The mean of ν squared residuals has the variance 2 / ν; readings that share noise count as one.
+        // The mean of ν squared residuals has the variance 2 / ν; readings with common noise count as one.
         let freedom = (s[0] / window.correlated - 3.0).max(1.0);
         if !first && misfit > 1.0 + (2.0 / freedom).sqrt() {
             return None;

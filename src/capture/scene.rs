@@ -1,4 +1,4 @@
-//! The scene cube: the box of what several frames agree on.
+//! The scene cube: the box of points seen by several frames.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -7,7 +7,7 @@ use rustc_hash::FxHashMap;
 use super::{NoiseConfig, RgbdFrame, pixel_weights::PixelWeights};
 use geometry::SceneBox;
 
-/// Cells along the longest side when looking for points that several frames agree on.
+/// Cells along the longest side in the search for points seen by several frames.
 /// chosen: a hundredth of the scene is finer than any object in it
 const CELLS: f64 = 100.0;
 /// Share of points cut off at each end of each axis before the cells are laid.
@@ -40,7 +40,7 @@ pub fn scene_box(states: &[&[RgbdFrame]], noise: &NoiseConfig) -> Option<SceneBo
         cells.entry(key).or_insert_with(|| Agreement::new(*frame, p)).see(*frame, p);
     }
     let needed = if states.iter().all(|s| s.len() > 1) { 2 } else { 1 };
-    // In any order: what follows is least and largest values.
+    // In any order, for least and largest values.
     let mut agreed = cells.values().filter(|c| c.frames >= needed);
     let first = agreed.next()?;
     let (lower, upper) =
@@ -78,7 +78,7 @@ impl Agreement {
     }
 
     fn see(&mut self, frame: usize, p: &Point3<f64>) {
-        // Points come frame by frame, so that the last frame is all to remember.
+        // Points come frame by frame: the last frame is all to remember.
         self.frames += usize::from(frame != self.last);
         (self.last, self.lower, self.upper) = (frame, self.lower.inf(p), self.upper.sup(p));
     }

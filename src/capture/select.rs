@@ -1,4 +1,4 @@
-//! Choice of the frames that show the object from the most different sides.
+//! Choice of frames from the most different sides of the object.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -6,7 +6,7 @@ use geometry::Pose;
 
 /// Indices of at most `budget` poses, rising, spread as widely as possible: farthest-point sampling, begun at
 /// the pose nearest to the middle of all. The distance of two views is the angle between their optical axes
-/// plus the angle between their centers as seen from what they look at. See docs/method.md (2.4).
+/// plus the angle between their centers as seen from their common focus. See docs/method.md (2.4).
 #[must_use]
 pub fn spread_views(world_from_camera: &[Pose], budget: usize) -> Vec<usize> {
     let count = world_from_camera.len();

@@ -1,4 +1,4 @@
-//! Which state of the object a message belongs to, where one recording holds both.
+//! The state of a message, where one recording holds both.
 
 use super::CaptureError;
 
@@ -6,7 +6,7 @@ use super::CaptureError;
 /// chosen: three years; no recording is longer, no clock stands before 1973
 const ABSOLUTE_FROM_SECS: f64 = 1e8;
 
-/// The end of state 0 and the beginning of state 1, nanoseconds of recording time; what lies between belongs
+/// The end of state 0 and the beginning of state 1, nanoseconds of recording time; the time between belongs
 /// to neither (the object is being moved).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Split {

@@ -14,7 +14,7 @@ use std::{
 pub fn pair(left: &[i64], right: &[i64], slop_nanos: i64) -> Vec<Option<usize>> {
     let mut partners = vec![None; left.len()];
     let mut free = Free::new(left, right, &mut partners);
-    // The closest pair has nobody between it, so that only neighbors can be one.
+    // The closest pair has nobody between it: only neighbors can be one.
     let mut closest: BinaryHeap<_> =
         (0..free.stamps.len()).filter_map(|at| free.pair_behind(at, slop_nanos)).collect();
     while let Some(Reverse((key, at))) = closest.pop() {
@@ -49,7 +49,7 @@ struct Stamp {
 }
 
 impl Free {
-    /// Pairs equal stamps; what is left over.
+    /// Pairs equal stamps; returns the others.
     fn new(left: &[i64], right: &[i64], partners: &mut [Option<usize>]) -> Self {
         let mut sides = BTreeMap::<i64, [VecDeque<usize>; 2]>::new();
         for (side, list) in [left, right].into_iter().enumerate() {
@@ -85,7 +85,7 @@ impl Free {
             .then_some(Reverse(((apart, l.nanos, r.nanos), at)))
     }
 
-    /// Takes a message of a stamp and one of the next: left, right, and the places that have new neighbors.
+    /// Takes a message of a stamp and one of the next: left, right, and the places with new neighbors.
     fn take(&mut self, at: usize) -> (usize, usize, [Option<usize>; 2]) {
         let second = self.next[at];
         let mut taken = [0; 2];

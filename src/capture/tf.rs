@@ -1,8 +1,7 @@
 //! Frame transforms over time: chains, interpolation, and refusal where something is missing.
 //!
-//! Every frame has at most one parent (REP-105). A transform that changes is known at its samples; between
-//! two samples that are close enough the translation is interpolated linearly and the rotation by slerp.
-//! Nothing is extrapolated.
+//! Every frame has at most one parent (REP-105). A changing transform is known at its samples; between two
+//! close samples the translation is interpolated linearly and the rotation by slerp. Nothing is extrapolated.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,7 +14,7 @@ const MAX_DEPTH: usize = 64;
 /// Most frames with a parent; a robot has some hundreds.
 pub const MAX_TF_FRAMES: usize = 10_000;
 
-/// Most parents of one frame that are kept for the message.
+/// Most parents of one frame kept for the message.
 const MAX_PARENTS: usize = 8;
 
 /// A connection between a frame and its parent: `parent_from_child`.
@@ -31,7 +30,7 @@ enum Edge {
 pub struct TfBuffer {
     /// By child: parent and transform.
     edges: BTreeMap<String, (String, Edge)>,
-    /// Frames that were given different parents.
+    /// Frames with different parents.
     conflicts: BTreeMap<String, BTreeSet<String>>,
     /// Transforms left out as they were no transforms.
     pub invalid: usize,
@@ -70,14 +69,14 @@ enum StepFault {
 }
 
 impl TfBuffer {
-    /// Adds a transform that holds at all times.
+    /// Adds a transform for all times.
     pub fn add_static(&mut self, parent: &str, child: &str, parent_from_child: Pose) {
         if self.accept(parent, child) {
             self.edges.insert(child.to_owned(), (parent.to_owned(), Edge::Static(parent_from_child)));
         }
     }
 
-    /// Adds a sample of a transform that changes.
+    /// Adds a sample of a changing transform.
     pub fn add(&mut self, parent: &str, child: &str, stamp_nanos: i64, parent_from_child: Pose) {
         if !self.accept(parent, child) {
             return;
@@ -100,7 +99,7 @@ impl TfBuffer {
         }
         match self.edges.get(child) {
             Some((known, _)) if known != parent => {
-                // Reported when the frame is asked for: one that nobody needs may have two parents.
+                // Reported when the frame is asked for: an unneeded one may have two parents.
                 let parents = self.conflicts.entry(child.to_owned()).or_default();
                 if parents.len() < MAX_PARENTS {
                     parents.extend([known.clone(), parent.to_owned()]);
@@ -115,13 +114,13 @@ impl TfBuffer {
         }
     }
 
-    /// Puts one frame under a parent with samples from elsewhere (a pose topic), in place of what was known.
+    /// Puts one frame under a parent with samples from elsewhere (a pose topic), in place of the known one.
     pub fn replace(&mut self, parent: &str, child: &str, samples: BTreeMap<i64, Pose>) {
         self.conflicts.remove(child);
         self.edges.insert(child.to_owned(), (parent.to_owned(), Edge::Moving(samples)));
     }
 
-    /// Forgets samples before a stamp, and the oldest of a frame that has more than `most`.
+    /// Forgets samples before a stamp, and the oldest of a frame with more than `most`.
     pub fn forget_before(&mut self, stamp_nanos: i64, most: usize) {
         for (_, edge) in self.edges.values_mut() {
             let Edge::Moving(samples) = edge else { continue };
@@ -162,8 +161,7 @@ impl TfBuffer {
 
     /// `target_from_source` at a stamp, through the frames' nearest common ancestor.
     ///
-    /// # Errors
-    /// [`CaptureError::NoTransform`] that names target, source, stamp and what is missing: the chain, a
+    /// # Errors [`CaptureError::NoTransform`] with target, source, stamp and the missing part: the chain, a
     /// sample on either side of the stamp, or samples closer together than `max_gap_nanos`.
     pub fn lookup(
         &self,
@@ -175,7 +173,7 @@ impl TfBuffer {
         let fail = |reason: String| no_transform(target, source, stamp_nanos, reason);
         let from_source = self.ancestors(source);
         let from_target = self.ancestors(target);
-        // Not the root: what is above the common ancestor cancels, and may be missing.
+        // Not the root: transforms above the common ancestor cancel, and may be missing.
         let Some(common) = from_source.iter().find(|f| from_target.contains(f)) else {
             return Err(fail(format!(
                 "the frames are not connected (`{source}` ends at `{}`, `{target}` at `{}`)",

@@ -25,16 +25,16 @@ pub struct Distortion {
     pub tangential: [f64; 2],
 }
 
-/// What is wrong with a lens, as the end of a sentence.
+/// The fault of a lens, as the end of a sentence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LensFault {
     /// A coefficient is no number.
     #[error("has coefficients that are not finite")]
     NotFinite,
-    /// Terms that are not undone.
+    /// Unsupported terms.
     #[error("has thin prism or tilt terms")]
     PrismOrTilt,
-    /// A number of coefficients that the model does not have.
+    /// A number of coefficients unknown to the model.
     #[error("has {0} coefficients")]
     Count(usize),
     /// Another model.
@@ -45,8 +45,7 @@ pub enum LensFault {
 impl Distortion {
     /// The model of a camera_info by its name and coefficients.
     ///
-    /// # Errors
-    /// Another model, a wrong number of coefficients, or values that are not finite.
+    /// # Errors Another model, a wrong number of coefficients, or infinite values.
     pub fn from_info(model: &str, d: &[f64]) -> Result<Self, LensFault> {
         if d.iter().any(|v| !v.is_finite()) {
             return Err(LensFault::NotFinite);
@@ -107,13 +106,13 @@ pub struct UndistortMap {
 }
 
 impl UndistortMap {
-    /// The map of one camera; `None` for a pinhole, whose images pass through as they are.
+    /// The map of one camera; `None` for a pinhole: its images pass through as they are.
     #[must_use]
     pub fn new(camera: &Intrinsics, distortion: &Distortion) -> Option<Self> {
         if distortion.is_pinhole() {
             return None;
         }
-        // The radius up to which the model is one-to-one.
+        // The largest radius of a one-to-one model.
         let corner = [(0.0, 0.0), (camera.width as f64, camera.height as f64)]
             .map(|(u, v)| camera.ray(u, v).xy().amax())
             .iter()
@@ -162,7 +161,7 @@ impl UndistortMap {
         })
     }
 
-    /// Values that must not be mixed (depth, masks), from the nearest pixel; `outside` where the lens shows
+    /// Values without interpolation (depth, masks), from the nearest pixel; `outside` where the lens shows
     /// nothing.
     #[must_use]
     pub fn nearest<T: Copy>(&self, pixels: &[T], outside: T) -> Vec<T> {

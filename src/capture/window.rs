@@ -12,9 +12,9 @@ pub(super) const R: usize = 3;
 pub(super) const READINGS: usize = (2 * R + 1) * (2 * R + 1);
 /// Fitted values of a window.
 const UNKNOWNS: usize = 3;
-/// Share of the readings that a window with holes has at least. chosen: most of it, with a margin
+/// Least share of the readings in a window with holes. chosen: most of it, with a margin
 const LEAST_SHARE: f64 = 0.6;
-/// A window whose depths differ by more than this share of their mean shows an edge.
+/// Largest difference of depths in a window without an edge, a share of their mean.
 /// chosen: no surface but a grazing one falls so much over a window
 const MAX_RANGE: f64 = 0.1;
 

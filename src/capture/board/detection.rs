@@ -17,13 +17,13 @@ pub struct SeenTag {
     pub corners: [Point2<f64>; 4],
 }
 
-/// Bits of a tag that may be wrong: of those that a board has, any two differ in eleven.
+/// Bits of a tag that may be wrong: any two tags of a board differ in eleven.
 const WRONG_BITS: usize = 1;
 /// Images with a smaller side show no board, pixels.
 /// derived: two tags of three pixels a cell
 const LEAST_SIDE: usize = 48;
 
-/// Tags of an image, by their numbers; one that is seen twice is none.
+/// Tags of an image, by their numbers; tags seen twice are left out.
 pub(super) fn detect(gray: &Gray) -> Vec<SeenTag> {
     thread_local! {
         // Its tables are made once a thread.

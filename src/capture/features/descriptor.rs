@@ -12,8 +12,8 @@ use numeric::vectorized;
 
 /// Numbers in a descriptor: 4 x 4 cells of 8 gradient directions.
 pub const DESCRIPTOR_LENGTH: usize = 128;
-/// Length of every descriptor as a vector; derived: its square is 2^24, so that single floats hold inner
-/// products exactly.
+/// Length of every descriptor as a vector; derived: its square is 2^24: single floats hold inner products
+/// exactly.
 pub const DESCRIPTOR_NORM: f32 = 4096.0;
 
 /// A unit vector scaled by [`DESCRIPTOR_NORM`] and rounded.
@@ -28,18 +28,18 @@ const SIDE: usize = CELLS + 2;
 /// Directions in a cell.
 const DIRECTIONS: usize = 8;
 
-/// Gradient magnitude and direction (radians in `[0, 2 pi)`, counter-clockwise with y down) of pixels: of
-/// the stretches of rows that were asked for, as most lie near no feature.
+/// Gradient magnitude and direction (radians in `[0, 2 pi)`, counter-clockwise with y down) of pixels: of the
+/// requested stretches of rows, as most lie near no feature.
 pub struct Gradients<'a, K> {
     image: &'a FloatImage,
     keep: K,
     magnitudes: Vec<f32>,
     directions: Vec<f32>,
-    /// Columns of every row that are known.
+    /// Known columns of every row.
     known: Vec<Range<usize>>,
 }
 
-/// Pixels that are worked on at once.
+/// Pixels in one step.
 const LANES: usize = 16;
 
 /// A stretch of a row about a point: by how much it lies below, and per lane magnitude less by a Gaussian,
@@ -99,7 +99,7 @@ impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
         columns: impl Fn(f32) -> [f32; 2],
         mut visit: impl FnMut(&Stretch),
     ) {
-        // The Gaussian of a row by that of a column: few exponentials.
+        // The Gaussian is a product of one for the row and one for the column: few exponentials.
         let share = |offset: f32| (-offset * offset / (2.0 * sigma * sigma)).exp();
         let whole = pixels_between(x - radius, x + radius, self.image.width);
         let of_columns: Vec<f32> = whole.clone().map(|px| share(px as f32 - x)).collect();
@@ -211,7 +211,7 @@ pub fn orientations(
     turns[0] += turns[ORIENTATIONS];
     turns[1] += turns[ORIENTATIONS + 1];
     let mut histogram: [f32; ORIENTATIONS] = std::array::from_fn(|i| turns[i]);
-    // Smoothed, so that noise makes no second peak beside the first.
+    // Smoothed: noise makes no second peak beside the first.
     for _ in 0..2 {
         let h = histogram;
         for i in 0..ORIENTATIONS {
@@ -250,7 +250,7 @@ fn columns_of_square([sin, cos]: [f32; 2], reach: f32, dy: f32) -> [f32; 2] {
     [a[0].max(b[0]), a[1].min(b[1])]
 }
 
-/// Bounds of the `x` for which `|slope x + middle|` is below a reach.
+/// Bounds of the `x` with `|slope x + middle|` below a reach.
 fn offsets_within(reach: f32, slope: f32, middle: f32) -> [f32; 2] {
     let slope = if slope.abs() < 1e-6 { 1e-6 } else { slope };
     let a = (-reach - middle) / slope;
@@ -294,13 +294,13 @@ pub fn describe(
     hellinger(&mut values)
 }
 
-/// Histograms of the cells, row by row, with a border of cells that is not used; twice, as pixels beside
-/// each other would wait for one another's sums.
+/// Histograms of the cells, row by row, with an unused border of cells; twice, as neighboring pixels would
+/// wait for one another's sums.
 type Cells = [[[f32; DIRECTIONS + 2]; SIDE * SIDE]; 2];
 
 vectorized! {
-    /// Adds a stretch of pixels. `turn` is the sine and cosine of the angle from which directions are
-    /// counted, `cell` the length of a cell, pixels, and that angle.
+    /// Adds a stretch of pixels. `turn` is the sine and cosine of the angle of direction 0, `cell` the length
+    /// of a cell, pixels, and the angle itself.
     fn add(cells: &mut Cells, stretch: &Stretch, turn: [f32; 2], cell: [f32; 2]) = add_stretch
 }
 
@@ -334,7 +334,7 @@ fn add_stretch(cells: &mut Cells, stretch: &Stretch, [sin, cos]: [f32; 2], [cell
         let weight = stretch.weights[k];
         let bin = bins[k] as usize;
         let cells = &mut cells[k % 2];
-        // Spread over the eight nearest bins, so that a small shift changes the descriptor little.
+        // Spread over the eight nearest bins: a small shift changes the descriptor little.
         let [above, below] = [weight * (1.0 - below[k]), weight * below[k]];
         let left = 1.0 - right[k];
         let right = right[k];
@@ -353,10 +353,10 @@ fn hellinger(values: &mut [f32; DESCRIPTOR_LENGTH]) -> Option<Descriptor> {
     if norm < 1e-6 {
         return None;
     }
-    // A strong edge, which light changes most, must not decide the descriptor alone (Lowe's section 6.1).
+    // A strong edge, most changed by light, must not decide the descriptor alone (Lowe's section 6.1).
     values.iter_mut().for_each(|v| *v = (*v / norm).min(0.2));
     let sum = values.iter().sum::<f32>();
-    // Square roots of what sums to 1 have length 1: docs/method.md (4.1).
+    // Square roots of values of sum 1 have length 1: docs/method.md (4.1).
     Some(values.map(|v| ((v / sum).sqrt() * DESCRIPTOR_NORM).round() as i16))
 }
 

@@ -17,13 +17,13 @@ use numeric::vectorized;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FeatureConfig {
-    /// Whether the image is doubled first, which finds features down to 1 pixel of blur.
+    /// Whether the image is doubled first, for features down to 1 pixel of blur.
     pub upsample: bool,
     /// Scales in an octave.
     pub scales: usize,
     /// Blur of the first image of an octave, pixels.
     pub sigma_px: f32,
-    /// Weakest difference of Gaussians that counts, for gray values in `[0, 1]`.
+    /// Least difference of Gaussians, for gray values in `[0, 1]`.
     pub contrast: f32,
     /// Largest ratio of principal curvatures; higher is an edge.
     pub edge_ratio: f32,
@@ -52,7 +52,7 @@ impl Default for FeatureConfig {
 pub struct Feature {
     /// Sub-pixel position (u, v), pixels.
     pub pixel: [f32; 2],
-    /// Blur at which it is an extremum, pixels.
+    /// Blur at its extremum, pixels.
     pub scale_px: f32,
     /// Dominant gradient direction, radians from u towards v.
     pub angle_rad: f32,
@@ -62,7 +62,7 @@ pub struct Feature {
     pub descriptor: Descriptor,
 }
 
-/// Pixels around the object that are kept for blurring.
+/// Pixels kept around the object for blurring.
 const MARGIN_PX: usize = 20;
 
 /// Features on the object in one frame, strongest first.
@@ -86,20 +86,20 @@ pub(super) fn image_features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<F
     detect(&Crop::whole(FloatImage { width, height, values }, everywhere, config), config)
 }
 
-/// The part of a frame that is searched.
+/// The searched part of a frame.
 struct Crop {
     /// Its brightness.
     image: FloatImage,
     /// Its pixels on the object.
     object: Vec<bool>,
-    /// Those at which features may be.
+    /// Its pixels with possible features.
     inner: Vec<bool>,
     corner: [usize; 2],
 }
 
 impl Crop {
-    /// Whether one of its masks holds the pixel nearest to a point. Steps of octaves are powers of two, so
-    /// that no sum is rounded.
+    /// Whether one of its masks holds the pixel nearest to a point. Steps of octaves are powers of two: no
+    /// sum is rounded.
     fn marks(&self, mask: &[bool], u: f32, v: f32) -> bool {
         let x = (u + 0.5) as usize;
         let y = (v + 0.5) as usize;
@@ -141,10 +141,10 @@ fn bounds(mask: &[bool], width: usize) -> Option<[usize; 4]> {
     )
 }
 
-/// Pixels whose whole `(2 radius + 1)` square is set.
+/// Pixels of a set with their whole `(2 radius + 1)` square.
 fn eroded(mask: &[bool], width: usize, radius: usize) -> Vec<bool> {
-    // How many pixels before each one, it included, are set without a gap: along its row, then of those
-    // along which enough are, along its column.
+    // How many pixels before each one, it included, are set without a gap: along its row, then of the long
+    // enough ones, along its column.
     let mut out = vec![false; mask.len()];
     let mut below = vec![0usize; width];
     for (y, row) in mask.chunks_exact(width).enumerate() {
@@ -166,7 +166,7 @@ fn eroded(mask: &[bool], width: usize, radius: usize) -> Vec<bool> {
 
 /// An extremum of the differences.
 struct Extremum {
-    /// Octave, and level of the pixel at which it was found: the image that describes it.
+    /// Octave, and level of its pixel: the image for its descriptor.
     found: (usize, usize),
     /// Pixels of the octave.
     x: f32,
@@ -188,8 +188,7 @@ fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
             extrema.extend(self::extrema(octave, (o, level), config, is_inside));
         }
     }
-    // Strongest first, so that no more are described than are asked for; of equal ones that which was found
-    // first.
+    // Strongest first: no more are described than requested; of equal ones the first found.
     extrema.sort_by(|a, b| b.response.abs().total_cmp(&a.response.abs()));
     let mut gradients = BTreeMap::new();
     let mut found = Vec::new();
@@ -199,8 +198,8 @@ fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
         }
         let octave = &octaves[e.found.0];
         let step = octave.step;
-        // Gradients stop at the whole mask, features at the eroded one: what is behind the object changes
-        // with the view and must not enter a descriptor.
+        // Gradients stop at the whole mask, features at the eroded one: the background changes with the view
+        // and must not enter a descriptor.
         let gradients = gradients.entry(e.found).or_insert_with(|| {
             let keep = move |x: usize, y: usize| crop.marks(&crop.object, x as f32 * step, y as f32 * step);
             Gradients::of(&octave.gaussians[e.found.1], keep)
@@ -236,7 +235,7 @@ fn extrema(
     for y in 1..h - 1 {
         let rows = [y - 1, y, y + 1].map(|y| &d[level].values[y * w..(y + 1) * w]);
         candidates.clear();
-        // Half, because the refined value may be larger than that at the pixel.
+        // Half, because the refined value may be larger than the pixel's.
         stands_out(rows, 0.5 * config.contrast, &mut candidates);
         for &x in &candidates {
             if is_extremum(d, level, x, y, rows[1][x]) && inside(x, y) {
@@ -248,12 +247,12 @@ fn extrema(
 }
 
 vectorized! {
-    /// Appends the x of those pixels of the middle one of three rows that are larger than `least`, and above
-    /// or below the four beside them.
+    /// Appends the x of pixels in the middle one of three rows: larger than `least`, and above or below the
+    /// four beside them.
     fn stands_out(rows: [&[f32]; 3], least: f32, candidates: &mut Vec<usize>) = stand_out
 }
 
-/// Pixels that are compared at once.
+/// Pixels compared at once.
 const LANES: usize = 32;
 
 /// `count` values of a row from `first` on; 0 behind them.
@@ -307,10 +306,10 @@ fn is_extremum(d: &[FloatImage], level: usize, x: usize, y: usize, value: f32) -
     })
 }
 
-/// Samples that are looked at on the way to an extremum.
+/// Most samples on the way to an extremum.
 const MOST_STEPS: usize = 5;
-/// An offset of more than half a sample means that the extremum belongs to a neighbor; a little more is
-/// tolerated, so that no extremum jumps between two forever.
+/// Beyond half a sample the extremum belongs to a neighbor; a little more is tolerated: no extremum jumps
+/// between two forever.
 /// chosen: half a sample, and a tenth of one more
 const FARTHEST: f32 = 0.6;
 

@@ -1,5 +1,5 @@
-//! Features of whole images, kept by what the images hold: an image that was looked at while its recording
-//! grew is not looked at again by the run.
+//! Features of whole images, kept by the images' contents: images of a growing recording are not searched
+//! again by the run.
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -15,10 +15,10 @@ use crate::RgbdFrame;
 /// Most features of an image.
 const MOST: usize = 600;
 
-/// What an image holds, in short.
+/// Digest of an image.
 type ImageDigest = [u8; 32];
 
-/// Features of the images that were looked at last; without room every image is looked at anew.
+/// Features of the last images; without room every image is searched anew.
 #[derive(Default)]
 pub struct KnownFeatures {
     most: usize,
@@ -63,12 +63,12 @@ impl KnownFeatures {
         found
     }
 
-    /// Looks at the image of a frame, so that it is known.
+    /// Finds and keeps the features of a frame's image.
     pub fn look_at(&self, frame: &RgbdFrame) {
         drop(self.of(frame));
     }
 
-    /// Images that are known.
+    /// Number of known images.
     #[must_use]
     pub fn len(&self) -> usize {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner).order.len()

@@ -19,13 +19,13 @@ use crate::frame::RgbdFrame;
 pub struct MatchConfig {
     /// Features of a frame.
     pub features: FeatureConfig,
-    /// Frames of the other state that every frame is matched with: those seen from nearest by.
+    /// Frames of the other state matched with every frame: those seen from nearest by.
     pub neighbors: usize,
     /// A match is kept where its descriptor distance is below this share of the distance to the second best.
     pub ratio: f32,
-    /// ONNX file of a model that matches pairs of images, in place of the built-in features.
+    /// ONNX file of a matching model for pairs of images, in place of the built-in features.
     pub onnx: Option<PathBuf>,
-    /// Longer side of the images for a model that takes any size, pixels.
+    /// Longer side of the images for a model of any size, pixels.
     pub onnx_max_side_px: usize,
     /// Matches below this confidence are dropped; a model without confidences gives 1.
     pub onnx_min_confidence: f32,
@@ -47,14 +47,13 @@ impl Default for MatchConfig {
 /// A match as a model finds it in two frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correspondence {
-    /// Pixels (u, v) of the frame of state 0 and of that of state 1.
+    /// Pixels (u, v) of the frame of state 0 and of the frame of state 1.
     pub pixels: [[f32; 2]; 2],
     /// How sure the model is, 0 to 1.
     pub confidence: f32,
 }
 
-/// Matches of a pair of frames whose confidence suffices and whose ends both lie on the object, in order of
-/// their pixels.
+/// Matches of a pair of frames with enough confidence and both ends on the object, in order of their pixels.
 #[must_use]
 pub fn on_object(
     states: [&[RgbdFrame]; 2],
@@ -86,8 +85,8 @@ fn is_on_object(frame: &RgbdFrame, [u, v]: [f32; 2]) -> bool {
 }
 
 /// Matches between the frames of state 0 and those of state 1: every frame with the frames of the other state
-/// that look from nearest by, best in both directions and clearly better than the second best in both.
-/// Swapping the states swaps the ends of the matches and changes nothing else but their order.
+/// seen from nearest by, best in both directions and clearly better than the second best in both. Swapping
+/// the states swaps the ends of the matches and changes nothing else but their order.
 #[must_use]
 pub fn match_states(states: [&[RgbdFrame]; 2], config: &MatchConfig) -> Vec<PixelMatch> {
     let (found0, found1) = rayon::join(

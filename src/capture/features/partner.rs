@@ -1,4 +1,4 @@
-//! Which features of two images are each other's best partners, by the inner products of their descriptors.
+//! Mutual best partners among the features of two images, by the inner products of their descriptors.
 
 use crate::features::{
     descriptor::{DESCRIPTOR_NORM, dot},
@@ -56,7 +56,7 @@ fn products_of(a: &[Feature], b: &[Feature], products: &mut [i32]) {
     }
 }
 
-/// Indices of features that are each other's best match and pass the ratio test in both directions.
+/// Indices of mutual best matches with a passed ratio test in both directions.
 pub(crate) fn mutual_matches(a: &[Feature], b: &[Feature], ratio: f32) -> Vec<(usize, usize)> {
     if a.is_empty() || b.is_empty() {
         return Vec::new();

@@ -26,7 +26,7 @@ impl FloatImage {
         self.values[y * self.width + x]
     }
 
-    /// Twice the size by linear interpolation; pixel `(x, y)` becomes pixel `(2 x, 2 y)` unchanged, so that
+    /// Twice the size by linear interpolation; pixel `(x, y)` becomes pixel `(2 x, 2 y)` unchanged:
     /// coordinates halve exactly.
     pub fn doubled(&self) -> Self {
         let w = self.width;
@@ -144,8 +144,7 @@ pub struct Octave {
 
 /// Smallest side of an octave, pixels.
 const SMALLEST: usize = 12;
-/// Blur that a camera image is taken to have, pixels; derived: the least that prevents aliasing (Lowe 2004,
-/// section 3.3).
+/// Assumed blur of a camera image, pixels; derived: the least without aliasing (Lowe 2004, section 3.3).
 const CAMERA_BLUR_PX: f32 = 0.5;
 
 /// All octaves of an image, finest first; `upsample` doubles the image before the first.
@@ -165,7 +164,7 @@ pub fn octaves(image: &FloatImage, scales: usize, sigma_px: f32, upsample: bool)
             gaussians.push(gaussians[i - 1].blurred(added));
         }
         let differences = gaussians.windows(2).map(|g| g[1].minus(&g[0])).collect();
-        // This one has twice the blur of the first, so halved it has that of the first.
+        // This one has twice the blur of the first, so halved it has the same blur.
         base = gaussians[scales].halved();
         all.push(Octave { gaussians, differences, step });
         step *= 2.0;

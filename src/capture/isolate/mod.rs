@@ -1,11 +1,11 @@
 //! The object separated from its surroundings: a mask for every frame.
 //!
-//! With masks that came with the recording, only depth readings that belong to nothing are forgotten.
-//! Without, what is left after the background planes (or what lies in a given box) is gathered in cells of
-//! space over all states, grouped, and the group that changed between states is the object (where none did,
-//! that which the cameras look at). A pixel is part of
-//! the mask if its point lies in the group; where the depth is unknown or too close to the support to decide,
-//! it is part of the mask but has no depth, so that it counts neither as object nor as empty space.
+//! With masks of the recording, only stray depth readings are forgotten. Without, all points but those of the
+//! background planes (or the points of a given box) are gathered in cells of space over all states, and
+//! grouped. The group with a change between states is the object (where none changed, the one in the cameras'
+//! focus). A pixel is part of the mask if its point lies in the group; where the depth is unknown or too
+//! close to the support to decide, it is part of the mask but has no depth, and counts neither as object nor
+//! as empty space.
 
 mod background;
 mod change;
@@ -40,7 +40,7 @@ use numeric::statistics::median;
 
 /// Fewest pixels with depth on the object in a state.
 const MIN_PIXELS: usize = 200;
-/// Least share of the smaller state's cells that the states must have in common.
+/// Least share of the smaller state's cells in common.
 /// chosen: less is no common object
 const MIN_OVERLAP: f64 = 0.02;
 
@@ -104,7 +104,7 @@ fn cells_of_frames(frames: &[RgbdFrame], size_m: f64) -> Vec<Vec<Cell>> {
     frames.par_iter().map(|f| object_cells(f, size_m)).collect()
 }
 
-/// Forgets depth under masks that stands apart, or lies outside the workspace.
+/// Forgets depth under masks in outlier cells, or outside the workspace.
 fn clean_masks(capture: &mut Capture, config: &CaptureConfig, size_m: f64) {
     let states = capture.states.par_iter_mut();
     let forgotten: usize = states.map(|frames| forget_outliers(frames, config, size_m)).sum();
@@ -116,7 +116,7 @@ fn clean_masks(capture: &mut Capture, config: &CaptureConfig, size_m: f64) {
     )));
 }
 
-/// Forgets the depth of object pixels whose world points satisfy a test; returns their number.
+/// Forgets the depth of object pixels by a test of their world points; returns their number.
 fn forget(frame: &mut RgbdFrame, is_bad: impl Fn(&Point3<f64>) -> bool) -> usize {
     let pixels: Vec<usize> = (0..frame.depth_m.len())
         .filter(|&p| frame.is_object(p) && frame.world_point(p).is_some_and(|q| is_bad(&q)))
@@ -155,7 +155,7 @@ fn find_object(
         supports.push(find_support(frames, &weights, size_m, &background));
     }
     let seen: Vec<Vec<Cell>> = supports.iter().map(|s| s.cells.clone()).collect();
-    // A hand or a person in some frames is no part of what stands there.
+    // A hand or a person in some frames is no part of the scene.
     let cells = at_rest(&seen, &capture.states, size_m, &capture.noise);
     let object = choose(capture, &background, size_m, &cells)?;
     capture.notes.push(Note::new(NoteCode::ObjectIsolated, object.note.clone()));
@@ -189,7 +189,7 @@ fn forget_outliers(frames: &mut [RgbdFrame], config: &CaptureConfig, size_m: f64
     frames.par_iter_mut().map(|f| forget(f, is_bad)).sum()
 }
 
-/// Which of the cells of all states are the object.
+/// The object among the cells of all states.
 fn choose(
     capture: &Capture,
     background: &Background<'_>,
@@ -203,7 +203,7 @@ fn choose(
     let reach = isolate.link_distance_m.map_or(3, |d| ((d / size_m).ceil() as i32).clamp(1, 20));
     // As near to a plane as the cells of a group may be to each other.
     let touching_m = isolate.plane_clearance_m + f64::from(reach + 1) * size_m;
-    // Over all states together: parts that stand apart in one may be linked in another.
+    // Over all states together: separate parts of one may be linked in another.
     choose_object(&Search {
         cells,
         size_m,
@@ -218,7 +218,7 @@ fn choose(
     })
 }
 
-/// The point in the world that somebody gave, or that a pixel shows.
+/// The given point in the world, or the point of a given pixel.
 fn place(at: &At, states: &[Vec<RgbdFrame>]) -> Result<Point3<f64>, CaptureError> {
     let refuse = |reason: String| CaptureError::Setting { key: "capture.isolate.at", reason };
     match at {
@@ -234,16 +234,15 @@ fn place(at: &At, states: &[Vec<RgbdFrame>]) -> Result<Point3<f64>, CaptureError
     }
 }
 
-/// Mask of one frame: pixels whose point is part of the object and, where the depth is unknown, those in its
-/// outline. Depth that may as well be background is forgotten.
+/// Mask of one frame: pixels with a point of the object and, where the depth is unknown, those in its
+/// outline. Depth of a possible background is forgotten.
 fn paint(
     frame: &mut RgbdFrame,
     outline: &[bool],
     is_object: impl Fn(&Point3<f64>) -> bool,
     is_known: impl Fn(&RgbdFrame, usize, &Point3<f64>) -> bool,
 ) {
-    // Where depth is not known the outline decides, so that a hole in the object is not taken for empty
-    // space.
+    // Where depth is not known the outline decides: a hole in the object is not taken for empty space.
     let mut mask = outline.to_vec();
     for (pixel, inside) in mask.iter_mut().enumerate() {
         if let Some(point) = frame.world_point(pixel) {
@@ -257,14 +256,14 @@ fn paint(
     frame.mask = Some(mask);
 }
 
-/// Pixels onto which cells project, each as a square of its size.
+/// Pixels of the projected cells, each a square of its size.
 fn silhouette(frame: &RgbdFrame, cells: &[Cell], size_m: f64) -> Vec<bool> {
     let k = &frame.intrinsics;
     let mut covered = vec![false; k.width * k.height];
     for c in cells {
         let point = frame.in_camera(&center(c, size_m));
         let Some((u, v)) = k.project(&point) else { continue };
-        // By the longer focal length, so that the cells' squares leave no gaps.
+        // By the longer focal length: the cells' squares leave no gaps.
         let half = 0.5 * size_m * k.fx.max(k.fy) / point.z;
         for y in pixels_about(v, half, k.height) {
             for x in pixels_about(u, half, k.width) {
@@ -306,7 +305,7 @@ fn check(capture: &Capture, size_m: f64) -> Result<[[f64; 3]; 2], CaptureError> 
     let near = dilated(first, 1);
     for (k, other) in others.iter().enumerate() {
         let common = other.iter().filter(|c| near.contains(*c)).count();
-        // Of the state that shows less: fewer views must not look like a lack of overlap.
+        // Of the smaller state: fewer views must not look like a lack of overlap.
         let share = common as f64 / first.len().min(other.len()).max(1) as f64;
         // States without a place in common are in two world frames, or show two objects.
         if share < MIN_OVERLAP {

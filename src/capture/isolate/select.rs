@@ -1,25 +1,25 @@
-//! Which group of cells is the object.
+//! The choice of the object's group of cells.
 
 use nalgebra::Point3;
 
 use super::voxels::{Cell, CellSet, center, clusters};
 use crate::CaptureError;
 
-/// One of two things that changed did so clearly if it did this many times as much as the other.
-/// tuned: eval/tracking/objects.py, seeds 9101 to 9110: things that stood still have 0.1 of what the object
-/// has, and less
+/// Ratio of changes between two things; above, one of them clearly changed.
+/// tuned: eval/tracking/objects.py, seeds 9101 to 9110: still things have 0.1 of the object's changes, and
+/// less
 const CLEARLY: f64 = 4.0;
 
 /// A group with this share of the changes of the best one is a piece of it, if it lies in its bounds.
-/// chosen: less may be chance at the rim of a thing that stood still
+/// chosen: less may be chance at the rim of a still thing
 const ALSO: f64 = 0.05;
-/// Cells of a group that touch what things stand on, at least, if it stands.
+/// Least number of cells at a support, of a standing group.
 /// derived: as a patch of changed cells
 const STANDING: usize = 8;
 /// Pieces of one thing are apart by no more than this fraction of the smaller one's length.
 /// derived: a dark link of a fifth of its neighbor's length, between two that are read
 const PIECES_APART: i32 = 5;
-/// Cells of a group that distances are taken from, at most.
+/// Most cells of a group for distances.
 const PROBED: usize = 500;
 
 /// Where the object is looked for.
@@ -30,15 +30,15 @@ pub struct Search<'a> {
     pub size_m: f64,
     /// Cells so near to each other hang together.
     pub reach: i32,
-    /// Cells that one state has and another has not.
+    /// Cells of one state missing in another.
     pub changed: &'a CellSet,
-    /// Whether a cell touches what the object may stand on, or hang from.
+    /// Whether a cell touches a possible support of the object.
     pub is_at_support: &'a (dyn Fn(&Cell) -> bool + Sync),
     /// Where the cameras look.
     pub focus: Option<Point3<f64>>,
-    /// Where somebody said that it is.
+    /// Its given place.
     pub at: Option<Point3<f64>>,
-    /// Whether all that is there is the object, as in a box that somebody gave.
+    /// Whether everything is the object, as in a given box.
     pub takes_all: bool,
 }
 
@@ -46,7 +46,7 @@ pub struct Search<'a> {
 pub struct Object {
     /// Sorted cells of both states.
     pub cells: Vec<Cell>,
-    /// What was kept.
+    /// Description of the choice.
     pub note: String,
 }
 
@@ -57,9 +57,9 @@ impl Object {
     }
 }
 
-/// Groups the cells of all states and keeps one group, with smaller groups inside its bounds: that at a given
-/// place; else the one that changed between states; where none did, that with the most cells near the point
-/// that the cameras look at. Where all is the object every group is kept that has more than a few cells.
+/// Groups the cells of all states and keeps one group, with smaller groups inside its bounds: the one at a
+/// given place; else the one with a change between states; where none changed, the one with the most cells
+/// near the cameras' focus. Where all is the object every group of more than a few cells is kept.
 ///
 /// # Errors
 /// [`CaptureError::Isolation`] where there are no cells, [`CaptureError::SeveralChanged`] where two things
@@ -74,7 +74,7 @@ pub fn choose_object(search: &Search<'_>) -> Result<Object, CaptureError> {
     let reach = search.reach;
     let core = search.core(&groups, &changed, best);
     let (lower, upper) = bounds(core.iter().flat_map(|g| &groups[*g]));
-    // Inside its bounds are parts of the object that holes cut off; beside them stand other things.
+    // Inside its bounds are parts of the object cut off by holes; beside them stand other things.
     let mut kept = Vec::new();
     for (g, group) in groups.iter().enumerate() {
         let (l, u) = bounds(group.iter());
@@ -103,12 +103,12 @@ pub fn choose_object(search: &Search<'_>) -> Result<Object, CaptureError> {
 }
 
 impl Search<'_> {
-    /// Cells of a group that changed.
+    /// Changed cells of a group.
     fn changed_of(&self, group: &[Cell]) -> usize {
         group.iter().filter(|c| self.changed.contains(*c)).count()
     }
 
-    /// The group that is the object, and why; `changed`: cells of each group that did.
+    /// The object's group, and the reason; `changed`: changed cells of each group.
     fn best(&self, groups: &[Vec<Cell>], changed: &[usize]) -> Result<(usize, String), CaptureError> {
         let nothing = || CaptureError::Isolation { reason: "nothing stands out from the background".into() };
         if let Some(at) = self.at {
@@ -144,8 +144,8 @@ impl Search<'_> {
         }
     }
 
-    /// The best group, those that changed too and lie in the bounds of the rest, and what these hang on:
-    /// nothing floats. Dark parts of a thing are often not read, which leaves it in pieces.
+    /// The best group, other changed ones in the bounds of the rest, and their support: nothing floats. Dark
+    /// parts of a thing are often not read: it is in pieces.
     fn core(&self, groups: &[Vec<Cell>], changed: &[usize], best: usize) -> Vec<usize> {
         let most = changed[best] as f64;
         let mut core = vec![best];

@@ -1,10 +1,10 @@
-//! What stands out from the background for more than its noise.
+//! Surfaces before the background by more than its noise.
 //!
 //! Of many readings of a floor some lie far above it by chance. So readings are judged together, by columns:
 //! lines along a plane's normal through squares of the plane. A cell counts only if it was read often enough
-//! against the background in its column. And a column in which hardly any reading lies below the plane shows
-//! no background: what was read there belongs to the object down to the plane, also where single readings are
-//! too noisy to decide.
+//! against the background in its column. And a column with hardly any reading below the plane shows no
+//! background: its readings belong to the object down to the plane, also where single readings are too noisy
+//! to decide.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -19,10 +19,10 @@ use crate::RgbdFrame;
 /// Readings of a cell against those of the background in its column, at least. Chance gives 0.1 % beyond
 /// three standard deviations, real sensors some more. tuned: made and recorded objects (docs/method.md 16)
 const COLUMN_SHARE: f64 = 0.03;
-/// Share of the readings of a column below the plane, at most, if it shows no background (which has one
+/// Share of the readings of a column below the plane, at most, if it shows no background (of background: one
 /// half). tuned: made and recorded objects (docs/method.md 16)
 const BELOW_SHARE: f64 = 0.05;
-/// Fewest readings of a column that decides.
+/// Fewest readings of a deciding column.
 const MIN_READINGS: u32 = 20;
 /// Every so many pixels are counted in columns.
 const STRIDE: usize = 2;
@@ -30,7 +30,7 @@ const STRIDE: usize = 2;
 /// Place in a background plane: the plane's number and two coordinates.
 pub type Column = (usize, i32, i32);
 
-/// What stands out in one state.
+/// Surfaces before the background in one state.
 pub struct Support {
     /// Sorted cells.
     pub cells: Vec<Cell>,
@@ -54,8 +54,8 @@ struct Readings {
     columns: FxHashMap<Column, ColumnReadings>,
 }
 
-/// What stands out in the frames of a state. `weights`: per frame, 0 for pixels at a depth edge, which may
-/// fly between object and background.
+/// Surfaces before the background in the frames of a state. `weights`: per frame, 0 for pixels at a depth
+/// edge, possibly between object and background.
 pub fn find_support(
     frames: &[RgbdFrame],
     weights: &[Vec<f32>],
@@ -125,7 +125,7 @@ fn read(frame: &RgbdFrame, weights: &[f32], size_m: f64, background: &Background
             continue;
         }
         let Some(plane) = background.nearest_plane(&point) else { continue };
-        // What would not stand out one cell lower is at the foot of its column.
+        // At the foot of its column: one cell lower it would not stand out.
         let lowered = point - background.planes[plane].normal.into_inner() * size_m;
         if !above || !background.is_above(frame, p, &lowered) {
             let entry = readings.columns.entry(column(plane, &point, size_m, background)).or_default();

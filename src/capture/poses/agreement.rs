@@ -1,34 +1,34 @@
-//! Whether image features that frames share lie where the reported poses say.
+//! Whether image features shared by frames lie where the reported poses put them.
 //!
-//! Features are matched by what they look like, so that they know of no pose. Poses that are off by more than
-//! surfaces can be compared over leave them apart. Poses of another time bring them together at that time.
-//! See docs/method.md 2.13.
+//! Features are matched by their looks, without poses. Poses with errors too large for a comparison of
+//! surfaces leave them apart. Poses of another time bring them together at that time. See docs/method.md
+//! 2.13.
 
 use serde::{Deserialize, Serialize};
 
 use super::{pairs::Matches, pose_noise::PoseNoise, surfels::Surfels, trajectory::Trajectory};
 
-/// Fewest matches of a state that say anything.
+/// Fewest matches of a state.
 const LEAST_MATCHES: usize = 200;
 /// Poses contradict the images where fewer matches than this share agree with them: most say so. (0.9 and
 /// more agree with poses as a hand-held camera reports them.) chosen: a majority
 const LEAST_SHARE: f64 = 0.5;
-/// Delays that are tried, seconds: up to the first, in steps of the second, in which a hand at 0.3 m/s moves
-/// a camera by less than matches may be apart. chosen: beyond the delay of any driver
+/// Tried delays, seconds: up to the first, in steps of the second. Within a step a hand at 0.3 m/s moves a
+/// camera by less than the gate of matches. chosen: beyond the delay of any driver
 const MOST_DELAY_S: f64 = 1.0;
 const DELAY_STEP_S: f64 = 0.025;
-/// Poses are of another time where that lets this many times as many matches agree. Poses between those of
-/// kept frames are inexact, so that few may agree with them, too.
+/// Poses are of another time if this many times as many matches agree then. Poses between those of kept
+/// frames are inexact: few may agree with them, too.
 /// chosen: far beyond chance among hundreds of matches
 const EXPLAINED: f64 = 2.0;
 
 /// How far poses and images agree.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PoseAgreement {
-    /// Share of the matched features that lie where the poses say.
+    /// Share of the matched features in agreement with the poses.
     pub share: f64,
-    /// By how much the poses seem to be older than the images, seconds, and the share that agrees then; where
-    /// too few agree otherwise.
+    /// Apparent age of the poses against the images, seconds, and the agreeing share with it; where too few
+    /// agree otherwise.
     pub delay: Option<[f64; 2]>,
 }
 
@@ -52,14 +52,14 @@ impl PoseAgreement {
         self.share < LEAST_SHARE
     }
 
-    /// The delay by which most matches agree.
+    /// The delay of most agreeing matches.
     #[must_use]
     pub fn certain_delay_s(&self) -> Option<f64> {
         self.delay.filter(|d| d[1] > LEAST_SHARE).map(|d| d[0])
     }
 }
 
-/// Share of the matches that agree at poses later by `delay_s`; `None` where too few features match.
+/// Share of the matches in agreement with poses later by `delay_s`; `None` where too few features match.
 fn agreeing_share(
     trajectory: &Trajectory,
     surfels: &[Surfels],

@@ -1,7 +1,7 @@
-//! What may be left of the errors of poses and depth once both are corrected, as draws from its distribution.
+//! Remaining errors of corrected poses and depth, as draws from their distribution.
 //!
-//! Such errors run through all that a frame sees. Whatever is made of the frames follows each draw, and the
-//! spread of that is its covariance (an ensemble: Evensen 2003). See docs/method.md 2.12.
+//! Such errors run through all readings of a frame. All results follow each draw, and their spread is their
+//! covariance (an ensemble: Evensen 2003). See docs/method.md 2.12.
 
 use nalgebra::{DMatrix, DVector, Point3, Vector3, Vector6};
 use rand_core::Rng;
@@ -16,7 +16,7 @@ use numeric::random::{normal, stage_rng};
 /// derived: one over the root of twice their number
 const DRAWS: usize = 32;
 
-/// One draw of what is missing in the corrected poses and the corrected depth.
+/// One draw of the errors left in the corrected poses and the corrected depth.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ErrorDraw {
     /// Of every frame of every state: a motion from the right, translation, meters, and rotation, radians.
@@ -32,8 +32,7 @@ impl ErrorDraw {
         self.poses.get(state).is_some_and(|poses| poses.len() == frames)
     }
 
-    /// By how much what a frame sees lies off, meters, in the world: of a point in the camera's frame, at a
-    /// pixel.
+    /// Error of a point in a frame, meters, in the world: of a point in the camera's frame, at a pixel.
     #[must_use]
     pub fn displacement_m(
         &self,
@@ -78,8 +77,8 @@ pub(super) struct Drawn {
     pub sensor: DVector<f64>,
 }
 
-/// Draws of poses, of each state their covariance where the sensor is known and what they follow the sensor
-/// by, and of the sensor; `None` where a covariance is not positive. See docs/method.md (2.24).
+/// Draws of poses, of each state their covariance with a known sensor and their derivative by the sensor's
+/// errors, and of the sensor; `None` where a covariance is not positive. See docs/method.md (2.24).
 pub(super) fn drawn(states: &[[DMatrix<f64>; 2]], sensor: &DMatrix<f64>) -> Option<Vec<Drawn>> {
     let rng = &mut stage_rng(0, "errors of poses and depth", 0);
     let roots: Vec<DMatrix<f64>> = states.iter().map(|[own, _]| root(own)).collect::<Option<_>>()?;
@@ -97,7 +96,7 @@ pub(super) fn drawn(states: &[[DMatrix<f64>; 2]], sensor: &DMatrix<f64>) -> Opti
     Some(draws)
 }
 
-/// Lower Cholesky factor of a covariance, which may have no rows.
+/// Lower Cholesky factor of a covariance, possibly without rows.
 fn root(covariance: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     match covariance.nrows() {
         0 => Some(DMatrix::zeros(0, 0)),
@@ -105,7 +104,7 @@ fn root(covariance: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     }
 }
 
-/// A draw from the normal distribution of mean zero whose covariance has that root.
+/// A draw from a normal distribution of mean zero by the root of its covariance.
 fn normal_draw(root: &DMatrix<f64>, rng: &mut impl Rng) -> DVector<f64> {
     root * DVector::from_fn(root.nrows(), |_, _| normal(rng))
 }

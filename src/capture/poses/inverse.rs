@@ -3,18 +3,18 @@
 
 use nalgebra::{Cholesky, DMatrix, Dyn};
 
-/// Rows of a triangle that is inverted column by column.
+/// Most rows of a triangle inverted column by column.
 const SMALL: usize = 24;
 
-/// The inverse of the matrix that a factor is of.
+/// The inverse of a matrix by its factor.
 pub(super) fn inverse(factor: &Cholesky<f64, Dyn>) -> DMatrix<f64> {
     let triangle = triangle_inverse(&factor.l());
     // Transposed first: the product of two matrices is the fast one.
     triangle.transpose() * triangle
 }
 
-/// The inverse of a lower triangle, by halves: that of [A 0; B C] is [a 0; -c B a, c], where a and c are
-/// those of A and C.
+/// The inverse of a lower triangle, by halves: [A 0; B C] has [a 0; -c B a, c], where a and c are the
+/// inverses of A and C.
 fn triangle_inverse(lower: &DMatrix<f64>) -> DMatrix<f64> {
     let n = lower.nrows();
     let mut inverse = DMatrix::zeros(n, n);

@@ -1,8 +1,7 @@
-//! Image features that frames share.
+//! Common image features of frames.
 //!
-//! Surfaces that are compared along their normals leave open what lies along them: a floor and the top of an
-//! object do not show how far a camera slid over both. Texture does (bundle adjustment).
-//! See docs/method.md 2.7.
+//! Surfaces compared along their normals leave open the motions along them: a floor and the top of an object
+//! do not show how far a camera slid over both. Texture does (bundle adjustment). See docs/method.md 2.7.
 
 use std::sync::Arc;
 
@@ -14,7 +13,7 @@ use crate::{
     features::{Feature, KnownFeatures, frame_pairs, mutual_matches},
 };
 
-/// Frames that every frame is matched with: those seen from nearest by.
+/// Frames matched with every frame: those seen from nearest by.
 const NEIGHBORS: usize = 8;
 /// Lowe's ratio. derived: the published one (Lowe 2004)
 const RATIO: f32 = 0.8;
@@ -47,7 +46,7 @@ impl FrameLandmarks {
         self.features.len()
     }
 
-    /// Landmarks of this frame and of another that look alike, by their numbers.
+    /// Similar landmarks of this frame and of another, by their numbers.
     pub fn matches(&self, other: &Self) -> Vec<[u32; 2]> {
         let numbers = |(m, n): (usize, usize)| Some([self.numbers[m]?, other.numbers[n]?]);
         mutual_matches(&self.features, &other.features, RATIO).into_iter().filter_map(numbers).collect()

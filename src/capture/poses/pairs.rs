@@ -1,4 +1,4 @@
-//! Pairs of frames that see the same surface: sums for the normal equations, and how well the frames agree.
+//! Pairs of frames with common surface: sums for the normal equations, and how well the frames agree.
 
 use std::collections::BTreeMap;
 
@@ -34,35 +34,35 @@ const INDEPENDENT: f64 = 200.0;
 /// Fewest held-out surfels for a comparison.
 const LEAST_SURFELS: usize = 200;
 
-/// What frames see, and from where.
+/// Surfels of frames, and their cameras.
 #[derive(Clone, Copy)]
 pub(crate) struct Views<'a> {
     pub surfels: &'a [Surfels],
     pub world_from_camera: &'a [Pose],
 }
 
-/// Which surfels of frames are compared.
+/// Compared surfels of frames.
 pub(crate) struct Comparison {
-    /// Of each frame and way to face: surfels that are fitted, and surfels that are held out.
+    /// Of each frame and way to face: fitted surfels, and held-out ones.
     sets: [Vec<[Vec<u32>; FACINGS]>; 2],
     /// Ordered pairs of frames.
     pairs: Vec<[usize; 2]>,
-    /// Landmarks that match, by pair of frames.
+    /// Matching landmarks, by pair of frames.
     matches: Matches,
     noise: PoseNoise,
     /// Surfels compared in a round, all pairs together.
     compared: usize,
-    /// What part of them is enough while poses are loose.
+    /// One in so many is enough while poses are loose.
     coarse: usize,
 }
 
-/// Landmarks of two frames that show the same, by their numbers; of every ordered pair of frames.
+/// Matching landmarks of two frames, by their numbers; of every ordered pair of frames.
 pub(crate) type Matches = BTreeMap<[usize; 2], Vec<[u32; 2]>>;
 
-/// Which surfels are compared.
+/// Compared surfels.
 #[derive(Clone, Copy)]
 pub(crate) enum Subset {
-    /// Those that poses are fitted to.
+    /// The fitted ones.
     Fitted,
     /// The others.
     HeldOut,
@@ -71,8 +71,8 @@ pub(crate) enum Subset {
 /// How poses are fitted in a round.
 #[derive(Clone, Copy)]
 pub(crate) struct Fit {
-    /// While poses are far off, this share of the displacement that is expected of them counts as noise, so
-    /// that no surfel is left out too early.
+    /// While poses are far off, this share of their expected displacement counts as noise: no surfel is left
+    /// out too early.
     pub loose: f64,
     /// Whether a part of the surfels is enough, as later rounds fit all of them.
     pub is_rough: bool,
@@ -82,7 +82,7 @@ impl Fit {
     /// As close as it gets.
     pub const CLOSE: Self = Self { loose: 0.0, is_rough: false };
 
-    /// A round with this share, close where that is zero.
+    /// A round with this share; close at zero.
     pub fn loose(share: f64) -> Self {
         Self { loose: share, is_rough: share > 0.0 }
     }
@@ -98,7 +98,7 @@ pub(crate) struct Sums {
     pub scale: f64,
 }
 
-/// Normal equations of one pair: of the frame that is compared (first) and the one that it is compared with.
+/// Normal equations of one pair: of the compared frame (first) and its partner.
 #[derive(Clone, Copy)]
 pub(crate) struct PairSums {
     pub frames: [usize; 2],
@@ -116,13 +116,13 @@ struct FrameSums {
 struct Rows {
     surfels: Vec<Row>,
     landmarks: Vec<Row>,
-    /// Surfels that agree, as shares of a reading each, and those that were tried.
+    /// Agreeing surfels, as shares of a reading each, and tried ones.
     agreeing: f64,
     tried: usize,
     ratios: Ratios,
 }
 
-/// What a change of poses does to held-out surfels.
+/// Effect of a change of poses on held-out surfels.
 pub(crate) struct Gain {
     /// Mean of the frames' gains in its standard errors.
     pub sigmas: f64,
@@ -152,7 +152,7 @@ impl Changes {
 /// The same of one pair.
 struct PairChange {
     frame: usize,
-    /// Surfels compared, and the sum by which their bounded cost falls.
+    /// Number of compared surfels, and the fall of their bounded cost.
     count: usize,
     gain: f64,
     /// Distances before and after, meters, of some of them.
@@ -191,7 +191,7 @@ impl Comparison {
         robust_scale(ratios.collect())
     }
 
-    /// Normal equations about poses, and about those of the sensor, where some are given; `scale` is that
+    /// Normal equations about poses, and about the sensor's errors, where some are given; `scale` is the one
     /// before.
     pub fn sums(&self, views: Views<'_>, sensor: Option<&SensorErrors>, scale: f64, fit: Fit) -> Sums {
         // By first frames: the sensor's sums are large, and a task has them once.
@@ -275,7 +275,7 @@ impl Comparison {
         Rows { surfels, landmarks, agreeing, tried, ratios }
     }
 
-    /// What held-out surfels gain `after`.
+    /// Gain of held-out surfels `after`.
     pub fn changes(&self, before: Views<'_>, after: Views<'_>) -> Changes {
         // One scale for both: a scale of its own would forgive the worse poses their residuals.
         let scale = self.scale(after);
@@ -296,7 +296,7 @@ impl Comparison {
             while first.peek().is_some_and(|t| t.0 < place) {
                 first.next();
             }
-            // Only surfels that are compared before and after, or poses would gain by losing sight of some.
+            // Only surfels compared before and after, or poses would gain by losing sight of some.
             let Some((_, before_m, sigma_m)) = first.next_if(|t| t.0 == place) else { return };
             change.gain +=
                 bounded(before_m / (sigma_m * scale)) - bounded(r.distance_m / (r.sigma_m * scale));
@@ -322,14 +322,14 @@ impl Comparison {
         self.compare_landmarks(pair, views, subset, |r, place| visit(r, surfels + place));
     }
 
-    /// Most surfels of a pair that are compared.
+    /// Most compared surfels of a pair.
     fn most(&self) -> usize {
         (self.compared / self.pairs.len().max(1)).max(LEAST_OF_PAIR)
     }
 
-    /// Visits `most` surfels at most, about as many for every way that they face (normal-space sampling:
-    /// Rusinkiewicz and Levoy 2001), since the larger surfaces show the same again and again. Says how many
-    /// it tried.
+    /// Visits `most` surfels at most, about as many for every facing (normal-space sampling: Rusinkiewicz and
+    /// Levoy 2001), since the larger surfaces show the same again and again. Returns the number of tried
+    /// ones.
     fn compare_surfels(
         &self,
         [i, j]: [usize; 2],
@@ -346,7 +346,7 @@ impl Comparison {
         let mut tried = 0;
         for cells in &self.sets[subset as usize][i] {
             let stride = cells.len().div_ceil(most).max(1);
-            // Every pair begins elsewhere, so that together they use all.
+            // Every pair begins elsewhere: together they use all.
             for (at, &cell) in cells.iter().enumerate().skip((7 * i + 3 * j) % stride).step_by(stride) {
                 tried += 1;
                 if let Some(r) = surfels[i].residual(cell, &surfels[j], &other_from_this, &self.noise) {
@@ -358,7 +358,7 @@ impl Comparison {
         tried
     }
 
-    /// Visits landmarks, which have two residuals each.
+    /// Visits landmarks: two residuals each.
     fn compare_landmarks(
         &self,
         [i, j]: [usize; 2],
@@ -402,14 +402,14 @@ impl Gain {
     }
 }
 
-/// The surfels of a frame that are held out, or those that are not, by the way that they face.
+/// The held-out surfels of a frame, or the others, by their facing.
 fn subset(surfels: &Surfels, held_out: bool) -> [Vec<u32>; FACINGS] {
     let is_held_out = |cell: u32| surfels.block(cell, BLOCK).iter().sum::<usize>().is_multiple_of(HELD_OUT);
     let of_facing = |f: &Vec<u32>| f.iter().copied().filter(|&c| is_held_out(c) == held_out).collect();
     surfels.facing().each_ref().map(of_facing)
 }
 
-/// A row of the normal equations with the share that its residual counts; `None` for another surface.
+/// A row of the normal equations with the weight of its residual; `None` for another surface.
 #[inline]
 fn weighted_row(r: &Residual, sensor: Option<&SensorErrors>, scale: f64, loose: f64) -> Option<(f64, Row)> {
     let variance_m2 = (r.sigma_m * scale).powi(2) + (loose * r.displacement_m).powi(2);
@@ -422,8 +422,8 @@ fn weighted_row(r: &Residual, sensor: Option<&SensorErrors>, scale: f64, loose: 
 
 /// Derivatives of the distance by small motions (translation, rotation) of both cameras in their own frames.
 pub(crate) fn by_poses(r: &Residual) -> [f64; 12] {
-    // A motion of the first camera moves the point of docs/method.md (2.13), one of the other the plane,
-    // which is as if the point moved back.
+    // A motion of the first camera moves the point of docs/method.md (2.13), one of the other the plane, as
+    // if the point moved back.
     let own = r.point.coords.cross(&r.normal);
     let other = r.other_point.coords.cross(&r.other_normal);
     let mut row = [0.0; 12];

@@ -12,7 +12,7 @@ pub struct PoseNoise {
 }
 
 impl PoseNoise {
-    /// That of a hand-held camera, or of one on a calibrated arm: 5 mm and 0.5 degrees in all.
+    /// Of a hand-held camera, or of one on a calibrated arm: 5 mm and 0.5 degrees in all.
     pub const EXPECTED: Self = Self { translation_m: 0.003, rotation_rad: 0.005 };
 
     /// The smallest of interest: a micrometer, and a microradian.
@@ -47,7 +47,7 @@ impl PoseNoise {
         }
     }
 
-    /// No smaller than what can be of interest.
+    /// No smaller than [`Self::LEAST`].
     pub(crate) fn at_least(&self) -> Self {
         Self {
             translation_m: self.translation_m.max(Self::LEAST.translation_m),

@@ -1,4 +1,4 @@
-//! The depth sensor's own errors, found together with the poses of all states that it recorded.
+//! The depth sensor's own errors, found together with the poses of all recorded states.
 
 use std::fmt;
 
@@ -15,7 +15,7 @@ use super::{
 use crate::{RgbdFrame, frame::cameras};
 use geometry::Intrinsics;
 
-/// What was found of the depth sensor.
+/// The calibration of the depth sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SensorCalibration {
     /// Whether depth is corrected by it.
@@ -26,25 +26,24 @@ pub struct SensorCalibration {
     pub covariance: Vec<f64>,
     /// Mean of the error over the image, and its standard deviation: readings are too short by this share.
     pub scale: [f64; 2],
-    /// What differs from it, root mean square over the image.
+    /// Difference from it, root mean square over the image.
     pub warp_rms: f64,
-    /// By how much what a pixel of color shows lies off the same pixel of depth, and standard deviations,
-    /// pixels.
+    /// Offset of color against depth, and standard deviations, pixels.
     pub color_shift_px: [[f64; 2]; 2],
     /// By how much the reported poses are older than the images, and its standard deviation, seconds.
     pub pose_lag_s: [f64; 2],
-    /// Robust standard deviation of the distances between surfaces that two frames see, held out, by
-    /// corrected poses alone and with corrected depth, meters.
+    /// Robust standard deviation of the distances between surfaces of two frames, held out, by corrected
+    /// poses alone and with corrected depth, meters.
     pub residual_m: [f64; 2],
     /// Mean gain of the frames in its standard errors.
     pub gain_sigmas: f64,
 }
 
-/// Clocks that were set by each other leave milliseconds; more than this is said, seconds: an image at 30 a
-/// second. chosen: a shift that a pose must show
+/// Synchronized clocks leave milliseconds; more than this is reported, seconds: an image at 30 a second.
+/// chosen: a shift shown by any pose
 const LATE_S: f64 = 1.0 / 30.0;
 /// Data sheets of depth cameras allow this share of the range.
-/// derived: the accuracy that data sheets of Intel's D400 family state at 2 m
+/// derived: the accuracy at 2 m in data sheets of Intel's D400 family
 const DATA_SHEET: f64 = 0.02;
 
 impl SensorCalibration {
@@ -54,14 +53,14 @@ impl SensorCalibration {
         self.used && self.scale[0].abs().max(self.warp_rms) > DATA_SHEET
     }
 
-    /// Whether poses are late by more than what the calibration of clocks leaves.
+    /// Whether poses are late by more than the error of synchronized clocks.
     #[must_use]
     pub fn has_late_poses(&self) -> bool {
         let [lag_s, sigma_s] = self.pose_lag_s;
         self.used && lag_s.abs() > LATE_S && lag_s.abs() > 3.0 * sigma_s
     }
 
-    /// What was found.
+    /// The found correction.
     pub(super) fn errors(&self, intrinsics: &Intrinsics) -> SensorErrors {
         let [u, v] = self.color_shift_px[0];
         SensorErrors {
@@ -116,17 +115,17 @@ impl fmt::Display for SensorCalibration {
     }
 }
 
-/// What goes with one sensor.
+/// Results with one sensor.
 pub(super) struct Calibrated {
     pub calibration: SensorCalibration,
     /// The poses of all states.
     pub states: Vec<Option<Refined>>,
-    /// Draws of what may be left of the error of depth.
+    /// Draws of the remaining error of depth.
     pub warps: Vec<DepthWarp>,
 }
 
-/// The poses of all states together with the errors of their sensor; `None` without states whose poses are
-/// looked for, or where they have several cameras.
+/// The poses of all states together with the errors of their sensor; `None` without states to correct, or for
+/// several cameras.
 pub(super) fn solve_together(
     states: &[Vec<RgbdFrame>],
     problems: &[Option<Problem<'_>>],
@@ -156,8 +155,8 @@ fn color_at(frame: &RgbdFrame, u: f64, v: f64) -> [u8; 3] {
     })
 }
 
-/// The sensor's errors, with the poses of all states that go with them; `None` where the states have not one
-/// camera, or too little is seen.
+/// The sensor's errors, with the poses of all states; `None` for several cameras, or where too little is
+/// seen.
 pub(super) fn calibrate(
     states: &[Vec<RgbdFrame>],
     problems: &[Option<Problem<'_>>],
@@ -176,7 +175,7 @@ pub(super) fn calibrate(
             Refined::new(problem, poses, draws, errors, Some(&sensor))
         })
         .collect();
-    // Against the best that poses alone can do.
+    // Against the best by poses alone.
     let changes: Vec<Changes> = problems
         .par_iter()
         .zip(alone)

@@ -12,17 +12,17 @@ use super::{
 };
 use numeric::random::{self, stage_rng};
 
-/// Rounds in which planes are passed on, each to one half of the cells and then to the other.
-/// assumed; steps that narrow faster changed no figure of one made object.
+/// Rounds of passing planes on, each to one half of the cells and then to the other. assumed; faster
+/// narrowing steps changed no figure of one made object.
 const ROUNDS: usize = 4;
-/// Neighbors whose planes a cell tries: beside it, and further off (Galliani 2015).
+/// Neighbors with planes tried by a cell: beside it, and further off (Galliani 2015).
 const NEIGHBORS: [(i32, i32); 8] = [(-1, 0), (1, 0), (0, -1), (0, 1), (-5, 0), (5, 0), (0, -5), (0, 5)];
-/// Perturbations that a cell tries in a round.
+/// Perturbations of a cell in a round.
 const TRIES: usize = 3;
 /// Largest perturbation of the first round: share of the inverse depth, and of it across a ray's unit.
 /// chosen: a wide first search
 const SPREAD: (f64, f64) = (0.02, 0.5);
-/// Cells on each side over which the slope of depth that was read is taken.
+/// Cells on each side for the slope of read depth.
 const SLOPE: usize = 2;
 
 /// Planes `n . x = 1` of a view's cells in its optical frame, 1/m; `cost` says how unlike other views look.
@@ -31,7 +31,7 @@ pub(super) struct Planes {
     pub cost: Vec<f32>,
 }
 
-/// The planes of a view's holes that other views bear out best.
+/// The best confirmed planes of a view's holes.
 pub(super) fn propagated(view: &Cells, eyes: &[Eye<'_>], seed: u64) -> Planes {
     let mut planes = extended(view);
     let width = view.camera.width;
@@ -113,7 +113,7 @@ fn perturbed(plane: &Vector3<f32>, ray: &Vector3<f32>, round: usize, rng: &mut i
     next
 }
 
-/// Planes of the depth that was read, and in holes those of the nearest reading on the object.
+/// Planes of the read depth, and in holes those of the nearest reading on the object.
 fn extended(view: &Cells) -> Planes {
     let count = view.hole.len();
     let mut planes = Planes { at: vec![Vector3::zeros(); count], cost: vec![UNKNOWN; count] };

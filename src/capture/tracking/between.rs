@@ -1,8 +1,8 @@
-//! The motion between the maps of two states by what stands still.
+//! The motion between the maps of two states by still surfaces.
 //!
-//! Landmarks of both states that look alike propose motions: that of what stands still, and those of parts.
-//! Most motions of parts are contradicted by the surface of all that stands still; of those that are not,
-//! the one that landmarks in the most places follow is the maps'.
+//! Similar landmarks of both states propose motions: one of the still surroundings, and those of parts. Most
+//! motions of parts are contradicted by the still surface; of the others, the motion followed by landmarks in
+//! the most places is the maps'.
 
 use std::collections::BTreeSet;
 
@@ -27,28 +27,28 @@ use crate::{
 use geometry::Pose;
 use numeric::random::stage_rng;
 
-/// Keyframes of each state that are compared.
+/// Compared keyframes of each state.
 /// derived: 144 pairs take a second
 const KEYFRAMES: usize = 12;
-/// Motions that are looked for: what stands still and three parts.
-/// derived: recordings have few parts that move, and the largest come first
+/// Number of motions: the still surroundings and three parts.
+/// derived: recordings have few moving parts, and the largest come first
 const MOTIONS: usize = 4;
 /// Views that differ by more are not compared, radians.
 /// derived: twice the reach of features (`closure`), as surfaces are compared here
 const REACH_RAD: f64 = 1.0;
-/// Of the surface that both states can judge, what stands still must agree in no less than this share of
-/// what the best motion does.
-/// tuned: shared/bags: motions of parts that a floor contradicts have 0.83 and less, those of halves of
-/// scissors on a floor, which lie in it, 1.0
+/// Least agreement of the still surface, of the surface judged by both states, as a share of the best
+/// motion's.
+/// tuned: shared/bags: motions of parts contradicted by a floor have 0.83 and less, those of halves of
+/// scissors flat on a floor 1.0
 const POSSIBLE: f64 = 0.9;
-/// What stands still must be followed by landmarks in this many times as many cells as the next possible
-/// motion. derived: as between states with poses (docs/method.md 5)
+/// Least ratio between the cells of landmarks with the still motion and with the next possible one. derived:
+/// as between states with poses (docs/method.md 5)
 const CLEAR: f64 = 2.0;
-/// Side of the cells in which landmarks are counted, as a share of the depth.
+/// Side of the cells for the count of landmarks, as a share of the depth.
 /// derived: as between states with poses, where the object is as large as its depth
 const CELL_SHARE: f64 = 0.05;
-/// Motions between maps that take what is seen no further apart than this share of its depth, and turn it
-/// by no more than as many radians, are one.
+/// Motions between maps are one if they take the seen surface no further apart than this share of its depth,
+/// and turn it by no more than as many radians.
 /// measured: motions of one floor by different landmarks of shared/bags/drawer were 0.012 apart
 const SAME_SHARE: f64 = 0.03;
 
@@ -59,13 +59,13 @@ pub enum Unaligned {
     NothingAlike,
     /// Two motions explain about as much.
     Ambiguous {
-        /// Cells with landmarks that follow each.
+        /// Cells with landmarks of each.
         cells: [usize; 2],
     },
 }
 
-/// The motion from the second state's map to the first one's, and the share of the surfels that both can see
-/// which agree after it.
+/// The motion from the second state's map to the first one's, and the agreeing share of the surfels in view
+/// of both.
 ///
 /// # Errors
 /// [`Unaligned`].
@@ -115,13 +115,13 @@ impl<'a> TrackSide<'a> {
 /// A motion from the first map to the second.
 struct Proposal {
     motion: Pose,
-    /// Cells with landmarks that follow it.
+    /// Cells with its landmarks.
     cells: usize,
-    /// What both states see of each other's surfels after it.
+    /// Views of both states of each other's surfels after it.
     overlap: Overlap,
 }
 
-/// Motions that landmarks follow, the most followed first.
+/// Motions followed by landmarks, the most followed first.
 fn proposals(
     sides: &[TrackSide<'_>; 2],
     pairs: &[[usize; 2]],
@@ -147,7 +147,7 @@ fn proposals(
     motions
 }
 
-/// Surfels that lie where the other state sees them, of both states.
+/// Surfels in place by the other state, of both states.
 fn agreement(sides: &[TrackSide<'_>; 2], pairs: &[[usize; 2]], motion: &Pose) -> Overlap {
     let overlaps = pairs.par_iter().map(|&[i, j]| {
         let moved = motion * sides[0].poses[i];
@@ -159,7 +159,7 @@ fn agreement(sides: &[TrackSide<'_>; 2], pairs: &[[usize; 2]], motion: &Pose) ->
     overlaps.collect::<Vec<Overlap>>().into_iter().fold(Overlap::default(), Overlap::plus)
 }
 
-/// Whether two motions of the first map take what its camera sees to about the same place.
+/// Whether two motions of the first map take the view of its camera to about the same place.
 fn is_same(a: &Pose, b: &Pose, camera: &Pose, depth_m: f64) -> bool {
     let seen = camera * nalgebra::Point3::from(Vector3::z() * depth_m);
     (a * seen - b * seen).norm() < SAME_SHARE * depth_m && (a.rotation.angle_to(&b.rotation)) < SAME_SHARE
