@@ -5,9 +5,9 @@ use nalgebra::Vector3;
 use super::{Object, Solid};
 use geometry::Pose;
 
-/// Depth to which solids may touch, meters. chosen: less than any gap
+/// Largest overlap of touching solids, meters. chosen: less than any gap
 const TOUCH_M: f64 = 0.0005;
-/// Steps between the states at which the parts are looked at.
+/// Steps between the states for the test of the parts.
 const STEPS: usize = 6;
 
 /// Whether no part meets another or the floor in either state or between them, every joint moving evenly.
@@ -40,7 +40,8 @@ fn lowest(pose: &Pose, solid: &Solid) -> f64 {
     pose.translation.vector.z - up.abs().dot(&half)
 }
 
-/// Separating axes of two boxes (Gottschalk, Lin and Manocha 1996), each shrunk by half of what may touch.
+/// Separating axes of two boxes (Gottschalk, Lin and Manocha 1996), each shrunk by half of the allowed
+/// overlap.
 fn overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
     let shrink = |s: &Solid| s.shape.half_sides().map(|h| (h - 0.5 * TOUCH_M).max(0.0));
     let half_a = shrink(a);

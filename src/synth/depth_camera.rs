@@ -1,4 +1,4 @@
-//! What a stereo depth camera makes of a view: noise and steps of disparity, shadows, holes.
+//! A stereo depth camera: noise and steps of disparity, shadows, holes.
 
 use nalgebra::Point3;
 use rand_core::Rng;
@@ -15,15 +15,15 @@ pub struct DepthCamera {
     pub baseline_m: f64,
     /// One standard deviation of the disparity, pixels.
     pub disparity_sigma_px: f64,
-    /// Radius over which the noise is correlated: standard deviation of its smoothing, pixels.
+    /// Radius of the noise's correlation: standard deviation of its smoothing, pixels.
     pub correlation_px: f64,
     /// Step of the disparity, pixels; 0 for none.
     pub disparity_step_px: f64,
-    /// Cosine between ray and normal at which half of the readings fail.
+    /// Cosine between ray and normal with half of the readings lost.
     pub grazing_cosine: f64,
-    /// Share of readings that fail anywhere.
+    /// Share of lost readings anywhere.
     pub dropout: f64,
-    /// Whether what only one imager sees, and pixels on depth edges, have no reading.
+    /// Whether points in view of one imager only, and pixels on depth edges, have no reading.
     pub shadows: bool,
     /// One standard deviation of the color's noise, of 255.
     pub color_sigma: f64,
@@ -34,7 +34,7 @@ pub struct DepthCamera {
 const EDGE_SHARE: f64 = 0.025;
 /// Width of the transition at grazing angles, in cosines. chosen: readings fail within a few degrees
 const GRAZING_WIDTH: f64 = 0.03;
-/// What a shadow ray leaves free at the surface, meters. chosen: above rounding, below any gap
+/// Free start of a shadow ray at the surface, meters. chosen: above rounding, below any gap
 const SHADOW_MARGIN_M: f64 = 1e-4;
 
 impl Default for DepthCamera {
@@ -89,7 +89,7 @@ impl DepthCamera {
         rng: &mut impl Rng,
     ) -> Vec<u16> {
         let pixels = k.width * k.height;
-        // Drawn in order before threads share the pixels, so that their number changes nothing.
+        // Drawn in order before threads share the pixels: their number changes nothing.
         let white: Vec<f64> = (0..pixels).map(|_| random::normal(rng)).collect();
         let holes: Vec<[f64; 2]> = (0..pixels).map(|_| [random::unit(rng), random::unit(rng)]).collect();
         let noise = if self.disparity_sigma_px > 0.0 {

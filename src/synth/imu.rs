@@ -1,7 +1,7 @@
 //! The accelerometer in the housing of a camera.
 //!
-//! Noise and bias are those of the data sheet of the BMI055 (Bosch Sensortec), which sits in the RealSense
-//! D435i, D455 and L515. Scale errors and axes that are not square are left out.
+//! Noise and bias are those of the data sheet of the BMI055 (Bosch Sensortec), built into the RealSense
+//! D435i, D455 and L515. Scale errors and skewed axes are left out.
 
 use nalgebra::{Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
@@ -11,7 +11,7 @@ use numeric::random::{self, stage_rng};
 
 /// Acceleration of free fall, m/s². derived: the standard value
 const GRAVITY: f64 = 9.806_65;
-/// Readings a second: what realsense2_camera asks of it by default. derived: that default
+/// Readings a second: the default of realsense2_camera. derived: that default
 const RATE_HZ: f64 = 250.0;
 /// Density of the noise, m/s² a root hertz: 150 µg. derived: the data sheet of the BMI055
 const NOISE: f64 = 150e-6 * GRAVITY;
@@ -23,7 +23,7 @@ const BIAS: f64 = 0.07 * GRAVITY;
 pub struct ImuReading {
     /// Time after the first view, nanoseconds; before it negative.
     pub after_nanos: i64,
-    /// What was read, m/s², in the sensor's axes.
+    /// Reading, m/s², in the sensor's axes.
     pub acceleration: Vector3<f64>,
 }
 
@@ -41,8 +41,8 @@ pub fn imu_bias(config: &SynthConfig) -> Vector3<f64> {
     Vector3::from_fn(|_, _| random::range(rng, -BIAS, BIAS))
 }
 
-/// Readings all along the path of a take, whose `views` views are `period_nanos` apart; each is the mean over
-/// the time to its neighbors.
+/// Readings all along the path of a take with `views` views, `period_nanos` apart; each is the mean over the
+/// time to its neighbors.
 pub(super) fn readings(
     path: &CameraPath,
     take: usize,

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 /// Smooth noise in `[-1, 1]` with one random value a node of the integer lattice.
 pub(super) fn value_noise(p: &Vector3<f64>, seed: u32) -> f64 {
     let cell = p.map(f64::floor);
-    // Slopes vanish at the nodes, so that the lattice does not show.
+    // Slopes vanish at the nodes: the lattice does not show.
     let t = (p - cell).map(|f| f * f * (3.0 - 2.0 * f));
     let nodes: [f64; 8] = std::array::from_fn(|i| {
         hash(Vector3::from_fn(|k, _| (cell[k] as i64 + (i >> k & 1) as i64) as u32), seed)

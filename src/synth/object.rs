@@ -35,7 +35,7 @@ impl PartJointKind {
 /// The joint between a part and its parent. Positions are radians, or meters for a prismatic joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PartJoint {
-    /// Part that carries it.
+    /// Its carrier.
     pub parent: usize,
     /// How it moves.
     pub kind: PartJointKind,
@@ -67,16 +67,16 @@ impl PartJoint {
 pub struct Part {
     /// Name, letters, digits and `_`.
     pub name: String,
-    /// `None` for the static part, which stands first.
+    /// `None` for the static part, the first one.
     pub joint: Option<PartJoint>,
-    /// What it consists of.
+    /// Its solids.
     pub solids: Vec<Solid>,
     /// Its handle, where handles were asked for.
     pub handle: Option<Handle>,
 }
 
 impl Part {
-    /// A part that moves on part `parent`; `axis` in the rest frame, positions still open.
+    /// A moving part on part `parent`; `axis` in the rest frame, positions still open.
     pub(super) fn moving(
         name: String,
         parent: usize,
@@ -115,8 +115,8 @@ pub struct Object {
 }
 
 impl Object {
-    /// Whether one of two parts carries the other so that they overlap: links of a chain at their pins, caps
-    /// over their necks. Parts of a cabinet do not.
+    /// Whether one of two parts carries the other, with an overlap: links of a chain at their pins, caps over
+    /// their necks. Parts of a cabinet do not.
     pub(super) fn are_pinned(&self, a: usize, b: usize) -> bool {
         let parent = |part: usize| self.parts[part].joint.map(|j| j.parent);
         self.family != Family::Cabinet.name() && (parent(a) == Some(b) || parent(b) == Some(a))
@@ -166,7 +166,7 @@ impl Object {
         poses.iter().enumerate().map(|(part, pose)| self.mesh(part).transformed(pose)).collect()
     }
 
-    /// Center and radius of a sphere in the world that holds the object in both states, meters.
+    /// Center and radius of a sphere in the world about the object in both states, meters.
     #[must_use]
     pub fn bounding_sphere(&self) -> (Point3<f64>, f64) {
         let mut points: Vec<Point3<f64>> = Vec::new();

@@ -1,4 +1,4 @@
-//! A hand-held camera that sweeps over the front of an object.
+//! A hand-held camera on a sweep over the front of an object.
 
 use std::f64::consts::TAU;
 
@@ -12,10 +12,10 @@ use numeric::random;
 const HALF_SWEEP_RAD: f64 = 1.75;
 /// Lowest and highest elevation of the sweep, radians. chosen: 11 and 60 degrees
 const ELEVATION_RAD: [f64; 2] = [0.2, 1.05];
-/// Share of the half field of view that the object's sphere fills. chosen: a rim is left
+/// Share of the half field of view filled by the object's sphere. chosen: a rim is left
 const FILL: f64 = 0.95;
-/// Nearest distance to the sphere's center, meters, besides 1.5 radii: where stereo still measures.
-/// chosen: that of usual stereo cameras
+/// Nearest distance to the sphere's center, meters, besides 1.5 radii: still within the range of stereo.
+/// chosen: as of usual stereo cameras
 const MIN_DISTANCE_M: f64 = 0.4;
 
 /// A wave over the time `[0, 1]`.
@@ -58,7 +58,7 @@ pub struct CameraPath {
 }
 
 impl CameraPath {
-    /// A sweep about `center` for an object of `radius_m` whose front faces the azimuth `front_rad`;
+    /// A sweep about `center` for an object of `radius_m` with its front at the azimuth `front_rad`;
     /// `half_view_rad` is half the smaller field of view.
     #[must_use]
     pub fn new(
@@ -71,7 +71,7 @@ impl CameraPath {
         // Where the object's sphere fits the smaller field of view.
         let distance_m = (radius_m / (FILL * half_view_rad).sin()).max(MIN_DISTANCE_M).max(1.5 * radius_m);
         let mut wave = |amplitude, low, high| Wave::drawn(amplitude, [low, high], rng);
-        // A slow wave and a fast one; their amplitudes add up to 1, which keeps the sweep in its bounds.
+        // A slow wave and a fast one; their amplitudes add up to 1: the sweep stays in its bounds.
         let elevation = [wave(0.7, 1.5, 3.0), wave(0.3, 4.0, 7.0)];
         let azimuth = wave(0.08, 2.0, 5.0);
         let range = wave(0.06, 1.0, 4.0);

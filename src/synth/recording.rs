@@ -25,7 +25,7 @@ const PERIOD_NANOS: i64 = 200_000_000;
 /// Mean speed of a camera carried by hand, meters a second: the hand-held sequences fr1/xyz and fr1/desk of
 /// Sturm et al. 2012 have 0.24 and 0.41. chosen: between these two
 const HAND_SPEED: f64 = 0.35;
-/// Pieces that the camera's way is measured by.
+/// Pieces for the length of the camera's way.
 const WAY_PIECES: usize = 1000;
 
 /// One view of a state.
@@ -51,7 +51,7 @@ pub struct SynthFrame {
 }
 
 impl SynthFrame {
-    /// Poses are reported this long before and after each view, nanoseconds, so that the one at the view is
+    /// Poses are reported this long before and after each view, nanoseconds: the one at the view is
     /// interpolated.
     pub const POSE_OFFSET_NANOS: i64 = 1_000_000;
 }
@@ -67,9 +67,9 @@ pub struct SynthState {
     pub period_nanos: i64,
     /// Where the true world stands in the world of the recording; identity without drift.
     pub recorded_from_world: Pose,
-    /// True surface points that the views saw, in the true world.
+    /// True surface points seen by the views, in the true world.
     pub seen: Vec<SeenSample>,
-    /// What the camera's accelerometer read; nothing where none was asked for.
+    /// Readings of the camera's accelerometer; empty without one.
     pub imu: Vec<ImuReading>,
     /// Errors of the sensor's poses; those of the first view of state 0 are none.
     pub poses: TakePoses,
@@ -89,10 +89,10 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
     let intrinsics = intrinsics(config);
     let sphere = object.bounding_sphere();
     let path = camera_path(object, take, config);
-    // The floor and what stands on it are the same in all states.
+    // The floor and the things on it are the same in all states.
     let (floor, lamp) = surroundings(config.seed);
     let camera = handheld_camera(config);
-    // Around all that the object reaches in any state, so that nothing stands in its way.
+    // Around the object's reach in any state: nothing stands in its way.
     let board = Board::of(object, config);
     let room = room(object, board.as_ref());
     let clutter = camera.clutter(&room, object.world_from_rest.translation.vector.z);
@@ -142,7 +142,7 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
             has_hand: !hands[i].is_empty(),
         });
     }
-    // Scenes with their hands: what a hand hides was not seen.
+    // Scenes with their hands: surface behind a hand was not seen.
     let eyes: Vec<(&Scene, Pose)> = (0..views).map(|i| (scene(i), cameras[i])).collect();
     let seen = seen_points(object, state, &intrinsics, &eyes, SURFACE_POINTS, &mut rng("seen", 0));
     let imu = if config.imu { readings(&path, take, (views, period_nanos), config) } else { Vec::new() };
@@ -157,7 +157,7 @@ pub fn handheld_camera(config: &SynthConfig) -> HandheldCamera {
 }
 
 /// Number of views and time between them, nanoseconds. Those of a sensor or of a rate let a hand carry the
-/// camera; a clean recording knows no effect that time has.
+/// camera; a clean recording has no effects of time.
 fn pace(path: &CameraPath, config: &SynthConfig) -> (usize, i64) {
     if config.sensor.is_none() && config.rate_hz.is_none() {
         return (config.views, PERIOD_NANOS);
@@ -171,7 +171,7 @@ fn pace(path: &CameraPath, config: &SynthConfig) -> (usize, i64) {
     }
 }
 
-/// Velocity of the camera in its own frame, on a path that takes `seconds`.
+/// Velocity of the camera in its own frame, on a path of `seconds`.
 fn velocity(path: &CameraPath, time: f64, seconds: f64) -> [Vector3<f64>; 2] {
     /// chosen: a difference quotient far above rounding
     const STEP: f64 = 1e-5;
@@ -188,7 +188,7 @@ pub(super) fn intrinsics(config: &SynthConfig) -> Intrinsics {
         height: config.height,
         fx: focal,
         fy: focal,
-        // Off the middle, so that a program which assumes the middle is found out.
+        // Off the middle: a program with that assumption is found out.
         cx: 0.5 * config.width as f64 + 2.7,
         cy: 0.5 * config.height as f64 - 3.2,
     }
@@ -206,7 +206,7 @@ pub(super) fn camera_path(object: &Object, state: usize, config: &SynthConfig) -
     CameraPath::new(center, radius_m, forward.y.atan2(forward.x), half_view_rad, rng)
 }
 
-/// The box that an object and a board need.
+/// The box about an object and a board.
 fn room(object: &Object, board: Option<&Board>) -> [Point3<f64>; 2] {
     let corners = board.map(Board::corners);
     corners.iter().flatten().fold(whole_way(object), |[lower, upper], p| {
@@ -235,8 +235,8 @@ fn error(config: &SynthConfig, rng: &mut impl rand_core::Rng) -> Pose {
     Pose::new(random::isotropic(rng, spread.translation_m), random::isotropic(rng, spread.rotation_rad))
 }
 
-/// How far the world of state 1 is off: the whole amount, in a random direction and about a random axis
-/// through the object's foot, which is near the world's origin.
+/// Error of state 1's world: the whole amount, in a random direction and about a random axis through the
+/// object's foot, near the world's origin.
 fn drift(config: &SynthConfig) -> Pose {
     let rng = &mut stage_rng(config.seed, "synth/drift", 0);
     let shift = random::direction(rng).into_inner() * config.drift.translation_m;

@@ -24,7 +24,7 @@ pub(super) fn smooth(white: &[f64], width: usize, height: usize, sigma_px: f64) 
     image.collect()
 }
 
-/// The border repeats by reflection, so that the variance stays near one.
+/// Index by reflection at the border: the variance stays near one.
 fn reflected(at: isize, n: usize) -> usize {
     (if at < 0 { -at } else { at }).min(2 * (n as isize - 1) - at).unsigned_abs().min(n - 1)
 }

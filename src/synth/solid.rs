@@ -23,7 +23,7 @@ pub enum Shape {
         /// Half the height, meters.
         half_m: f64,
     },
-    /// What lies within a radius of a piece of the z axis.
+    /// The points within a radius of a piece of the z axis.
     Capsule {
         /// Meters.
         radius_m: f64,
@@ -35,11 +35,11 @@ pub enum Shape {
 /// A shape of a part, in the frame of the part.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solid {
-    /// What it is.
+    /// Its shape.
     pub shape: Shape,
     /// Where it stands.
     pub part_from_solid: Pose,
-    /// What it looks like.
+    /// Its look.
     pub material: Material,
 }
 
@@ -93,7 +93,7 @@ impl Solid {
 }
 
 impl Shape {
-    /// Half sides of the smallest box about the origin that holds it, meters.
+    /// Half sides of the smallest box about the origin around it, meters.
     #[must_use]
     pub fn half_sides(&self) -> Vector3<f64> {
         match *self {
@@ -103,7 +103,7 @@ impl Shape {
         }
     }
 
-    /// First point beyond `least` at which a ray in the shape's frame enters it; none where it starts inside.
+    /// First entry of a ray in the shape's frame beyond `least`; `None` where it starts inside.
     #[must_use]
     pub fn hit(&self, origin: &Point3<f64>, ray: &Vector3<f64>, least: f64) -> Option<Hit> {
         match *self {
@@ -138,7 +138,7 @@ fn cuboid(origin: &Point3<f64>, ray: &Vector3<f64>, half: &Vector3<f64>) -> Opti
             }
             continue;
         }
-        // The sign of the ray says which side comes first.
+        // The sign of the ray gives the first side.
         let enter = (-half[k].copysign(ray[k]) - origin[k]) / ray[k];
         let leave = (half[k].copysign(ray[k]) - origin[k]) / ray[k];
         if enter > near {

@@ -1,4 +1,4 @@
-//! Surface points that the cameras saw, from the true surface.
+//! Surface points seen by the cameras, from the true surface.
 
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
@@ -17,7 +17,7 @@ pub struct SeenSample {
     pub part: usize,
 }
 
-/// Views that must have seen a point.
+/// Least views of a point.
 const MIN_VIEWS: usize = 3;
 /// A view at a smaller cosine between ray and normal does not count. chosen: 78 degrees
 const MIN_COSINE: f64 = 0.2;
@@ -40,8 +40,8 @@ pub(super) fn sees(
         && scene.is_clear(&(point + normal * MARGIN_M), &eye, 0.0)
 }
 
-/// The points, of `count` drawn uniformly from the surface of all parts, that at least three of the cameras,
-/// each with the scene before it, saw at no grazing angle in a state.
+/// Points seen by at least three of the cameras, each with its scene, at no grazing angle in a state, of
+/// `count` drawn uniformly from the surface of all parts.
 #[must_use]
 pub fn seen_points(
     object: &Object,

@@ -1,4 +1,4 @@
-//! One camera of the model and what it does to a recording.
+//! One camera of the model and its effects on a recording.
 
 use nalgebra::{Point3, Vector3};
 use rand_pcg::Pcg64Mcg;
@@ -12,10 +12,10 @@ use crate::{DepthErrors, Light, Scene, Solid, View};
 use geometry::{Intrinsics, Pose};
 use numeric::random::stage_rng;
 
-/// A camera that a seed draws: what is fixed to it, for all of its recordings.
+/// A camera drawn by a seed: its constant errors, for all of its recordings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HandheldCamera {
-    /// What it was drawn from.
+    /// Its seed.
     pub sensor: HandheldSensor,
     /// Relative error of its depth.
     pub depth_scale: f64,
@@ -28,10 +28,10 @@ pub struct HandheldCamera {
     seed: u64,
 }
 
-/// What a take has of its own.
+/// Effects of one take.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TakePoses {
-    /// Where the true world stands in that of the take.
+    /// From the true world to the take's.
     pub relocalization: Pose,
     /// By how much odometry is off at each view: reported from true world.
     pub drift: Vec<Pose>,
@@ -40,8 +40,8 @@ pub struct TakePoses {
 }
 
 impl HandheldCamera {
-    /// Draws a camera. Every effect draws from a stream of its own, so that switches and level leave the
-    /// draws of the others as they are.
+    /// Draws a camera. Every effect draws from a stream of its own: switches and level leave the draws of the
+    /// others as they are.
     #[must_use]
     pub fn drawn(sensor: HandheldSensor, k: &Intrinsics, seed: u64) -> Self {
         let rng = |effect| stream(seed, "camera", effect, 0);
@@ -73,7 +73,7 @@ impl HandheldCamera {
         stream(self.seed, &format!("take{take}"), effect, step)
     }
 
-    /// What stands on the floor around the box that an object needs, in all takes.
+    /// Things on the floor around the box of an object, in all takes.
     #[must_use]
     pub fn clutter(&self, room: &[Point3<f64>; 2], floor_z_m: f64) -> Vec<Solid> {
         if !self.sensor.has(Effect::Clutter) {
@@ -134,7 +134,7 @@ impl HandheldCamera {
         let jitter =
             |i| pose_jitter::draw(self.level(Effect::PoseJitter), &mut self.rng(take, Effect::PoseJitter, i));
         TakePoses {
-            // Take 0 gives the world that the others are off from.
+            // Take 0 gives the world; the others are off from it.
             relocalization: if take == 0 { Pose::identity() } else { world },
             drift: pose_drift::walk(
                 self.level(Effect::PoseDrift),
@@ -175,8 +175,7 @@ impl HandheldCamera {
         exposure::gain(self.level(Effect::Exposure), &mut self.rng(take, Effect::Exposure, i))
     }
 
-    /// Linear colors of a view as they reach the imager; `velocity` is that of the camera in its optical
-    /// frame.
+    /// Linear colors of a view as they reach the imager; `velocity` is the camera's in its optical frame.
     #[must_use]
     pub fn colors(
         &self,
