@@ -86,8 +86,10 @@ fn of_state(
         let sector = (azimuth_rad / TAU * SECTORS.len() as f64).round() as usize;
         by_sector[sector % SECTORS.len()] += 1;
     }
-    let sees = |point: &Point3<f64>| frames.iter().filter(|f| reads(f, point, noise)).count() as f64;
-    let seen_by: Vec<f64> = points.par_iter().map(sees).collect();
+    let seen_by: Vec<f64> = points
+        .par_iter()
+        .map(|point| frames.iter().filter(|f| reads(f, point, noise)).count() as f64)
+        .collect();
     Some(Coverage {
         by_sector,
         seen_by: median(seen_by).unwrap_or(0.0),
@@ -121,8 +123,11 @@ fn points(frames: &[RgbdFrame]) -> Vec<Point3<f64>> {
 }
 
 fn middle(points: &[&Point3<f64>]) -> Option<Point3<f64>> {
-    let along = |k: usize| median(points.iter().map(|p| p[k]).collect());
-    Some(Point3::new(along(0)?, along(1)?, along(2)?))
+    let mut middle = Point3::origin();
+    for k in 0..3 {
+        middle[k] = median(points.iter().map(|p| p[k]).collect())?;
+    }
+    Some(middle)
 }
 
 /// Whether a frame reads the surface at a point.

@@ -78,6 +78,7 @@ pub fn pixel_weights(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f32> {
 pub fn object_weights(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f32> {
     let weights = PixelWeights::of(frame, noise);
     let width = frame.intrinsics.width;
-    let of = |i: usize| if frame.is_object(i) { weights.at(i % width, i / width) } else { 0.0 };
-    (0..frame.depth_m.len()).map(of).collect()
+    (0..frame.depth_m.len())
+        .map(|i| if frame.is_object(i) { weights.at(i % width, i / width) } else { 0.0 })
+        .collect()
 }

@@ -194,8 +194,9 @@ impl TfBuffer {
 
     /// The frame and those above it.
     fn ancestors<'a>(&'a self, frame: &'a str) -> Vec<&'a str> {
-        let next = |f: &&'a str| self.edges.get(*f).map(|(parent, _)| parent.as_str());
-        std::iter::successors(Some(frame), next).take(MAX_DEPTH).collect()
+        std::iter::successors(Some(frame), |f| self.edges.get(*f).map(|(parent, _)| parent.as_str()))
+            .take(MAX_DEPTH)
+            .collect()
     }
 
     /// `parent_from_child` of one frame at a stamp.

@@ -60,10 +60,10 @@ impl WindowPlane {
         let mean = inverse.iter().sum::<f64>() / count;
         let slope_x = inverse.iter().enumerate().map(|(i, v)| place(i).0 * v).sum::<f64>() / spread;
         let slope_y = inverse.iter().enumerate().map(|(i, v)| place(i).1 * v).sum::<f64>() / spread;
-        let residual =
-            |(i, v): (usize, &f64)| (v - mean - slope_x * place(i).0 - slope_y * place(i).1).powi(2);
+        let residuals =
+            inverse.iter().enumerate().map(|(i, v)| v - mean - slope_x * place(i).0 - slope_y * place(i).1);
         // docs/method.md (2.7).
-        let variance = inverse.iter().enumerate().map(residual).sum::<f64>() / (count - UNKNOWNS as f64);
+        let variance = residuals.map(|r| r.powi(2)).sum::<f64>() / (count - UNKNOWNS as f64);
         Some(Self { inverse: mean, slopes: [slope_x, slope_y], variance, mean_depth_m })
     }
 

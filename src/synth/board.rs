@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, UnitQuaternion, Vector3};
 
-use super::{Material, Object, Solid, SynthConfig, workspace::whole_way};
+use super::{BoundingSphere, Material, Object, Solid, SynthConfig, workspace::whole_way};
 use capture::{BoardLayout, Paper};
 use geometry::Pose;
 
@@ -67,16 +67,16 @@ impl Board {
     }
 
     /// A sphere about another one and the board.
-    pub(super) fn sphere_with(&self, (center, radius_m): (Point3<f64>, f64)) -> (Point3<f64>, f64) {
-        self.corners().iter().fold((center, radius_m), |(center, radius_m), corner| {
-            let away = corner - center;
-            let over_m = 0.5 * (away.norm() - radius_m);
+    pub(super) fn sphere_with(&self, mut sphere: BoundingSphere) -> BoundingSphere {
+        for corner in self.corners() {
+            let away = corner - sphere.center;
+            let over_m = 0.5 * (away.norm() - sphere.radius_m);
             if over_m > 0.0 {
-                (center + away.normalize() * over_m, radius_m + over_m)
-            } else {
-                (center, radius_m)
+                sphere.center += away.normalize() * over_m;
+                sphere.radius_m += over_m;
             }
-        })
+        }
+        sphere
     }
 }
 
@@ -103,7 +103,7 @@ mod tests {
                 assert!((corner.z - floor_m - THICK_M).abs() < 1e-12);
                 assert!(reach(&corner) > box_m);
             }
-            let (center, radius_m) = board.sphere_with(object.bounding_sphere());
+            let BoundingSphere { center, radius_m } = board.sphere_with(object.bounding_sphere());
             assert!(board.corners().iter().all(|c| (c - center).norm() < radius_m + 1e-9));
             assert_eq!(Board::of(&object, &SynthConfig::default()).map(|_| ()), None);
         }

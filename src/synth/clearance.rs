@@ -43,17 +43,14 @@ fn lowest(pose: &Pose, solid: &Solid) -> f64 {
 /// Separating axes of two boxes (Gottschalk, Lin and Manocha 1996), each shrunk by half of the allowed
 /// overlap.
 fn overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
-    let shrink = |s: &Solid| s.shape.half_sides().map(|h| (h - 0.5 * TOUCH_M).max(0.0));
-    let half_a = shrink(a);
-    let half_b = shrink(b);
+    let [half_a, half_b] = [a, b].map(|s| s.shape.half_sides().map(|h| (h - 0.5 * TOUCH_M).max(0.0)));
     let between = pose_b.translation.vector - pose_a.translation.vector;
     // Spheres settle most pairs.
     if between.norm() > half_a.norm() + half_b.norm() {
         return false;
     }
-    let axes = |p: &Pose| [Vector3::x(), Vector3::y(), Vector3::z()].map(|e| p.rotation * e);
-    let axes_a = axes(pose_a);
-    let axes_b = axes(pose_b);
+    let [axes_a, axes_b] =
+        [pose_a, pose_b].map(|p| [Vector3::x(), Vector3::y(), Vector3::z()].map(|e| p.rotation * e));
     let crosses = axes_a.iter().flat_map(|u| axes_b.iter().map(move |v| u.cross(v)));
     for along in axes_a.iter().chain(&axes_b).copied().chain(crosses) {
         let reach = reach(&axes_a, &half_a, &along) + reach(&axes_b, &half_b, &along);

@@ -99,7 +99,7 @@ fn skewed(mut object: Object, config: &SynthConfig) -> Object {
 /// The object with a share of every part lacquered, each in patches of its own.
 fn lacquered(mut object: Object, config: &SynthConfig) -> Object {
     if config.lacquer > 0.0 {
-        let patch_m = PATCH * object.bounding_sphere().1;
+        let patch_m = PATCH * object.bounding_sphere().radius_m;
         for (k, part) in object.parts.iter_mut().enumerate() {
             let rng = &mut stage_rng(config.seed, "synth/lacquer", k as u64);
             let lacquer = Lacquer::covering(config.lacquer, patch_m, rng);
@@ -111,8 +111,8 @@ fn lacquered(mut object: Object, config: &SynthConfig) -> Object {
 
 /// A family with room for so many parts; cabinets have half of the share where there is a choice.
 fn any_family(parts: usize, rng: &mut impl Rng) -> Family {
-    let able = |f: &Family| (f.parts()[0]..=f.parts()[1]).contains(&parts);
-    let others: Vec<Family> = Family::ALL.into_iter().filter(|f| *f != Family::Cabinet && able(f)).collect();
+    let mut others: Vec<Family> = Family::ALL.into_iter().filter(|f| *f != Family::Cabinet).collect();
+    others.retain(|f| (f.parts()[0]..=f.parts()[1]).contains(&parts));
     if others.is_empty() || random::chance(rng, 0.5) {
         Family::Cabinet
     } else {

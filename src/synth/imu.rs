@@ -46,7 +46,8 @@ pub fn imu_bias(config: &SynthConfig) -> Vector3<f64> {
 pub(super) fn readings(
     path: &CameraPath,
     take: usize,
-    (views, period_nanos): (usize, i64),
+    views: usize,
+    period_nanos: i64,
     config: &SynthConfig,
 ) -> Vec<ImuReading> {
     let rng = &mut stage_rng(config.seed, &format!("synth/state{take}/imu"), 0);
@@ -82,7 +83,7 @@ mod tests {
     fn readings_are_those_of_the_data_sheet_about_gravity() {
         let config = SynthConfig { seed: 5, ..SynthConfig::default() };
         let path = CameraPath::new(Point3::origin(), 0.5, 0.3, 0.4, &mut stage_rng(3, "path", 0));
-        let found = readings(&path, 1, (150, 66_666_667), &config);
+        let found = readings(&path, 1, 150, 66_666_667, &config);
         assert!(found.len().abs_diff(2500) < 5, "{}", found.len());
         let bias = imu_bias(&config);
         assert!(bias.amax() <= BIAS && bias.norm() > 0.01);

@@ -26,8 +26,9 @@ impl Lacquer {
     /// Patches on a share of all places.
     pub(super) fn covering(share: f64, patch_m: f64, rng: &mut impl Rng) -> Self {
         let seed = random::below(rng, 1 << 30) as u32;
-        let place = |_| value_noise(&Vector3::from_fn(|_, _| random::range(rng, 0.0, 1e3)), seed);
-        let mut noise: Vec<f64> = (0..PLACES).map(place).collect();
+        let mut noise: Vec<f64> = (0..PLACES)
+            .map(|_| value_noise(&Vector3::from_fn(|_, _| random::range(rng, 0.0, 1e3)), seed))
+            .collect();
         noise.sort_by(f64::total_cmp);
         let from = noise[(((1.0 - share) * PLACES as f64) as usize).min(PLACES - 1)];
         Self { patch_m, from, seed }

@@ -166,9 +166,9 @@ impl Object {
         poses.iter().enumerate().map(|(part, pose)| self.mesh(part).transformed(pose)).collect()
     }
 
-    /// Center and radius of a sphere in the world about the object in both states, meters.
+    /// A sphere about the object in both states.
     #[must_use]
-    pub fn bounding_sphere(&self) -> (Point3<f64>, f64) {
+    pub fn bounding_sphere(&self) -> BoundingSphere {
         let mut points: Vec<Point3<f64>> = Vec::new();
         for state in 0..2 {
             for (k, pose) in self.world_from_parts(state).iter().enumerate() {
@@ -177,6 +177,15 @@ impl Object {
         }
         let (lower, upper) = bounding_box(points.iter().copied()).unwrap_or_default();
         let center = nalgebra::center(&lower, &upper);
-        (center, points.iter().map(|p| (p - center).norm()).fold(0.0, f64::max))
+        BoundingSphere { center, radius_m: points.iter().map(|p| (p - center).norm()).fold(0.0, f64::max) }
     }
+}
+
+/// A sphere in the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoundingSphere {
+    /// Its center, meters.
+    pub center: Point3<f64>,
+    /// Its radius, meters.
+    pub radius_m: f64,
 }

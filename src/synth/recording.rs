@@ -3,8 +3,8 @@
 use nalgebra::{Point3, Unit, Vector3};
 
 use super::{
-    Board, CameraPath, DepthCamera, HandheldCamera, HandheldSensor, Material, Object, Scene, SeenSample,
-    Solid, SynthConfig, TakePoses, View,
+    Board, BoundingSphere, CameraPath, DepthCamera, HandheldCamera, HandheldSensor, Material, Object, Scene,
+    SeenSample, Solid, SynthConfig, TakePoses, View,
     imu::{ImuReading, readings},
     seen_points,
     workspace::whole_way,
@@ -96,7 +96,8 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
     let board = Board::of(object, config);
     let room = room(object, board.as_ref());
     let clutter = camera.clutter(&room, object.world_from_rest.translation.vector.z);
-    let still = Scene::new(object, state, &floor, (FLOOR_RADII * sphere.1).max(MIN_FLOOR_M)).with(&clutter);
+    let still =
+        Scene::new(object, state, &floor, (FLOOR_RADII * sphere.radius_m).max(MIN_FLOOR_M)).with(&clutter);
     let still = board.as_ref().map_or_else(|| still.with(&[]), |board| still.with_board(board));
     let depth_camera = DepthCamera::scaled(config.noise);
     let (views, period_nanos) = pace(&path, config);
@@ -116,7 +117,7 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
     let mut frames = Vec::with_capacity(views);
     for i in 0..views {
         let world_from_camera = cameras[i];
-        let light = camera.light((take, i), &lamp, scene(i), &world_from_camera, &sphere);
+        let light = camera.light(take, i, &lamp, scene(i), &world_from_camera, &sphere);
         let mut view = View::cast(scene(i), &intrinsics, &world_from_camera, &light);
         let errors = camera.depth_errors(take, i, &view, &intrinsics);
         let depth_rng = &mut rng("depth", i);
@@ -145,7 +146,7 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
     // Scenes with their hands: surface behind a hand was not seen.
     let eyes: Vec<(&Scene, Pose)> = (0..views).map(|i| (scene(i), cameras[i])).collect();
     let seen = seen_points(object, state, &intrinsics, &eyes, SURFACE_POINTS, &mut rng("seen", 0));
-    let imu = if config.imu { readings(&path, take, (views, period_nanos), config) } else { Vec::new() };
+    let imu = if config.imu { readings(&path, take, views, period_nanos, config) } else { Vec::new() };
     SynthState { intrinsics, frames, period_nanos, recorded_from_world, seen, imu, poses }
 }
 
@@ -199,7 +200,7 @@ pub(super) fn camera_path(object: &Object, state: usize, config: &SynthConfig) -
     let k = intrinsics(config);
     let sphere = object.bounding_sphere();
     let board = Board::of(object, config);
-    let (center, radius_m) = board.map_or(sphere, |board| board.sphere_with(sphere));
+    let BoundingSphere { center, radius_m } = board.map_or(sphere, |board| board.sphere_with(sphere));
     let forward = object.world_from_rest.rotation * Vector3::x();
     let half_view_rad = (0.5 * k.width.min(k.height) as f64 / k.fx).atan();
     let rng = &mut stage_rng(config.seed, &format!("synth/state{state}/path"), 0);

@@ -209,7 +209,7 @@ fn bounds(placed: &Placed) -> Bounds {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{SynthConfig, generate};
+    use crate::{BoundingSphere, SynthConfig, generate};
     use numeric::random::{self, stage_rng};
 
     #[test]
@@ -218,7 +218,7 @@ mod tests {
         let object = generate(&config).unwrap();
         let floor = Material::plain(Vector3::repeat(0.5));
         let scene = Scene::new(&object, 0, &floor, 5.0);
-        let (center, radius_m) = object.bounding_sphere();
+        let BoundingSphere { center, radius_m } = object.bounding_sphere();
         let rng = &mut stage_rng(1, "rays", 0);
         let mut hits = 0;
         for _ in 0..2000 {

@@ -11,15 +11,15 @@ pub(super) fn smooth(white: &[f64], width: usize, height: usize, sigma_px: f64) 
     let norm = kernel.iter().map(|w| w * w).sum::<f64>().sqrt();
     kernel.iter_mut().for_each(|w| *w /= norm);
     // A Gaussian over rows, then over columns, is one over the image.
-    let pixels = || (0..white.len()).into_par_iter().with_min_len(width);
-    let rows = pixels().map(|i| {
-        let at = |d| i / width * width + reflected((i % width) as isize + d, width);
-        (-reach..=reach).zip(&kernel).map(|(d, w)| w * white[at(d)]).sum::<f64>()
+    let pixels = (0..white.len()).into_par_iter().with_min_len(width);
+    let rows = pixels.clone().map(|i| {
+        let columns = (-reach..=reach).map(|d| reflected((i % width) as isize + d, width));
+        columns.zip(&kernel).map(|(column, w)| w * white[i / width * width + column]).sum::<f64>()
     });
     let rows: Vec<f64> = rows.collect();
-    let image = pixels().map(|i| {
-        let at = |d| reflected((i / width) as isize + d, height) * width + i % width;
-        (-reach..=reach).zip(&kernel).map(|(d, w)| w * rows[at(d)]).sum::<f64>()
+    let image = pixels.map(|i| {
+        let beside = (-reach..=reach).map(|d| reflected((i / width) as isize + d, height));
+        beside.zip(&kernel).map(|(row, w)| w * rows[row * width + i % width]).sum::<f64>()
     });
     image.collect()
 }

@@ -61,10 +61,9 @@ pub fn seen_points(
         let found = samples.points.par_iter().zip(&samples.normals).with_min_len(256).filter_map(|(p, n)| {
             let point = poses[part] * p.cast::<f64>();
             let normal = poses[part] * n.cast::<f64>();
-            let sees = |(scene, camera): &&(&Scene, Pose)| sees(scene, k, camera, &point, &normal);
             // Counting ends at enough views, since each costs a ray.
-            (cameras.iter().filter(sees).take(MIN_VIEWS).count() == MIN_VIEWS)
-                .then_some(SeenSample { point, part })
+            let seeing = cameras.iter().filter(|(scene, camera)| sees(scene, k, camera, &point, &normal));
+            (seeing.take(MIN_VIEWS).count() == MIN_VIEWS).then_some(SeenSample { point, part })
         });
         seen.extend(found.collect::<Vec<_>>());
     }

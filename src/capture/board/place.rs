@@ -136,8 +136,9 @@ impl BoardPlace {
     /// middle and in the worst direction.
     #[must_use]
     pub fn sigma_m(&self, away_m: f64) -> f64 {
-        let block = |k: usize| self.covariance.fixed_view::<3, 3>(k, k).symmetric_eigenvalues().max();
-        block(0).max(0.0).sqrt().hypot(away_m * block(3).max(0.0).sqrt())
+        let [shift_m, turn_rad] = [0, 3]
+            .map(|k| self.covariance.fixed_view::<3, 3>(k, k).symmetric_eigenvalues().max().max(0.0).sqrt());
+        shift_m.hypot(away_m * turn_rad)
     }
 }
 

@@ -164,10 +164,17 @@ fn eroded(mask: &[bool], width: usize, radius: usize) -> Vec<bool> {
     out
 }
 
+/// Number of an image of the scale space.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct ImageNumber {
+    octave: usize,
+    level: usize,
+}
+
 /// An extremum of the differences.
 struct Extremum {
-    /// Octave, and level of its pixel: the image for its descriptor.
-    found: (usize, usize),
+    /// The image of its pixel, and for its descriptor.
+    found: ImageNumber,
     /// Pixels of the octave.
     x: f32,
     /// Pixels of the octave.
@@ -184,8 +191,9 @@ fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
     for (o, octave) in octaves.iter().enumerate() {
         let step = octave.step;
         for level in 1..=config.scales {
-            let is_inside = |x: usize, y: usize| crop.marks(&crop.inner, x as f32 * step, y as f32 * step);
-            extrema.extend(self::extrema(octave, (o, level), config, is_inside));
+            extrema.extend(self::extrema(octave, ImageNumber { octave: o, level }, config, |x, y| {
+                crop.marks(&crop.inner, x as f32 * step, y as f32 * step)
+            }));
         }
     }
     // Strongest first: no more are described than requested; of equal ones the first found.
@@ -196,13 +204,14 @@ fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
         if found.len() >= config.limit {
             break;
         }
-        let octave = &octaves[e.found.0];
+        let octave = &octaves[e.found.octave];
         let step = octave.step;
         // Gradients stop at the whole mask, features at the eroded one: the background changes with the view
         // and must not enter a descriptor.
         let gradients = gradients.entry(e.found).or_insert_with(|| {
-            let keep = move |x: usize, y: usize| crop.marks(&crop.object, x as f32 * step, y as f32 * step);
-            Gradients::of(&octave.gaussians[e.found.1], keep)
+            Gradients::of(&octave.gaussians[e.found.level], move |x, y| {
+                crop.marks(&crop.object, x as f32 * step, y as f32 * step)
+            })
         });
         let scale = config.sigma_px * 2f32.powf(e.level / config.scales as f32);
         for angle_rad in orientations(gradients, e.x, e.y, scale) {
@@ -222,12 +231,12 @@ fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
 /// Refined extrema of one level of the differences of an octave with a number.
 fn extrema(
     octave: &Octave,
-    of: (usize, usize),
+    of: ImageNumber,
     config: &FeatureConfig,
     inside: impl Fn(usize, usize) -> bool,
 ) -> Vec<Extremum> {
     let d = &octave.differences;
-    let level = of.1;
+    let level = of.level;
     let w = d[level].width;
     let h = d[level].height;
     let mut found = Vec::new();
@@ -317,11 +326,11 @@ const FARTHEST: f32 = 0.6;
 /// drift.
 fn refined(
     d: &[FloatImage],
-    found: (usize, usize),
+    found: ImageNumber,
     [mut x, mut y]: [usize; 2],
     config: &FeatureConfig,
 ) -> Option<Extremum> {
-    let mut level = found.1;
+    let mut level = found.level;
     let w = d[level].width;
     let h = d[level].height;
     for _ in 0..MOST_STEPS {

@@ -57,7 +57,8 @@ pub struct Correspondence {
 #[must_use]
 pub fn on_object(
     states: [&[RgbdFrame]; 2],
-    (frame0, frame1): (usize, usize),
+    frame0: usize,
+    frame1: usize,
     found: &[Correspondence],
     min_confidence: f32,
 ) -> Vec<PixelMatch> {

@@ -185,8 +185,10 @@ fn forget_outliers(frames: &mut [RgbdFrame], config: &CaptureConfig, size_m: f64
     let cells = supported(&cells_of_frames(frames, size_m), 1);
     let bad = outlier_cells(&cells, size_m);
     let workspace = config.isolate.workspace;
-    let is_bad = |p: &Point3<f64>| !in_box(workspace, p) || cell(p, size_m).is_none_or(|c| bad.contains(&c));
-    frames.par_iter_mut().map(|f| forget(f, is_bad)).sum()
+    frames
+        .par_iter_mut()
+        .map(|f| forget(f, |p| !in_box(workspace, p) || cell(p, size_m).is_none_or(|c| bad.contains(&c))))
+        .sum()
 }
 
 /// The object among the cells of all states.

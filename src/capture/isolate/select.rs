@@ -131,10 +131,9 @@ impl Search<'_> {
                     let next = others.first().map_or(0, |o| o.0);
                     return Ok((best, format!("by what changed ({most} cells; the next {next})")));
                 }
-                let middle = |g: &usize| middle(&groups[*g], self.size_m);
-                Err(CaptureError::SeveralChanged {
-                    at: [&best].into_iter().chain(&also).map(middle).collect(),
-                })
+                let changed = [&best].into_iter().chain(&also);
+                let at = changed.map(|g| middle(&groups[*g], self.size_m)).collect();
+                Err(CaptureError::SeveralChanged { at })
             }
             _ => {
                 let scores = groups.iter().map(|g| score(g, self.size_m, self.focus));
@@ -154,8 +153,10 @@ impl Search<'_> {
         }
         let others = || (0..groups.len()).filter(|g| *g != best);
         let moved: Vec<usize> = others().filter(|g| changed[*g] as f64 > ALSO * most).collect();
-        let near = |core: &[usize], g: usize| core.iter().any(|k| self.is_one(&groups[*k], &groups[g]));
-        while let Some(next) = moved.iter().find(|g| !core.contains(g) && near(&core, **g)) {
+        while let Some(next) = moved
+            .iter()
+            .find(|g| !core.contains(g) && core.iter().any(|k| self.is_one(&groups[*k], &groups[**g])))
+        {
             core.push(*next);
         }
         let stands = |g: usize| groups[g].iter().filter(|c| (self.is_at_support)(c)).count() >= STANDING;
@@ -217,10 +218,14 @@ fn score(group: &[Cell], size_m: f64, focus: Option<Point3<f64>>) -> f64 {
 
 /// Distance between two groups, cells; of some of their cells, as far as it is large.
 fn apart(a: &[Cell], b: &[Cell]) -> f64 {
-    let some = |group: &[Cell]| group.len().div_ceil(PROBED);
-    let square = |p: &Cell, q: &Cell| (0..3).map(|k| f64::from(p[k] - q[k]).powi(2)).sum::<f64>();
-    let all = a.iter().step_by(some(a)).flat_map(|p| b.iter().step_by(some(b)).map(move |q| square(p, q)));
-    all.fold(f64::INFINITY, f64::min).sqrt()
+    let mut least = f64::INFINITY;
+    for p in a.iter().step_by(a.len().div_ceil(PROBED)) {
+        for q in b.iter().step_by(b.len().div_ceil(PROBED)) {
+            let square = (0..3).map(|k| f64::from(p[k] - q[k]).powi(2)).sum::<f64>();
+            least = least.min(square);
+        }
+    }
+    least.sqrt()
 }
 
 /// Least and greatest coordinates of cells.

@@ -48,6 +48,13 @@ struct ColumnReadings {
     below: u32,
 }
 
+impl ColumnReadings {
+    /// Whether they show no background.
+    fn are_solid(&self) -> bool {
+        self.low >= MIN_READINGS && f64::from(self.below) <= BELOW_SHARE * f64::from(self.low)
+    }
+}
+
 #[derive(Default)]
 struct Readings {
     cells: FxHashMap<Cell, u32>,
@@ -94,9 +101,7 @@ pub fn find_support(
         }
     }
     cells.sort_unstable();
-    let is_solid =
-        |n: &ColumnReadings| n.low >= MIN_READINGS && f64::from(n.below) <= BELOW_SHARE * f64::from(n.low);
-    let solid = columns.into_iter().filter(|(_, n)| is_solid(n)).map(|(c, _)| c).collect();
+    let solid = columns.into_iter().filter(|(_, n)| n.are_solid()).map(|(c, _)| c).collect();
     Support { cells, solid }
 }
 

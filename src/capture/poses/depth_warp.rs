@@ -95,8 +95,10 @@ impl DepthWarp {
         /// derived: half a pixel to either side
         const STEP: f64 = 0.5;
         // The spline bends over tens of pixels: the difference over one is its slope.
-        let along = |du: f64, dv: f64| self.at([u + du, v + dv]);
-        [(along(STEP, 0.0) - along(-STEP, 0.0)), (along(0.0, STEP) - along(0.0, -STEP))]
+        [
+            self.at([u + STEP, v + 0.0]) - self.at([u - STEP, v + 0.0]),
+            self.at([u + 0.0, v + STEP]) - self.at([u + 0.0, v - STEP]),
+        ]
     }
 
     /// Share of each value in the mean over the image.
@@ -138,8 +140,9 @@ impl DepthWarp {
             let height = frame.intrinsics.height;
             // All frames have one camera: one table serves them.
             if factors.is_empty() {
-                let row = |v: usize| (0..width).map(move |u| (1.0 + self.at([u as f64, v as f64])) as f32);
-                factors = (0..height).into_par_iter().flat_map_iter(row).collect();
+                let rows = (0..height).into_par_iter();
+                let pixels = rows.flat_map_iter(|v| (0..width).map(move |u| [u as f64, v as f64]));
+                factors = pixels.map(|pixel| (1.0 + self.at(pixel)) as f32).collect();
             }
             frame.depth_m.iter_mut().zip(&factors).for_each(|(depth, factor)| *depth *= factor);
         }

@@ -48,8 +48,8 @@ impl FrameLandmarks {
 
     /// Similar landmarks of this frame and of another, by their numbers.
     pub fn matches(&self, other: &Self) -> Vec<[u32; 2]> {
-        let numbers = |(m, n): (usize, usize)| Some([self.numbers[m]?, other.numbers[n]?]);
-        mutual_matches(&self.features, &other.features, RATIO).into_iter().filter_map(numbers).collect()
+        let matches = mutual_matches(&self.features, &other.features, RATIO).into_iter();
+        matches.filter_map(|(m, n)| Some([self.numbers[m]?, other.numbers[n]?])).collect()
     }
 }
 
@@ -80,8 +80,8 @@ impl Landmarks {
     }
 
     fn of(&self, [a, b]: [usize; 2], pairs: Vec<(usize, usize)>, behind: usize) -> Matches {
-        let matched = |&(i, j): &(usize, usize)| ([i, behind + j], self.0[a][i].matches(&self.0[b][j]));
-        let found: Vec<([usize; 2], Vec<[u32; 2]>)> = pairs.par_iter().map(matched).collect();
+        let found: Vec<([usize; 2], Vec<[u32; 2]>)> =
+            pairs.par_iter().map(|&(i, j)| ([i, behind + j], self.0[a][i].matches(&self.0[b][j]))).collect();
         let back = found.iter().map(|([i, j], m)| ([*j, *i], m.iter().map(|[a, b]| [*b, *a]).collect()));
         back.collect::<Vec<_>>().into_iter().chain(found).collect()
     }

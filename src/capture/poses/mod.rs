@@ -217,8 +217,8 @@ fn draws(states: &[Vec<RgbdFrame>], found: &[Option<Refined>], warps: Vec<DepthW
         let mut poses = Vec::with_capacity(states.len());
         for (refined, frames) in used().zip(states) {
             // Reported poses left as they are have no errors.
-            let none = || vec![Vector6::zeros(); frames.len()];
-            poses.push(refined.and_then(|r| r.draws.get(d).cloned()).unwrap_or_else(none));
+            let own = refined.and_then(|r| r.draws.get(d).cloned());
+            poses.push(own.unwrap_or_else(|| vec![Vector6::zeros(); frames.len()]));
         }
         draws.push(ErrorDraw { poses, warp: warps.get(d).cloned() });
     }
@@ -233,9 +233,9 @@ fn problem<'a>(
     tracked: bool,
 ) -> Option<Problem<'a>> {
     // Errors smaller than a pixel cannot be distinguished from the steps of a coarse image.
-    let coarse =
-        |f: &RgbdFrame| f.intrinsics.fx.min(f.intrinsics.fy) * PoseNoise::EXPECTED.rotation_rad < 1.0;
-    (frames.len() >= LEAST_FRAMES && !frames.iter().any(coarse))
+    let mut focal_px = frames.iter().map(|f| f.intrinsics.fx.min(f.intrinsics.fy));
+    let has_coarse = focal_px.any(|focal_px| focal_px * PoseNoise::EXPECTED.rotation_rad < 1.0);
+    (frames.len() >= LEAST_FRAMES && !has_coarse)
         .then(|| Problem::new(surfels, matches, &Trajectory::of(frames), tracked))
 }
 

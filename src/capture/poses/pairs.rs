@@ -279,8 +279,8 @@ impl Comparison {
     pub fn changes(&self, before: Views<'_>, after: Views<'_>) -> Changes {
         // One scale for both: a scale of its own would forgive the worse poses their residuals.
         let scale = self.scale(after);
-        let of_pair = |p: &[usize; 2]| self.pair_change(*p, before, after, scale);
-        Changes { frames: before.surfels.len(), pairs: self.pairs.par_iter().map(of_pair).collect() }
+        let pairs = self.pairs.par_iter().map(|p| self.pair_change(*p, before, after, scale));
+        Changes { frames: before.surfels.len(), pairs: pairs.collect() }
     }
 
     fn pair_change(&self, frames: [usize; 2], before: Views<'_>, after: Views<'_>, scale: f64) -> PairChange {
@@ -368,8 +368,10 @@ impl Comparison {
     ) {
         let other_from_this = world_from_camera[j].inverse() * world_from_camera[i];
         let matches = self.matches.get(&[i, j]).map_or(&[][..], Vec::as_slice);
-        let is_wanted = |at: usize| at.is_multiple_of(HELD_OUT) == matches!(subset, Subset::HeldOut);
-        for (at, &landmarks) in matches.iter().enumerate().filter(|(at, _)| is_wanted(*at)) {
+        for (at, &landmarks) in matches.iter().enumerate() {
+            if at.is_multiple_of(HELD_OUT) != matches!(subset, Subset::HeldOut) {
+                continue;
+            }
             let across = surfels[i].across(landmarks, &surfels[j], &other_from_this, &self.noise);
             for (k, r) in across.iter().enumerate() {
                 if let Some(r) = r {
@@ -404,9 +406,11 @@ impl Gain {
 
 /// The held-out surfels of a frame, or the others, by their facing.
 fn subset(surfels: &Surfels, held_out: bool) -> [Vec<u32>; FACINGS] {
-    let is_held_out = |cell: u32| surfels.block(cell, BLOCK).iter().sum::<usize>().is_multiple_of(HELD_OUT);
-    let of_facing = |f: &Vec<u32>| f.iter().copied().filter(|&c| is_held_out(c) == held_out).collect();
-    surfels.facing().each_ref().map(of_facing)
+    surfels.facing().each_ref().map(|cells| {
+        let blocks = cells.iter().map(|cell| surfels.block(*cell, BLOCK).iter().sum::<usize>());
+        let wanted = cells.iter().zip(blocks).filter(|(_, b)| b.is_multiple_of(HELD_OUT) == held_out);
+        wanted.map(|(cell, _)| *cell).collect()
+    })
 }
 
 /// A row of the normal equations with the weight of its residual; `None` for another surface.

@@ -194,10 +194,12 @@ pub(super) fn calibrate(
     let gain = Gain::of(&changes)?;
     let count = sensor.first_of_shift();
     let focal_px = [intrinsics.fx, intrinsics.fy];
-    let shift_sigma = |i: usize| covariance[(count + i, count + i)].sqrt() * focal_px[i];
     let lag = sensor.lag();
     let pose_lag_s = [sensor.lag_s, covariance[(lag, lag)].sqrt()];
-    let color_shift_px = [[0, 1].map(|i| sensor.color_shift[i] * focal_px[i]), [0, 1].map(shift_sigma)];
+    let color_shift_px = [
+        [0, 1].map(|i| sensor.color_shift[i] * focal_px[i]),
+        [0, 1].map(|i| covariance[(count + i, count + i)].sqrt() * focal_px[i]),
+    ];
     let covariance = covariance.view((0, 0), (count, count)).into_owned();
     let mut warps = Vec::with_capacity(draws.len());
     for draw in &draws {

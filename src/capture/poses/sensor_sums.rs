@@ -59,7 +59,8 @@ impl SensorSums {
         &mut self,
         frames: [usize; 2],
         row: &Row,
-        (first, piece): (usize, &[f64; N]),
+        first: usize,
+        piece: &[f64; N],
         rest: &[(usize, [f64; ORDER])],
     ) {
         let values = self.gradient.len();
@@ -108,9 +109,9 @@ fn add_all(sums: &mut SensorSums, frames: [usize; 2], rows: &[Row]) {
     for row in rows {
         let BySensor { warp, color_shift } = &row.sensor;
         for (k, (first, piece)) in warp.iter().enumerate() {
-            sums.add_piece(frames, row, (*first, piece), &warp[k + 1..]);
+            sums.add_piece(frames, row, *first, piece, &warp[k + 1..]);
         }
-        sums.add_piece(frames, row, (color_shift.0, &color_shift.1), warp);
+        sums.add_piece(frames, row, color_shift.0, &color_shift.1, warp);
     }
 }
 

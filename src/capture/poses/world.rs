@@ -67,8 +67,11 @@ pub fn align_worlds(
     expected: &PoseNoise,
     only_object: bool,
 ) -> Option<WorldCorrection> {
-    let of_frame = |f: &RgbdFrame| Surfels::of(f, noise, |pixel| !only_object || f.is_object(pixel));
-    let surfels = states.map(|frames| frames.par_iter().map(of_frame).collect::<Vec<_>>());
+    let surfels = states.map(|frames| {
+        let frames = frames.par_iter();
+        let surfels = frames.map(|f| Surfels::of(f, noise, |pixel| !only_object || f.is_object(pixel)));
+        surfels.collect::<Vec<_>>()
+    });
     let poses = states.map(poses_of);
     let poses = poses.each_ref().map(Vec::as_slice);
     correct(poses, surfels.each_ref().map(Vec::as_slice), Matches::new(), expected).map(|(world, _)| world)
@@ -273,8 +276,10 @@ fn covariance(pairs: &[PairInformation], frames: [usize; 2], expected: &PoseNois
 
 /// Prior information about a motion about the middle.
 fn expected_information(expected: &PoseNoise) -> Matrix6<f64> {
-    let sigma = |k| if k < 3 { expected.translation_m } else { expected.rotation_rad };
-    Matrix6::from_diagonal(&Vector6::from_fn(|k, _| f64::powi(sigma(k), -2)))
+    Matrix6::from_diagonal(&Vector6::from_fn(|k, _| {
+        let sigma = if k < 3 { expected.translation_m } else { expected.rotation_rad };
+        sigma.powi(-2)
+    }))
 }
 
 /// Middle of the seen surfels, in the world; `None` without any.

@@ -74,8 +74,9 @@ impl Cells {
             cells.on_object[cell] = objects == 4;
             cells.hole[cell] = objects == 4 && read <= 1;
         }
-        let shows = |cell: usize| cells.pixels(cell, full.width).iter().any(|&p| frame.is_object(p));
-        let object: Vec<bool> = (0..count).map(shows).collect();
+        let object: Vec<bool> = (0..count)
+            .map(|cell| cells.pixels(cell, full.width).iter().any(|&p| frame.is_object(p)))
+            .collect();
         cells.off_object = dilated(&object, width, height, GUARD).into_iter().map(|near| !near).collect();
         cells.luma_sigma = cells.noise_of_luma();
         cells

@@ -44,15 +44,16 @@ pub(super) fn eyes(views: &[Cells], reference: usize) -> Vec<Eye<'_>> {
     let poses: Vec<_> = views.iter().map(|v| v.world_from_camera).collect();
     let Some(focus) = common_focus(&poses) else { return Vec::new() };
     let toward = |i: usize| (focus.coords - poses[i].translation.vector).normalize();
-    let angle = |i: usize| toward(i).angle(&toward(reference));
-    let mut others: Vec<usize> =
-        (0..views.len()).filter(|&i| i != reference && (ANGLES[0]..ANGLES[1]).contains(&angle(i))).collect();
-    others.sort_by(|&a, &b| {
-        let off = |i: usize| (angle(i) - BEST_ANGLE).abs();
-        off(a).total_cmp(&off(b)).then(a.cmp(&b))
-    });
+    let mut others: Vec<(f64, usize)> = Vec::new();
+    for i in (0..views.len()).filter(|i| *i != reference) {
+        let angle_rad = toward(i).angle(&toward(reference));
+        if (ANGLES[0]..ANGLES[1]).contains(&angle_rad) {
+            others.push(((angle_rad - BEST_ANGLE).abs(), i));
+        }
+    }
+    others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     others.truncate(VIEWS);
-    others.into_iter().map(|i| Eye::of(&views[reference], &views[i])).collect()
+    others.into_iter().map(|(_, i)| Eye::of(&views[reference], &views[i])).collect()
 }
 
 impl<'a> Eye<'a> {

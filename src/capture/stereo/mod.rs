@@ -98,7 +98,7 @@ pub fn fill_from_color(
         .par_iter_mut()
         .zip(&views)
         .zip(planes.par_iter().zip(&agreed))
-        .map(|((frame, view), (planes, agreed))| fill(frame, view, (planes, agreed), relative_sigma, noise))
+        .map(|((frame, view), (planes, agreed))| fill(frame, view, planes, agreed, relative_sigma, noise))
         .sum();
     let holes = views.iter().map(|view| 4 * view.hole.iter().filter(|h| **h).count()).sum();
     Some(ColorDepth { unread, holes, filled, relative_sigma })
@@ -108,7 +108,8 @@ pub fn fill_from_color(
 fn fill(
     frame: &mut RgbdFrame,
     view: &Cells,
-    (planes, agreed): (&Planes, &[bool]),
+    planes: &Planes,
+    agreed: &[bool],
     relative_sigma: f64,
     noise: &NoiseConfig,
 ) -> usize {

@@ -46,15 +46,15 @@ pub(super) fn propagated(view: &Cells, eyes: &[Eye<'_>], seed: u64) -> Planes {
     for round in 0..ROUNDS {
         for half in 0..2 {
             // Cells of one color read those of the other alone: any number of threads gives the same.
-            let is_due = |cell: usize| (cell % width + cell / width) % 2 == half;
             let better: Vec<Option<(Vector3<f32>, f32)>> = holes
                 .par_iter()
                 .zip(&patches)
                 .map(|(&cell, patch)| {
-                    let patch = patch.as_ref().filter(|_| is_due(cell))?;
+                    let is_due = (cell % width + cell / width) % 2 == half;
+                    let patch = patch.as_ref().filter(|_| is_due)?;
                     let step = (round * 2 + half) * view.hole.len() + cell;
                     let rng = &mut stage_rng(seed, "capture/stereo", step as u64);
-                    Some(best(view, cell, &planes, (patch, eyes), round, rng))
+                    Some(best(view, cell, &planes, patch, eyes, round, rng))
                 })
                 .collect();
             for (&cell, better) in holes.iter().zip(better) {
@@ -72,7 +72,8 @@ fn best(
     view: &Cells,
     cell: usize,
     planes: &Planes,
-    (patch, eyes): (&Patch<'_>, &[Eye<'_>]),
+    patch: &Patch<'_>,
+    eyes: &[Eye<'_>],
     round: usize,
     rng: &mut impl Rng,
 ) -> (Vector3<f32>, f32) {

@@ -49,8 +49,7 @@ pub(super) struct Adjusted {
 impl Adjustment<'_> {
     /// Agreeing poses near a start.
     pub fn solve(&self, start: &[Pose]) -> Option<Adjusted> {
-        let both_ways = |[i, j]: &[usize; 2]| [[*i, *j], [*j, *i]];
-        let mut pairs: Vec<[usize; 2]> = self.pairs.iter().flat_map(both_ways).collect();
+        let mut pairs: Vec<[usize; 2]> = self.pairs.iter().flat_map(|[i, j]| [[*i, *j], [*j, *i]]).collect();
         pairs.sort_unstable();
         pairs.dedup();
         let mut matches = self.matches.clone();
@@ -88,9 +87,8 @@ impl Adjustment<'_> {
         let count = poses.len() - self.fixed;
         let mut information = DMatrix::zeros(6 * count, 6 * count);
         let mut gradient = DVector::zeros(6 * count);
-        let place = |frame: usize| frame.checked_sub(self.fixed).map(|k| 6 * k);
         for pair in sums {
-            let [i, j] = pair.frames.map(place);
+            let [i, j] = pair.frames.map(|frame| frame.checked_sub(self.fixed).map(|k| 6 * k));
             let [own, between, other] = pair.information;
             for (r, c, block) in [(i, i, own), (i, j, between), (j, i, between.transpose()), (j, j, other)] {
                 if let (Some(r), Some(c)) = (r, c) {

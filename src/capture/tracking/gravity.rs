@@ -196,10 +196,10 @@ fn support(patches: &[SurfacePatch], upright: &Unit<Vector3<f64>>) -> Option<Sup
             continue;
         }
         let offset_m = normal.dot(&proposing.point.coords);
-        let on = |p: &&SurfacePatch| is_on(p, &normal, offset_m);
-        let held: f64 = patches.iter().filter(on).map(|p| p.weight).sum();
-        let below = |p: &&SurfacePatch| normal.dot(&p.point.coords) - offset_m < -2.0 * p.gate_m;
-        let lower: f64 = patches.iter().filter(below).map(|p| p.weight).sum();
+        let on = patches.iter().filter(|p| is_on(p, &normal, offset_m));
+        let held: f64 = on.map(|p| p.weight).sum();
+        let below = patches.iter().filter(|p| normal.dot(&p.point.coords) - offset_m < -2.0 * p.gate_m);
+        let lower: f64 = below.map(|p| p.weight).sum();
         if lower <= BELOW_SHARE * total && held >= LEAST_SHARE * total && best.is_none_or(|b| held > b.0) {
             best = Some((held, normal, offset_m));
         }

@@ -88,9 +88,12 @@ impl LiveTracker {
         };
         let located = &found.located;
         // By the way of least error from keyframe to keyframe: after a return the old place is known.
-        let sees =
-            |k: &&usize| found.known.iter().zip(&located.overlaps).any(|(n, o)| n == *k && o.agreeing > 0);
-        let before = found.known.iter().filter(sees).map(|&k| self.errors_m[k]).fold(f64::INFINITY, f64::min);
+        let mut before = f64::INFINITY;
+        for k in &found.known {
+            if found.known.iter().zip(&located.overlaps).any(|(n, o)| n == k && o.agreeing > 0) {
+                before = before.min(self.errors_m[*k]);
+            }
+        }
         let error_m = before.hypot(located.least_known_m);
         let pose = located.pose;
         let inliers = located.agreement;

@@ -25,8 +25,9 @@ impl Lost {
     /// Reason of most of the views without a place, for people; placed views give none.
     #[must_use]
     pub fn mostly(reasons: &[Option<Self>]) -> &'static str {
-        let count = |why: Self| (reasons.iter().filter(|r| **r == Some(why)).count(), why);
-        reasons.iter().flatten().map(|why| count(*why)).max().map_or(
+        let counts =
+            reasons.iter().flatten().map(|why| (reasons.iter().filter(|r| **r == Some(*why)).count(), *why));
+        counts.max().map_or(
             "no other view hangs together with them; move slower, and look back at what was seen",
             |(_, why)| why.reason(),
         )

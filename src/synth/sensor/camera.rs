@@ -8,7 +8,7 @@ use super::{
     flying_pixels, hand, highlights, lamp, motion_blur, pose_drift, pose_jitter, pose_lag, relocalization,
     vignetting,
 };
-use crate::{DepthErrors, Light, Scene, Solid, View};
+use crate::{BoundingSphere, DepthErrors, Light, Scene, Solid, View};
 use geometry::{Intrinsics, Pose};
 use numeric::random::stage_rng;
 
@@ -89,21 +89,22 @@ impl HandheldCamera {
         take: usize,
         view: usize,
         world_from_camera: &Pose,
-        (center, radius_m): &(Point3<f64>, f64),
+        sphere: &BoundingSphere,
     ) -> Vec<Solid> {
         let rng = &mut self.rng(take, Effect::Hand, view);
-        hand::hand(self.level(Effect::Hand), world_from_camera, center, *radius_m, rng)
+        hand::hand(self.level(Effect::Hand), world_from_camera, &sphere.center, sphere.radius_m, rng)
     }
 
     /// The light of a view of a take on the object of a sphere, where the lamp of take 0 is `lamp`.
     #[must_use]
     pub fn light(
         &self,
-        (take, i): (usize, usize),
+        take: usize,
+        i: usize,
         lamp: &Vector3<f64>,
         scene: &Scene,
         world_from_camera: &Pose,
-        sphere: &(Point3<f64>, f64),
+        sphere: &BoundingSphere,
     ) -> Light {
         let mut light = Light::from_lamp(*lamp);
         if take > 0 {
@@ -131,8 +132,10 @@ impl HandheldCamera {
             self.level(Effect::Relocalization),
             &mut self.rng(take, Effect::Relocalization, 0),
         );
-        let jitter =
-            |i| pose_jitter::draw(self.level(Effect::PoseJitter), &mut self.rng(take, Effect::PoseJitter, i));
+        let level = self.level(Effect::PoseJitter);
+        let jitter = (0..cameras.len())
+            .map(|i| pose_jitter::draw(level, &mut self.rng(take, Effect::PoseJitter, i)))
+            .collect();
         TakePoses {
             // Take 0 gives the world; the others are off from it.
             relocalization: if take == 0 { Pose::identity() } else { world },
@@ -141,7 +144,7 @@ impl HandheldCamera {
                 cameras,
                 &mut self.rng(take, Effect::PoseDrift, 0),
             ),
-            jitter: (0..cameras.len()).map(jitter).collect(),
+            jitter,
         }
     }
 
@@ -151,8 +154,9 @@ impl HandheldCamera {
         let at = |effect: Effect| (self.level(effect), self.rng(take, effect, i));
         let mut errors = DepthErrors::default();
         if self.depth_scale != 0.0 || !self.depth_warp.is_empty() {
-            let warp = |p: usize| self.depth_warp.get(p).copied().unwrap_or(0.0);
-            errors.factor = (0..k.width * k.height).map(|p| 1.0 + self.depth_scale + warp(p)).collect();
+            errors.factor = (0..k.width * k.height)
+                .map(|p| 1.0 + self.depth_scale + self.depth_warp.get(p).copied().unwrap_or(0.0))
+                .collect();
         }
         let (level, mut rng) = at(Effect::DepthNoise);
         if level > 0.0 {
@@ -246,12 +250,12 @@ mod tests {
         let (object, floor) = box_on_floor();
         let scene = Scene::new(&object, 0, &floor, 1.0);
         let eye = Pose::face_towards(&Point3::new(2.0, 0.0, 1.0), &Point3::origin(), &-Vector3::z());
-        let sphere = (Point3::new(0.0, 0.0, 0.2), 0.5);
+        let sphere = BoundingSphere { center: Point3::new(0.0, 0.0, 0.2), radius_m: 0.5 };
         // What each effect draws, by the effect.
         let draws = |camera: &HandheldCamera| {
             let errors = camera.depth_errors(1, 3, &view, &k);
             let poses = camera.poses(1, &cameras);
-            let light = camera.light((1, 3), &Vector3::x(), &scene, &eye, &sphere);
+            let light = camera.light(1, 3, &Vector3::x(), &scene, &eye, &sphere);
             [
                 (Effect::DepthScale, format!("{}", camera.depth_scale)),
                 (Effect::DepthWarp, format!("{:?}", camera.depth_warp)),
@@ -295,9 +299,10 @@ mod tests {
         assert_eq!(camera.colors(1, 0, &view, &k, &[Vector3::x(); 2]), view.color);
         let (object, floor) = box_on_floor();
         let scene = Scene::new(&object, 0, &floor, 1.0);
-        let sphere = (Point3::origin(), 0.5);
-        let light = camera.light((1, 0), &Vector3::x(), &scene, &Pose::identity(), &sphere);
+        let sphere = BoundingSphere { center: Point3::origin(), radius_m: 0.5 };
+        let light = camera.light(1, 0, &Vector3::x(), &scene, &Pose::identity(), &sphere);
         assert_eq!(light, Light::from_lamp(Vector3::x()));
-        assert!((0..200).all(|i| camera.hand(0, i, &Pose::identity(), &(Point3::origin(), 1.0)).is_empty()));
+        let sphere = BoundingSphere { center: Point3::origin(), radius_m: 1.0 };
+        assert!((0..200).all(|i| camera.hand(0, i, &Pose::identity(), &sphere).is_empty()));
     }
 }

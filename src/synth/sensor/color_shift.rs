@@ -20,9 +20,8 @@ pub(super) fn draw(level: f64, width: usize, rng: &mut impl Rng) -> [f64; 2] {
 
 /// Colors moved by a number of pixels; the border repeats.
 pub(super) fn shifted(colors: &[Vector3<f64>], width: usize, by_px: [f64; 2]) -> Vec<Vector3<f64>> {
-    let from =
-        |i: usize| bilinear(colors, width, [(i % width) as f64 - by_px[0], (i / width) as f64 - by_px[1]]);
-    (0..colors.len()).map(from).collect()
+    let places = (0..colors.len()).map(|i| [(i % width) as f64 - by_px[0], (i / width) as f64 - by_px[1]]);
+    places.map(|place| bilinear(colors, width, place)).collect()
 }
 
 #[cfg(test)]

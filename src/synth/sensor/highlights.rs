@@ -6,7 +6,7 @@
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
-use crate::Scene;
+use crate::{BoundingSphere, Scene};
 use geometry::Pose;
 use numeric::random;
 
@@ -23,7 +23,7 @@ const TRIES: usize = 20;
 pub(super) fn bulb(
     scene: &Scene,
     world_from_camera: &Pose,
-    (center, radius_m): &(Point3<f64>, f64),
+    &BoundingSphere { center, radius_m }: &BoundingSphere,
     rng: &mut impl Rng,
 ) -> Option<Point3<f64>> {
     if !random::chance(rng, SHARE) {
@@ -57,13 +57,14 @@ mod tests {
         let object = generate(&SynthConfig::default()).unwrap();
         let floor = Material::plain(Vector3::repeat(0.3));
         let scene = Scene::new(&object, 0, &floor, 3.0);
-        let (center, radius_m) = object.bounding_sphere();
+        let sphere = object.bounding_sphere();
+        let BoundingSphere { center, radius_m } = sphere;
         let eye = center + Vector3::new(2.0, 1.0, 1.2) * radius_m;
         let camera = Pose::face_towards(&eye, &center, &-Vector3::z());
         let mut views = 0;
         for seed in 0..400 {
             let rng = &mut stage_rng(seed, "bulb", 0);
-            let Some(bulb) = bulb(&scene, &camera, &(center, radius_m), rng) else { continue };
+            let Some(bulb) = bulb(&scene, &camera, &sphere, rng) else { continue };
             views += 1;
             // Some ray to the object meets the middle of the highlight.
             let light = Light { bulbs: vec![bulb], ..Light::from_lamp(Vector3::z()) };
