@@ -74,7 +74,7 @@ impl Diagnostics {
             ("session", s.session.display().to_string()),
             ("world_frame", s.world_frame.clone().unwrap_or_default()),
         ];
-        // The last problem first: it is what people look for here.
+        // The last problem first: people look for it here.
         let (level, message) = match (&s.problem, s.collecting) {
             (Some(problem), _) => (WARN, problem.clone()),
             (None, Some(state)) => (OK, format!("collecting state {state}")),
@@ -142,7 +142,7 @@ fn input_status(
     seconds: f64,
 ) -> DiagnosticStatus {
     let rate_hz = (now.received - last.received) as f64 / seconds;
-    // `lost` may fall: a message that was counted as lost came late.
+    // `lost` may fall: a message counted as lost came late.
     let bad = (now.lost - last.lost.min(now.lost))
         + (now.malformed - last.malformed)
         + (now.overrun - last.overrun);
@@ -174,7 +174,7 @@ fn status(node: &str, part: &str, level: u8, message: String, values: &[(&str, S
     }
 }
 
-/// Memory that the process holds.
+/// Memory of the process.
 #[must_use]
 pub(crate) fn resident_bytes() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/status").ok()?;

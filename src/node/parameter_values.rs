@@ -28,7 +28,7 @@ fn ros_value(value: &Value) -> ParameterValue {
     }
 }
 
-/// Accepts a value that is the present one, and refuses any other with the remedy.
+/// Accepts the present value, and refuses any other with the remedy.
 pub(crate) fn refuse_changes(
     parameters: &Parameters,
 ) -> impl Fn(&str, &ParameterValue) -> SetParametersResult + Send + Sync + 'static {

@@ -1,11 +1,11 @@
-//! Folders of sessions and of what is made in them.
+//! Folders of sessions and of their results.
 
 use std::{
     path::{Path, PathBuf},
     time::{SystemTime, UNIX_EPOCH},
 };
 
-/// A folder that is not there yet: by the name, or by the time.
+/// A new folder: by the name, or by the time.
 pub(super) fn free_folder(out: &Path, name: &str) -> PathBuf {
     let base = if name.is_empty() {
         let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
