@@ -22,9 +22,9 @@ pub fn pair(left: &[i64], right: &[i64], slop_nanos: i64) -> Vec<Option<usize>> 
         if free.pair_behind(at, slop_nanos) != Some(Reverse((key, at))) {
             continue;
         }
-        let (l, r, around) = free.take(at);
-        partners[l] = Some(r);
-        closest.extend(around.into_iter().flatten().filter_map(|at| free.pair_behind(at, slop_nanos)));
+        let pair = free.take(at);
+        partners[pair.left] = Some(pair.right);
+        closest.extend(pair.around.into_iter().flatten().filter_map(|at| free.pair_behind(at, slop_nanos)));
     }
     partners
 }
@@ -85,8 +85,8 @@ impl Free {
             .then_some(Reverse(((apart, l.nanos, r.nanos), at)))
     }
 
-    /// Takes a message of a stamp and one of the next: left, right, and the places with new neighbors.
-    fn take(&mut self, at: usize) -> (usize, usize, [Option<usize>; 2]) {
+    /// Takes a message of a stamp and one of the next.
+    fn take(&mut self, at: usize) -> TakenPair {
         let second = self.next[at];
         let mut taken = [0; 2];
         for place in [at, second] {
@@ -106,8 +106,16 @@ impl Free {
         let alive = |place: usize| (!self.stamps[place].messages.is_empty()).then_some(place);
         // Where stamps went, others became neighbors, and these may be the closest now.
         let first = alive(at).or_else(|| Some(self.before[at]).filter(|b| *b < self.stamps.len()));
-        (taken[0], taken[1], [first, alive(second)])
+        TakenPair { left: taken[0], right: taken[1], around: [first, alive(second)] }
     }
+}
+
+/// Two messages taken together.
+struct TakenPair {
+    left: usize,
+    right: usize,
+    /// Places with new neighbors.
+    around: [Option<usize>; 2],
 }
 
 /// Index of the stamp nearest to `stamp` among rising ones, the earlier one among equals; `None` of none.

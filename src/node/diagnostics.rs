@@ -164,13 +164,13 @@ fn input_status(
 }
 
 fn status(node: &str, part: &str, level: u8, message: String, values: &[(&str, String)]) -> DiagnosticStatus {
-    let value = |(key, value): &(&str, String)| KeyValue { key: (*key).to_owned(), value: value.clone() };
+    let values = values.iter().map(|(key, value)| KeyValue { key: (*key).to_owned(), value: value.clone() });
     DiagnosticStatus {
         level,
         name: format!("{node}: {part}"),
         message,
         hardware_id: "artitwin".into(),
-        values: values.iter().map(value).collect(),
+        values: values.collect(),
     }
 }
 

@@ -110,8 +110,10 @@ impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
     /// Waits for news.
     pub(crate) async fn next(&mut self) -> News<R, F> {
         // The channel closes without an end only if the thread of the work panicked.
-        let lost = || News::Ended(Finished::Failed("the work ended without a word".into()));
-        self.news.recv().await.unwrap_or_else(lost)
+        match self.news.recv().await {
+            Some(news) => news,
+            None => News::Ended(Finished::Failed("the work ended without a word".into())),
+        }
     }
 }
 

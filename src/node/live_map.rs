@@ -258,8 +258,9 @@ impl Mapper {
             self.add(view);
         }
         let Some((stamp_nanos, world_frame, intrinsics)) = last else { return Some(None) };
-        let secs = || start.elapsed().as_secs_f64() / f64::from(views);
-        Some(self.products(kept, stamp_nanos, world_frame, intrinsics, secs))
+        Some(self.products(kept, stamp_nanos, world_frame, intrinsics, || {
+            start.elapsed().as_secs_f64() / f64::from(views)
+        }))
     }
 
     /// Fuses a view.

@@ -15,8 +15,7 @@ pub(crate) fn check(environment: &Environment) -> Result<(), NodeError> {
     let sockets = own_sockets();
     if environment.localhost {
         // A socket bound to a multicast group takes messages by the loopback interface only.
-        let inside = |s: &&SocketAddrV4| s.ip().is_loopback() || s.ip().is_multicast();
-        return match sockets.iter().find(|s| !inside(s)) {
+        return match sockets.iter().find(|s| !s.ip().is_loopback() && !s.ip().is_multicast()) {
             Some(open) => Err(NodeError::Open(SocketAddr::V4(*open))),
             None => Ok(()),
         };
@@ -41,8 +40,8 @@ fn warning(addresses: &[Ipv4Addr], sockets: &[SocketAddrV4]) -> String {
 #[cfg(unix)]
 fn addresses() -> Vec<Ipv4Addr> {
     let Ok(all) = nix::ifaddrs::getifaddrs() else { return Vec::new() };
-    let address = |i: nix::ifaddrs::InterfaceAddress| Some(i.address?.as_sockaddr_in()?.ip());
-    all.filter_map(address).filter(|a| !a.is_loopback()).collect()
+    let addresses = all.filter_map(|i| Some(i.address?.as_sockaddr_in()?.ip()));
+    addresses.filter(|a| !a.is_loopback()).collect()
 }
 
 #[cfg(not(unix))]

@@ -191,8 +191,10 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let (reports, report) = watch::channel(None);
     let diagnoser = Arc::new(Diagnoser { shared: Arc::clone(&shared), twins: twin.clone(), reports });
     let outputs = Outputs::new(&mut participant, p, Arc::clone(&clock))?;
-    let show = |results| LiveOutputs::new(&mut participant).map(|outputs| outputs.run(results));
-    let live_outputs = shown.map(show).transpose()?;
+    let live_outputs = match shown {
+        Some(results) => Some(LiveOutputs::new(&mut participant)?.run(results)),
+        None => None,
+    };
     let context = ServiceContext { commands: commands.clone(), shared: Arc::clone(&shared), next_session };
     services::offer(&mut participant, mapping, &context)?;
     action::offer(&mut participant, mapping, Arc::clone(&reconstructor))?;

@@ -13,7 +13,12 @@ pub(super) fn free_folder(out: &Path, name: &str) -> PathBuf {
     } else {
         name.to_owned()
     };
-    let numbered = |k: usize| out.join(if k == 0 { base.clone() } else { format!("{base}_{k}") });
     // A session is never written over: the next free number is taken.
-    (0..).map(numbered).find(|p| !p.exists()).unwrap_or_else(|| out.join(base))
+    let mut folder = out.join(&base);
+    let mut number = 0;
+    while folder.exists() {
+        number += 1;
+        folder = out.join(format!("{base}_{number}"));
+    }
+    folder
 }

@@ -51,7 +51,6 @@ pub(crate) fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<C
 /// Settings of the collector; pairing and gaps are the run's.
 #[must_use]
 pub(crate) fn collector_settings(p: &Parameters, topics: Topics, config: &Config) -> CollectorSettings {
-    let given = |s: &String| (!s.is_empty()).then(|| s.clone());
     let count = |n: i64| usize::try_from(n).unwrap_or(1);
     let capture = &config.capture;
     CollectorSettings {
@@ -60,7 +59,7 @@ pub(crate) fn collector_settings(p: &Parameters, topics: Topics, config: &Config
         map_frame: capture.world_frame.clone().unwrap_or_else(|| MAP_FRAME.to_owned()),
         topics,
         world_frame: config.capture.world_frame.clone(),
-        pose_frame: given(&p.pose_frame),
+        pose_frame: (!p.pose_frame.is_empty()).then(|| p.pose_frame.clone()),
         slop_nanos: (config.capture.sync_slop_secs * 1e9) as i64,
         max_gap_nanos: (config.capture.tf_max_gap_secs * 1e9) as i64,
         queue: count(p.sync_queue),

@@ -32,8 +32,8 @@ pub(crate) fn start(shared: &Arc<Shared>, config: &Config) -> Result<Arc<Ahead>,
     let seed = config.run.seed;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
     let pool = pool.map_err(|error| failed(io::Error::other(error)))?;
-    let work = move || pool.install(|| work(&shared, &capture, seed, &found));
-    Builder::new().name("ahead".into()).spawn(work).map_err(failed)?;
+    let thread = Builder::new().name("ahead".into());
+    thread.spawn(move || pool.install(|| work(&shared, &capture, seed, &found))).map_err(failed)?;
     Ok(ahead)
 }
 
@@ -67,6 +67,7 @@ fn work(shared: &Weak<Shared>, config: &CaptureConfig, seed: u64, ahead: &Ahead)
 
 /// Where a state is recorded, or was.
 fn recording(snapshot: &Snapshot, state: usize) -> Option<PathBuf> {
-    let growing = || snapshot.session.join(format!("state{state}"));
-    snapshot.recordings[state].clone().or_else(|| (snapshot.collecting == Some(state)).then(growing))
+    let finished = snapshot.recordings[state].clone();
+    let is_growing = snapshot.collecting == Some(state);
+    finished.or_else(|| is_growing.then(|| snapshot.session.join(format!("state{state}"))))
 }

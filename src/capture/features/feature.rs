@@ -334,7 +334,7 @@ fn refined(
     let w = d[level].width;
     let h = d[level].height;
     for _ in 0..MOST_STEPS {
-        let (gradient, hessian, value) = Around::of(d, level, x, y).quadratic();
+        let Quadratic { gradient, hessian, value } = Around::of(d, level, x, y).quadratic();
         let offset = -hessian.lu().solve(&gradient)?;
         if offset.amax() <= FARTHEST {
             let response = value + 0.5 * gradient.dot(&offset);
@@ -369,6 +369,13 @@ fn next_sample(sample: usize, offset: f32, last: usize) -> Option<usize> {
     (next >= 1 && next <= last as i64).then_some(next as usize)
 }
 
+/// Quadratic through the values around a sample.
+struct Quadratic {
+    gradient: Vector3<f32>,
+    hessian: Matrix3<f32>,
+    value: f32,
+}
+
 /// The values around a sample of the differences: by level, then row, then column.
 struct Around([f32; 27]);
 
@@ -401,7 +408,7 @@ impl Around {
     }
 
     /// Gradient, Hessian and value by (x, y, level); derivatives are central.
-    fn quadratic(&self) -> (Vector3<f32>, Matrix3<f32>, f32) {
+    fn quadratic(&self) -> Quadratic {
         let ex = Vector3::x();
         let ey = Vector3::y();
         let el = Vector3::z();
@@ -413,7 +420,7 @@ impl Around {
         let ll = self.second(el);
         let hessian = Matrix3::new(xx, xy, xl, xy, yy, yl, xl, yl, ll);
         let gradient = Vector3::new(self.first(ex), self.first(ey), self.first(el));
-        (gradient, hessian, self.at(Vector3::zeros()))
+        Quadratic { gradient, hessian, value: self.at(Vector3::zeros()) }
     }
 }
 

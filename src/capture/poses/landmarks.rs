@@ -54,7 +54,7 @@ impl FrameLandmarks {
 }
 
 impl Landmarks {
-    /// Those of all frames; see [`FrameLandmarks::find`].
+    /// Those of all frames, given to the surfels of their frames.
     pub fn find(
         states: &[Vec<RgbdFrame>],
         surfels: &mut [Vec<Surfels>],

@@ -168,7 +168,7 @@ impl<'a> Patch<'a> {
         }
         let places = offsets().map(|offset| {
             let q = at(offset);
-            (q.x / q.z, q.y / q.z)
+            [q.x / q.z, q.y / q.z]
         });
         let mut sum = 0.0;
         let mut square = 0.0;
@@ -228,7 +228,7 @@ impl Eye<'_> {
     }
 
     /// Brightness at a place, linear between cells.
-    fn sample(&self, (x, y): (f32, f32)) -> f32 {
+    fn sample(&self, [x, y]: [f32; 2]) -> f32 {
         let w = self.cells.camera.width;
         let i = x as usize;
         let j = y as usize;
