@@ -80,9 +80,8 @@ fn divide(
     let t = c.board;
     cells.push(Cell { y: [-c.side + t, c.side - t], z: [c.bottom + t, c.top - t] });
     while cells.len() < count {
-        let area = |cell: &Cell| cell.width() * cell.height();
-        let largest =
-            (0..cells.len()).max_by(|a, b| area(&cells[*a]).total_cmp(&area(&cells[*b]))).unwrap_or_default();
+        let areas: Vec<f64> = cells.iter().map(|cell| cell.width() * cell.height()).collect();
+        let largest = (0..cells.len()).max_by(|a, b| areas[*a].total_cmp(&areas[*b])).unwrap_or_default();
         let cell = cells.swap_remove(largest);
         let ratio = cell.width() / cell.height();
         // A long opening is cut across its length: openings stay near square.

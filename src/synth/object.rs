@@ -118,8 +118,8 @@ impl Object {
     /// Whether one of two parts carries the other, with an overlap: links of a chain at their pins, caps over
     /// their necks. Parts of a cabinet do not.
     pub(super) fn are_pinned(&self, a: usize, b: usize) -> bool {
-        let parent = |part: usize| self.parts[part].joint.map(|j| j.parent);
-        self.family != Family::Cabinet.name() && (parent(a) == Some(b) || parent(b) == Some(a))
+        let parents = [a, b].map(|part| self.parts[part].joint.map(|j| j.parent));
+        self.family != Family::Cabinet.name() && (parents[0] == Some(b) || parents[1] == Some(a))
     }
 
     /// Motion of every part in the rest frame with each joint at `share` of its way from state 0 to state 1.
