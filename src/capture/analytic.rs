@@ -1,4 +1,4 @@
-//! Frames of solids whose distance functions are known: what tests and examples look at.
+//! Frames of solids with known distance functions, for tests and examples.
 
 use geometry::{Intrinsics, Pose};
 use nalgebra::{Point3, Vector3};
@@ -23,7 +23,7 @@ pub fn torus(major_m: f64, minor_m: f64) -> impl Fn(&Point3<f64>) -> f64 {
     move |p| (p.coords.xy().norm() - major_m).hypot(p.z) - minor_m
 }
 
-/// A camera at `eye` that looks at the origin.
+/// A camera at `eye`, turned to the origin.
 pub fn looking_at_origin(eye: Point3<f64>) -> Pose {
     let up = if eye.coords.xy().norm() < 1e-3 { Vector3::x() } else { Vector3::z() };
     let forward = -eye.coords.normalize();
@@ -35,8 +35,8 @@ pub fn looking_at_origin(eye: Point3<f64>) -> Pose {
     )
 }
 
-/// What a camera sees of a signed distance function, by sphere tracing; the background has no depth. Colors
-/// encode the position: 128 + 400 a meter.
+/// The view of a signed distance function, by sphere tracing; the background has no depth. Colors encode the
+/// position: 128 + 400 a meter.
 pub fn view_of(
     distance: &dyn Fn(&Point3<f64>) -> f64,
     intrinsics: Intrinsics,

@@ -6,10 +6,9 @@ use super::{CaptureError, NoiseConfig, RefinePoses, TrackCamera, UseBoard, UseCo
 use common::limits::BYTES_PER_PIXEL;
 
 /// Memory that images of all states may take, GiB.
-/// chosen: 40 frames of 4K in each of two states take 7.4 GiB, and a machine of 16 GiB has as much left for
-/// the rest.
+/// chosen: 40 frames of 4K in each of two states take 7.4 GiB, and as much is left of 16 GiB for the rest.
 const MEMORY_GIB: f64 = 8.0;
-/// Poses that are older than that are those of another take. chosen: far beyond the delay of any clock
+/// Older poses are those of another take. chosen: far beyond the delay of any clock
 const MAX_POSE_DELAY_SECS: f64 = 10.0;
 
 /// How recordings are read. `None` means: found from the recording, and reported in
@@ -19,22 +18,22 @@ const MAX_POSE_DELAY_SECS: f64 = 10.0;
 pub struct CaptureConfig {
     /// Topic names.
     pub topics: TopicConfig,
-    /// Frame in which the twin stands; default: the root of the camera's transform chain.
+    /// Frame of the twin; default: the root of the camera's transform chain.
     pub world_frame: Option<String>,
-    /// Frame whose pose a PoseStamped topic gives; default: the optical frame of the color images.
+    /// Frame of the poses of a PoseStamped topic; default: the optical frame of the color images.
     pub pose_frame: Option<String>,
     /// Largest difference of stamps between color and depth or mask, seconds.
     pub sync_slop_secs: f64,
     /// Transforms further apart than this are not interpolated, seconds.
     pub tf_max_gap_secs: f64,
-    /// By how much camera poses are older than images of the same stamp, seconds: a pose is read that much
-    /// later.
+    /// By how much camera poses are older than images of the same stamp, seconds: a pose is read later by as
+    /// much.
     pub pose_delay_secs: f64,
     /// Frames kept per state, chosen by the spread of their views.
     pub frames_per_state: usize,
-    /// Memory that the pixels of all kept frames may take together, GiB.
+    /// Most memory for the pixels of all kept frames together, GiB.
     pub memory_gib: f64,
-    /// Where one bag is split into states: `[t]`, or `[t0, t1]` to leave out what lies between. Seconds from
+    /// Where one bag is split into states: `[t]`, or `[t0, t1]` to leave out the time between. Seconds from
     /// the bag's start, or since the epoch where greater than 1e8; by the time messages were recorded.
     pub split_secs: Vec<f64>,
     /// Depth readings nearer than this are not used, meters.
@@ -45,25 +44,25 @@ pub struct CaptureConfig {
     pub isolate: IsolateConfig,
     /// Expected depth noise.
     pub noise: NoiseConfig,
-    /// Whether the noise model is scaled to what the recording shows.
+    /// Whether the noise model is scaled to the recording's own noise.
     pub measure_noise: bool,
-    /// Whether the object's depth is replaced by that of local planes, where they explain it.
+    /// Whether the object's depth is replaced by local planes, where they explain it.
     pub denoise: bool,
-    /// Whether depth that the sensor did not read on the object is taken from color, in recordings with
-    /// masks: `auto`, where holes are wider than shadows and edges make them, `always`, or `never`.
+    /// Whether the sensor's missing depth on the object is taken from color, in recordings with masks:
+    /// `auto`, where holes are wider than shadows and edges make them, `always`, or `never`.
     pub color_depth: UseColorDepth,
-    /// Whether the camera is tracked by what it sees: `auto`, where the recording holds no camera poses,
+    /// Whether the camera is tracked by its images: `auto`, where the recording holds no camera poses,
     /// `always`, or `never`.
     pub tracking: TrackCamera,
     /// Whether a printed board of tags (`artitwin board`) gives tracked cameras their world and length:
     /// `auto`, where one is seen, or `never`.
     pub board: UseBoard,
-    /// Whether the camera poses of a state are corrected by what its frames see in common: `auto`, where
+    /// Whether the camera poses of a state are corrected by the common surfaces of its frames: `auto`, where
     /// frames clearly agree better then, or `never`.
     pub refine_poses: RefinePoses,
 }
 
-/// Topic names that replace those found by type and name.
+/// Topic names in place of those found by type and name.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TopicConfig {
@@ -79,7 +78,7 @@ pub struct TopicConfig {
     pub mask: Option<String>,
     /// Camera poses (PoseStamped or Odometry) in place of /tf.
     pub pose: Option<String>,
-    /// A std_msgs topic whose messages separate the states of one bag.
+    /// A std_msgs topic with a message between the states of one bag.
     pub marker: Option<String>,
 }
 
@@ -87,11 +86,11 @@ pub struct TopicConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct IsolateConfig {
-    /// Whether masks that came with the recording are used.
+    /// Whether masks of the recording are used.
     pub use_masks: bool,
     /// Box around the object: lower and upper corner in the world frame, meters.
     pub workspace: Option<[[f64; 3]; 2]>,
-    /// A place on the object: where given, what stands there is the object, whatever changed.
+    /// A place on the object: where given, the thing there is the object, changed or not.
     pub at: Option<At>,
     /// Whether the support plane is taken away inside a workspace too.
     pub plane_in_workspace: bool,
@@ -109,7 +108,7 @@ pub struct IsolateConfig {
 pub enum At {
     /// In the world, meters.
     Point([f64; 3]),
-    /// In a frame that is kept.
+    /// In a kept frame.
     Pixel {
         /// Name of the frame, as reports have it: `<state>_<index>`.
         frame: String,
@@ -159,16 +158,17 @@ impl Default for IsolateConfig {
 }
 
 impl CaptureConfig {
-    /// Refuses frames whose pixels would take more memory than is given: so many frames of so many columns
-    /// and rows, of each state or recording.
+    /// Refuses frames with pixels beyond the given memory: so many frames of so many columns and rows, of
+    /// each state or recording.
     ///
     /// # Errors
     /// [`CaptureError::Memory`].
     pub fn check_memory(&self, frames: &[(usize, usize, usize)]) -> Result<(), CaptureError> {
-        let bytes = |(count, width, height): &(usize, usize, usize)| {
-            *count as f64 * *width as f64 * *height as f64 * BYTES_PER_PIXEL as f64
-        };
-        let needed_gib = frames.iter().map(bytes).sum::<f64>() / f64::from(1 << 30);
+        let mut needed_bytes = 0.0;
+        for &(count, width, height) in frames {
+            needed_bytes += count as f64 * width as f64 * height as f64 * BYTES_PER_PIXEL as f64;
+        }
+        let needed_gib = needed_bytes / f64::from(1 << 30);
         if needed_gib <= self.memory_gib {
             return Ok(());
         }
@@ -185,14 +185,14 @@ impl CaptureConfig {
         })
     }
 
-    /// Refuses settings that make no sense.
+    /// Refuses senseless settings.
     ///
     /// # Errors
     /// [`CaptureError::Setting`] with the key.
     pub fn check(&self) -> Result<(), CaptureError> {
         let refuse = |key, reason: &str| Err(CaptureError::Setting { key, reason: reason.to_owned() });
         let positive = |v: f64| v.is_finite() && v > 0.0;
-        // Conditions say what must hold, so that NaN is refused as well.
+        // Conditions are the required ones: NaN is refused as well.
         if !(positive(self.depth_max_m) && self.depth_min_m >= 0.0 && self.depth_min_m < self.depth_max_m) {
             return refuse(
                 "capture.depth_min_m",

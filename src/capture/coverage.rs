@@ -1,5 +1,5 @@
-//! From where the views of a state see the object, and how well: what a recording is good for, before
-//! anything is made of it.
+//! Directions and quality of a state's views of the object: the worth of a recording, before anything is made
+//! of it.
 
 use std::{f64::consts::TAU, fmt};
 
@@ -13,9 +13,9 @@ use numeric::statistics::median;
 pub const SECTORS: [&str; 8] =
     ["front", "front right", "right", "back right", "back", "back left", "left", "front left"];
 /// Every so many pixels are looked at.
-/// derived: some hundred of an object that fills a tenth of 640x480
+/// derived: some hundred of an object on a tenth of 640x480
 const STRIDE: usize = 97;
-/// Points on the object that are looked for in all views of their state.
+/// Points on the object, looked for in all views of their state.
 const POINTS: usize = 400;
 /// A reading within so many standard deviations is of the same surface.
 /// chosen: 0.3 % of a normal distribution
@@ -32,7 +32,7 @@ pub struct Coverage {
     pub eyes: Vec<[f64; 3]>,
     /// Views from each of [`SECTORS`].
     pub by_sector: [usize; SECTORS.len()],
-    /// Median number of views that read a point of the object's surface.
+    /// Median number of readings of a point of the object's surface, by view.
     pub seen_by: f64,
     /// Median depth of the object, meters.
     pub depth_m: f64,
@@ -40,11 +40,11 @@ pub struct Coverage {
     pub sigma_m: f64,
     /// Share of the object's pixels without depth.
     pub unread: f64,
-    /// Share of the views whose border cuts the object.
+    /// Share of the views with the object cut by the border.
     pub cut: f64,
 }
 
-/// How each state sees the object that its frames' masks show; `None` for a state that shows nothing.
+/// How each state sees the object under its masks; `None` for a state without object.
 #[must_use]
 pub fn coverage(capture: &Capture) -> Vec<Option<Coverage>> {
     let points: Vec<Vec<Point3<f64>>> = capture.states.iter().map(|frames| points(frames)).collect();
@@ -73,22 +73,23 @@ fn of_state(
 ) -> Option<Coverage> {
     let depth_m = median_over_object(frames.iter(), |f, i| f64::from(f.depth_m[i]))?;
     let object = frames.iter().flat_map(|f| sampled(f).map(|p| f.depth_m[p] == 0.0));
-    let (shown, lost) =
-        object.fold((0usize, 0usize), |(shown, lost), is_lost| (shown + 1, lost + usize::from(is_lost)));
+    let mut shown = 0_usize;
+    let mut lost = 0_usize;
+    for is_lost in object {
+        shown += 1;
+        lost += usize::from(is_lost);
+    }
     let unread = lost as f64 / shown.max(1) as f64;
-    let eye = |f: &RgbdFrame| {
-        let out: Vector3<f64> = f.world_from_camera.translation.vector - middle.coords;
-        // Counterclockwise is to the right of who stands in front and looks at the object.
-        [(out.y.atan2(out.x) - front_rad).rem_euclid(TAU), out.z.atan2(out.xy().norm()), out.norm()]
-    };
-    let eyes: Vec<[f64; 3]> = frames.iter().map(eye).collect();
+    let eyes: Vec<[f64; 3]> = frames.iter().map(|f| eye_of_view(f, middle, front_rad)).collect();
     let mut by_sector = [0; SECTORS.len()];
     for [azimuth_rad, ..] in &eyes {
         let sector = (azimuth_rad / TAU * SECTORS.len() as f64).round() as usize;
         by_sector[sector % SECTORS.len()] += 1;
     }
-    let sees = |point: &Point3<f64>| frames.iter().filter(|f| reads(f, point, noise)).count() as f64;
-    let seen_by: Vec<f64> = points.par_iter().map(sees).collect();
+    let seen_by: Vec<f64> = points
+        .par_iter()
+        .map(|point| frames.iter().filter(|f| reads(f, point, noise)).count() as f64)
+        .collect();
     Some(Coverage {
         by_sector,
         seen_by: median(seen_by).unwrap_or(0.0),
@@ -100,23 +101,33 @@ fn of_state(
     })
 }
 
-/// Some pixels of a frame that show the object.
+/// Azimuth from the front and elevation of a camera about the object's middle, radians, and its distance,
+/// meters.
+fn eye_of_view(frame: &RgbdFrame, middle: &Point3<f64>, front_rad: f64) -> [f64; 3] {
+    let out: Vector3<f64> = frame.world_from_camera.translation.vector - middle.coords;
+    // Counterclockwise is to the right of a viewer in front of the object.
+    [(out.y.atan2(out.x) - front_rad).rem_euclid(TAU), out.z.atan2(out.xy().norm()), out.norm()]
+}
+
+/// Some pixels of a frame on the object.
 fn sampled(frame: &RgbdFrame) -> impl Iterator<Item = usize> {
     (0..frame.depth_m.len()).step_by(STRIDE).filter(|p| frame.is_object(*p))
 }
 
 /// Points on the object's surface, of all frames alike.
 fn points(frames: &[RgbdFrame]) -> Vec<Point3<f64>> {
-    let of_frame =
-        |f: &RgbdFrame| -> Vec<Point3<f64>> { sampled(f).filter_map(|p| f.world_point(p)).collect() };
-    let all: Vec<Point3<f64>> = frames.iter().flat_map(of_frame).collect();
+    let all: Vec<Point3<f64>> =
+        frames.iter().flat_map(|f| sampled(f).filter_map(|p| f.world_point(p))).collect();
     let every = all.len().div_ceil(POINTS).max(1);
     all.into_iter().step_by(every).collect()
 }
 
 fn middle(points: &[&Point3<f64>]) -> Option<Point3<f64>> {
-    let along = |k: usize| median(points.iter().map(|p| p[k]).collect());
-    Some(Point3::new(along(0)?, along(1)?, along(2)?))
+    let mut middle = Point3::origin();
+    for k in 0..3 {
+        middle[k] = median(points.iter().map(|p| p[k]).collect())?;
+    }
+    Some(middle)
 }
 
 /// Whether a frame reads the surface at a point.
@@ -138,43 +149,43 @@ fn reads(frame: &RgbdFrame, point: &Point3<f64>, noise: &NoiseConfig) -> bool {
 fn is_cut(frame: &RgbdFrame) -> bool {
     let width = frame.intrinsics.width;
     let height = frame.intrinsics.height;
-    let share = |pixels: Vec<usize>| {
-        pixels.iter().filter(|p| frame.is_object(**p)).count() as f64 / pixels.len().max(1) as f64
-    };
-    let sides = [
+    let sides: [Vec<usize>; 4] = [
         (0..width).collect(),
         (0..width).map(|x| (height - 1) * width + x).collect(),
         (0..height).map(|y| y * width).collect(),
         (0..height).map(|y| y * width + width - 1).collect(),
     ];
-    sides.into_iter().any(|side: Vec<usize>| share(side) > CUT_SHARE)
+    sides.iter().any(|side| {
+        let on_object = side.iter().filter(|p| frame.is_object(**p)).count();
+        on_object as f64 / side.len().max(1) as f64 > CUT_SHARE
+    })
 }
 
-/// Share of a side of the image on which an object shows that the side cuts.
+/// Least share of a side of the image in an object cut by it.
 /// chosen: a leg of a twentieth of the width is one
 const CUT_SHARE: f64 = 0.05;
-/// Fewest views that surfaces are fused from without holes.
+/// Fewest views for surfaces without holes.
 /// measured: docs/figures.md, curves over the number of views
 const FEW_VIEWS: usize = 10;
 /// Views about an object should reach from one sector to the second next at least.
 /// derived: two faces of a box at a right angle are seen
 const FEW_SECTORS: usize = 3;
-/// Standard deviation of a reading above which a motion of millimeters is not seen, meters.
-/// chosen: a third of the least motion that has been separated, 3 mm, over some ten views
+/// Largest standard deviation of a reading for motions of millimeters, meters.
+/// chosen: a third of the least separated motion, 3 mm, over some ten views
 const COARSE_M: f64 = 0.004;
-/// Share of the object's pixels without depth above which parts may be missing.
+/// Share of the object's pixels without depth; above, parts may be missing.
 /// measured: shared/bags/handheld, dark things of the generator lose two thirds
 const MUCH_UNREAD: f64 = 0.4;
 
 impl Coverage {
-    /// How far a surface may be off, meters: with independent errors, and with errors that all views share.
-    /// What a sensor errs by beyond its noise (scale, warp, poses) lies between.
+    /// How far a surface may be off, meters: with independent errors, and with errors shared by all views.
+    /// Errors beyond a sensor's noise (scale, warp, poses) lie between.
     #[must_use]
     pub fn expected_m(&self) -> [f64; 2] {
         [self.sigma_m / self.seen_by.max(1.0).sqrt(), self.sigma_m]
     }
 
-    /// What to do better when the state is recorded again; empty where nothing is wrong.
+    /// Advice for another recording of the state; empty where nothing is wrong.
     #[must_use]
     pub fn advice(&self) -> Vec<String> {
         let mut advice = Vec::new();
@@ -210,17 +221,18 @@ impl Coverage {
         }
         advice
     }
+
+    /// Names of the sectors with views, or of those without.
+    fn sector_names(&self, with_views: bool) -> String {
+        let sectors = SECTORS.iter().zip(self.by_sector).filter(|(_, n)| (*n > 0) == with_views);
+        sectors.map(|(name, _)| *name).collect::<Vec<_>>().join(", ")
+    }
 }
 
 impl fmt::Display for Coverage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let named = |is_seen: bool| {
-            let sectors = SECTORS.iter().zip(self.by_sector).filter(|(_, n)| (*n > 0) == is_seen);
-            sectors.map(|(name, _)| *name).collect::<Vec<_>>().join(", ")
-        };
-        let elevations = || self.eyes.iter().map(|e| e[1].to_degrees());
-        let low = elevations().fold(90.0, f64::min);
-        let high = elevations().fold(-90.0, f64::max);
+        let low = self.eyes.iter().map(|e| e[1].to_degrees()).fold(90.0, f64::min);
+        let high = self.eyes.iter().map(|e| e[1].to_degrees()).fold(-90.0, f64::max);
         let [best_mm, worst_mm] = self.expected_m().map(|m| 1e3 * m);
         write!(
             f,
@@ -228,8 +240,8 @@ impl fmt::Display for Coverage {
              read in {:.0} of them; surfaces to be expected within {best_mm:.1} to {worst_mm:.1} mm",
             self.eyes.len(),
             self.depth_m,
-            named(true),
-            match named(false) {
+            self.sector_names(true),
+            match self.sector_names(false) {
                 none if none.is_empty() => String::new(),
                 unseen => format!(" (not from {unseen})"),
             },

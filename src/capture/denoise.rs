@@ -4,8 +4,7 @@
 //! camera is alike in all pixels. So inverse depth is fitted by affine functions in growing windows around
 //! each pixel; the window grows as long as the fit explains its readings and agrees with the smaller ones
 //! within their confidence (intersection of confidence intervals: Goldenshluger and Nemirovski 1997;
-//! Katkovnik, Egiazarian and Astola 2006). Readings of another surface are gated out, so that edges stay
-//! where they are.
+//! Katkovnik, Egiazarian and Astola 2006). Readings of another surface are gated out: edges stay in place.
 
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
@@ -14,11 +13,11 @@ use super::{NoiseConfig, RgbdFrame, median_over_object};
 
 /// Windows: half a side and distance between the readings used, in pixels, and how many readings with
 /// correlated noise are worth one (stereo noise is correlated over about three pixels).
-const WINDOWS: [Window; 4] = [
-    Window { radius: 2, stride: 1, correlated: 6.25 },
-    Window { radius: 4, stride: 2, correlated: 2.25 },
-    Window { radius: 7, stride: 3, correlated: 1.0 },
-    Window { radius: 12, stride: 4, correlated: 1.0 },
+const WINDOWS: [FitWindow; 4] = [
+    FitWindow { radius: 2, stride: 1, correlated: 6.25 },
+    FitWindow { radius: 4, stride: 2, correlated: 2.25 },
+    FitWindow { radius: 7, stride: 3, correlated: 1.0 },
+    FitWindow { radius: 12, stride: 4, correlated: 1.0 },
 ];
 /// Readings further from the plane of the smaller window are of another surface, standard deviations.
 /// tuned: made and recorded objects (docs/method.md 16)
@@ -26,14 +25,14 @@ const GATE: f64 = 3.0;
 /// The same in the smallest window, against the noisy reading in its middle.
 /// derived: 3 √2, as both readings have noise (docs/method.md 2.6)
 const FIRST_GATE: f64 = 4.2;
-/// Share of a window's readings that must be of the same surface: in the smallest one, and in the others.
+/// Least share of a window's readings on the same surface: in the smallest one, and in the others.
 /// tuned: made and recorded objects (docs/method.md 16)
 const MIN_SHARE: [f64; 2] = [0.5, 0.35];
-/// Most readings that one depth may stand for. chosen: a bound on what errors that neighbors share allow
+/// Most readings behind one depth. chosen: a bound for the common errors of neighbors
 const MAX_READINGS: f64 = 60.0;
 
 #[derive(Clone, Copy)]
-struct Window {
+struct FitWindow {
     radius: i32,
     stride: i32,
     correlated: f64,
@@ -41,17 +40,17 @@ struct Window {
 
 /// Inverse depth around a pixel: value, slope by u, slope by v; and the variance of the value.
 #[derive(Clone, Copy)]
-struct Plane {
+struct InversePlane {
     inverse: Vector3<f64>,
     variance: f64,
 }
 
-/// Pixels of a row whose planes are fitted together: a register of the oldest x86-64 and of aarch64.
+/// Pixels of a row with planes fitted together: a register of the oldest x86-64 and of aarch64.
 const LANES: usize = 4;
-/// Pixels without a reading around the image, so that windows need no bounds.
+/// Pixels without a reading around the image: windows need no bounds.
 const MARGIN: usize = WINDOWS[WINDOWS.len() - 1].radius as usize;
 
-/// A value for each of the pixels that are fitted together.
+/// A value for each of the pixels fitted together.
 type Lanes = [f32; LANES];
 
 /// Inverse depth inside a margin without readings.
@@ -70,7 +69,7 @@ impl InverseDepth {
         for (row, depths) in
             values.chunks_exact_mut(stride).skip(MARGIN).zip(frame.depth_m.chunks_exact(width))
         {
-            // An inverse depth of 0, infinitely far, marks what was not read.
+            // An inverse depth of 0, infinitely far, marks a missing reading.
             row[MARGIN..]
                 .iter_mut()
                 .zip(depths)
@@ -85,43 +84,45 @@ impl InverseDepth {
     }
 }
 
-/// Replaces the depth of object pixels by that of their local plane, and sets the frame's `readings`. Depths
-/// that have too few neighbors of one surface (flying pixels) become unknown.
+/// Replaces the depth of object pixels by their local planes, and sets the frame's `readings`. Depths with
+/// too few neighbors of one surface (flying pixels) become unknown.
 pub fn denoise(frame: &mut RgbdFrame, noise: &NoiseConfig) {
     let inverse = InverseDepth::new(frame);
-    let width = frame.intrinsics.width;
-    let height = frame.intrinsics.height;
-    let of_row = |y: usize| {
-        let mut row: Vec<(f32, f32)> =
-            frame.depth_m[y * width..(y + 1) * width].iter().map(|&d| (d, 1.0)).collect();
-        for (block, cleaned) in row.chunks_mut(LANES).enumerate() {
-            let first = block * LANES;
-            let sigmas: [Option<f64>; LANES] = std::array::from_fn(|lane| {
-                let depth_m = f64::from(cleaned.get(lane)?.0);
-                (depth_m > 0.0 && frame.is_object(y * width + first + lane))
-                    .then(|| noise.sigma_m(depth_m) / depth_m.powi(2))
-            });
-            let planes = local_planes(&inverse, inverse.at(first, y), &sigmas);
-            for ((cleaned, sigma), plane) in cleaned.iter_mut().zip(sigmas).zip(planes) {
-                let Some(sigma) = sigma else { continue };
-                *cleaned = match plane {
-                    Some(p) if p.inverse[0] > 0.0 => (
-                        (1.0 / p.inverse[0]) as f32,
-                        // docs/method.md (2.11): so many readings would give the plane's deviation.
-                        (sigma * sigma / p.variance).clamp(1.0, MAX_READINGS) as f32,
-                    ),
-                    _ => (0.0, 0.0),
-                };
-            }
-        }
-        row
-    };
-    let cleaned: Vec<Vec<(f32, f32)>> = (0..height).into_par_iter().map(of_row).collect();
+    let rows = (0..frame.intrinsics.height).into_par_iter();
+    let cleaned: Vec<Vec<(f32, f32)>> = rows.map(|y| denoised_row(frame, &inverse, noise, y)).collect();
     (frame.depth_m, frame.readings) = cleaned.into_iter().flatten().unzip();
 }
 
-/// Over which distance on the object the errors of denoised depth are alike, meters: half a side of the
-/// largest window at the median depth; 0 for raw depth.
+/// Depth, meters, and number of readings of every pixel in a row.
+fn denoised_row(frame: &RgbdFrame, inverse: &InverseDepth, noise: &NoiseConfig, y: usize) -> Vec<(f32, f32)> {
+    let width = frame.intrinsics.width;
+    let mut row: Vec<(f32, f32)> =
+        frame.depth_m[y * width..(y + 1) * width].iter().map(|&d| (d, 1.0)).collect();
+    for (block, cleaned) in row.chunks_mut(LANES).enumerate() {
+        let first = block * LANES;
+        let sigmas: [Option<f64>; LANES] = std::array::from_fn(|lane| {
+            let depth_m = f64::from(cleaned.get(lane)?.0);
+            (depth_m > 0.0 && frame.is_object(y * width + first + lane))
+                .then(|| noise.sigma_m(depth_m) / depth_m.powi(2))
+        });
+        let planes = local_planes(inverse, inverse.at(first, y), &sigmas);
+        for ((cleaned, sigma), plane) in cleaned.iter_mut().zip(sigmas).zip(planes) {
+            let Some(sigma) = sigma else { continue };
+            *cleaned = match plane {
+                Some(p) if p.inverse[0] > 0.0 => (
+                    (1.0 / p.inverse[0]) as f32,
+                    // docs/method.md (2.11): so many readings would give the plane's deviation.
+                    (sigma * sigma / p.variance).clamp(1.0, MAX_READINGS) as f32,
+                ),
+                _ => (0.0, 0.0),
+            };
+        }
+    }
+    row
+}
+
+/// Distance on the object of correlated errors of denoised depth, meters: half a side of the largest window
+/// at the median depth; 0 for raw depth.
 #[must_use]
 pub fn smoothing_m(frames: &[RgbdFrame]) -> f64 {
     let denoised = frames.iter().filter(|f| !f.readings.is_empty());
@@ -129,13 +130,12 @@ pub fn smoothing_m(frames: &[RgbdFrame]) -> f64 {
     median_over_object(denoised, |f, i| radius * f64::from(f.depth_m[i]) / f.intrinsics.fx).unwrap_or(0.0)
 }
 
-/// The plane of the largest window that holds one, for every pixel from `first` on that has a standard
-/// deviation.
+/// The plane of the largest window with one, for every pixel from `first` on with a standard deviation.
 fn local_planes(
     inverse: &InverseDepth,
     first: usize,
     sigmas: &[Option<f64>; LANES],
-) -> [Option<Plane>; LANES] {
+) -> [Option<InversePlane>; LANES] {
     let mut best = [None; LANES];
     let mut intervals = [[f64::NEG_INFINITY, f64::INFINITY]; LANES];
     let mut growing = *sigmas;
@@ -143,15 +143,15 @@ fn local_planes(
         if growing.iter().all(Option::is_none) {
             break;
         }
-        // The first window starts level at the reading; each later one at the plane before it, so that its
-        // gate follows the slope.
+        // The first window starts level at the reading; each later one at the plane before it: its gate
+        // follows the slope.
         let starts: [Vector3<f64>; LANES] = std::array::from_fn(|lane| match best[lane] {
-            Some(Plane { inverse, .. }) => inverse,
+            Some(InversePlane { inverse, .. }) => inverse,
             None => Vector3::new(f64::from(inverse.values[first + lane]), 0.0, 0.0),
         });
         let is_first = window.radius == WINDOWS[0].radius;
-        // The difference from a single reading has twice the variance of that from a plane: 4.2 is three
-        // times the root of two.
+        // The difference from a single reading has twice the variance of a difference from a plane: 4.2 is
+        // three times the root of two.
         let gate = if is_first { FIRST_GATE } else { GATE };
         let sums = sums(inverse, first, window, &starts, &growing.map(|s| (gate * s.unwrap_or(0.0)) as f32));
         for lane in 0..LANES {
@@ -174,9 +174,9 @@ fn local_planes(
     best
 }
 
-/// Sums over a window's readings that are within the gate.
+/// Sums over a window's readings within the gate.
 #[derive(Default)]
-struct Sums {
+struct WindowSums {
     /// Of 1, u, v, uu, uv, vv.
     moments: [Lanes; 6],
     /// Of the residual against `start` times 1, u, v.
@@ -189,12 +189,12 @@ struct Sums {
 fn sums(
     inverse: &InverseDepth,
     first: usize,
-    window: &Window,
+    window: &FitWindow,
     starts: &[Vector3<f64>; LANES],
     gates: &Lanes,
-) -> Sums {
+) -> WindowSums {
     let start = [0, 1, 2].map(|k| starts.map(|s| s[k] as f32));
-    let mut sums = Sums::default();
+    let mut sums = WindowSums::default();
     for dv in offsets(window) {
         let row = first.wrapping_add_signed(dv as isize * inverse.stride as isize);
         let v = dv as f32;
@@ -211,7 +211,7 @@ fn sums(
             for lane in 0..LANES {
                 // Residuals in place of values: small numbers keep their digits in single precision.
                 let residual = readings[lane] - (start[0][lane] + start[2][lane] * v + start[1][lane] * u);
-                // Without a branch, so that the lanes of a register stay together.
+                // Without a branch: the lanes of a register stay together.
                 let near = (readings[lane] > 0.0) & (residual.abs() < gates[lane]);
                 let (one, residual) = if near { (1.0, residual) } else { (0.0, 0.0) };
                 n[lane] += one;
@@ -223,35 +223,33 @@ fn sums(
             }
         }
         for lane in 0..LANES {
-            // All of a row have one v, so that moments with v are products.
-            let of_row = [n[lane], nu[lane], v * n[lane], nuu[lane], v * nu[lane], v * v * n[lane]];
-            (0..6).for_each(|k| sums.moments[k][lane] += of_row[k]);
-            [r[lane], ru[lane], v * r[lane]]
-                .iter()
-                .enumerate()
-                .for_each(|(k, x)| sums.residuals[k][lane] += x);
+            // All of a row have one v: moments with v are products.
+            let moments = [n[lane], nu[lane], v * n[lane], nuu[lane], v * nu[lane], v * v * n[lane]];
+            (0..6).for_each(|k| sums.moments[k][lane] += moments[k]);
+            let residuals = [r[lane], ru[lane], v * r[lane]];
+            (0..3).for_each(|k| sums.residuals[k][lane] += residuals[k]);
         }
     }
     sums
 }
 
-/// Offsets of the readings that a window uses, pixels.
-fn offsets(window: &Window) -> impl Iterator<Item = i32> {
+/// Offsets of a window's readings, pixels.
+fn offsets(window: &FitWindow) -> impl Iterator<Item = i32> {
     let half = window.radius / window.stride;
     let stride = window.stride;
     (-half..=half).map(move |k| k * stride)
 }
 
-impl Sums {
+impl WindowSums {
     /// Least-squares plane of one pixel's readings; `None` if they are too few or do not lie on one.
     fn plane(
         &self,
         lane: usize,
         sigma: f64,
-        window: &Window,
+        window: &FitWindow,
         start: &Vector3<f64>,
         first: bool,
-    ) -> Option<Plane> {
+    ) -> Option<InversePlane> {
         let s = self.moments.map(|m| f64::from(m[lane]));
         let b = Vector3::from(self.residuals.map(|r| f64::from(r[lane])));
         let side = offsets(window).count();
@@ -260,14 +258,14 @@ impl Sums {
         }
         let covariance = Matrix3::new(s[0], s[1], s[2], s[1], s[3], s[4], s[2], s[4], s[5]).try_inverse()?;
         let change = covariance * b;
-        // What the fit takes off the squares is known without a second pass over the window.
+        // The fall of the squares is known without a second pass over the window.
         let misfit = (f64::from(self.squares[lane]) - change.dot(&b)) / (s[0] - 3.0) / (sigma * sigma);
-        // The mean of ν squared residuals has the variance 2 / ν; readings that share noise count as one.
+        // The mean of ν squared residuals has the variance 2 / ν; readings with common noise count as one.
         let freedom = (s[0] / window.correlated - 3.0).max(1.0);
         if !first && misfit > 1.0 + (2.0 / freedom).sqrt() {
             return None;
         }
-        Some(Plane {
+        Some(InversePlane {
             inverse: start + change,
             variance: covariance[(0, 0)] * window.correlated * sigma * sigma,
         })

@@ -2,15 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-/// What is wrong, where, and what to do about it.
+/// A fault, its place, and its remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum CaptureError {
     /// The file or folder cannot be read.
     #[error("cannot read `{}`: {source}", path.display())]
     Read {
-        /// What was to be read.
+        /// The file to read.
         path: PathBuf,
-        /// What the system said.
+        /// The system's message.
         source: std::io::Error,
     },
     /// Nothing is at the path.
@@ -19,7 +19,7 @@ pub enum CaptureError {
          an .mcap file or a dataset folder", path.display()
     )]
     Missing {
-        /// What was given.
+        /// The given value.
         path: PathBuf,
     },
     /// Neither a bag nor a dataset.
@@ -28,9 +28,9 @@ pub enum CaptureError {
          `state0` and `state1` (and `state2`, ...), or a dataset folder", path.display()
     )]
     NotARecording {
-        /// What was given.
+        /// The given value.
         path: PathBuf,
-        /// What was found instead.
+        /// The found value.
         reason: String,
     },
     /// A bag in sqlite3 storage.
@@ -49,7 +49,7 @@ pub enum CaptureError {
     Metadata {
         /// The metadata file.
         path: PathBuf,
-        /// What is wrong with it, and the remedy.
+        /// Its fault, and the remedy.
         reason: String,
     },
     /// Nothing could be read from a file.
@@ -58,15 +58,15 @@ pub enum CaptureError {
     Corrupt {
         /// The file.
         path: PathBuf,
-        /// The first thing that was wrong.
+        /// The first fault.
         reason: String,
     },
-    /// A known format that is not supported.
+    /// A known format without support.
     #[error("{what} is not supported; {remedy}")]
     Unsupported {
-        /// What, with its place.
+        /// The feature, with its place.
         what: String,
-        /// What to do.
+        /// The remedy.
         remedy: String,
     },
     /// A bag without any image topic.
@@ -77,7 +77,7 @@ pub enum CaptureError {
     NotRgbd {
         /// The bag.
         path: PathBuf,
-        /// What it has instead.
+        /// Its contents instead.
         topics: String,
     },
     /// A needed topic is missing.
@@ -87,33 +87,33 @@ pub enum CaptureError {
         role: &'static str,
         /// The bag.
         path: PathBuf,
-        /// What there is.
+        /// The existing ones.
         candidates: String,
-        /// What to do.
+        /// The remedy.
         remedy: String,
     },
-    /// A topic that was asked for is not there or has the wrong type.
+    /// A requested topic is missing or has the wrong type.
     #[error("the {role} topic `{topic}` that was asked for {problem}; topics with messages: {available}")]
     BadTopic {
         /// Its role.
         role: &'static str,
         /// Its name.
         topic: String,
-        /// `is not in the bag` or what is wrong with it.
+        /// `is not in the bag` or its fault.
         problem: String,
-        /// What there is.
+        /// The existing ones.
         available: String,
     },
     /// No transform at a stamp.
     #[error("no transform from `{source_frame}` to `{target}` at {stamp_secs:.6} s: {reason}")]
     NoTransform {
-        /// Frame in which the pose was wanted.
+        /// Target frame of the pose.
         target: String,
-        /// Frame whose pose was wanted.
+        /// Frame of the wanted pose.
         source_frame: String,
         /// When.
         stamp_secs: f64,
-        /// What is missing.
+        /// The missing part.
         reason: String,
     },
     /// Not one frame has a camera pose.
@@ -138,9 +138,9 @@ pub enum CaptureError {
     NotTracked {
         /// The state.
         state: usize,
-        /// Views that were looked at.
+        /// Number of views.
         views: usize,
-        /// Why most of them have no place, and what to do about it.
+        /// Reason for most of them, and its remedy.
         why: &'static str,
     },
     /// The states have no common world.
@@ -183,7 +183,7 @@ pub enum CaptureError {
          `state1`, or say where the states part (`--split SECONDS` or a marker topic)", path.display()
     )]
     OneState {
-        /// What was given.
+        /// The given value.
         path: PathBuf,
     },
     /// More states than a run takes.
@@ -191,23 +191,23 @@ pub enum CaptureError {
     TooManyStates {
         /// Number of states.
         count: usize,
-        /// Most that are taken.
+        /// The largest accepted number.
         limit: usize,
     },
     /// The states cannot be separated at the place given.
     #[error("cannot split the recording into two states: {reason}")]
     Split {
-        /// What is wrong, and the remedy.
+        /// The fault, and the remedy.
         reason: String,
     },
-    /// An image encoding that cannot be used.
+    /// An unusable image encoding.
     #[error("{topic}: encoding `{encoding}` is not supported; {supported}")]
     Encoding {
         /// Where.
         topic: String,
         /// The encoding by its name.
         encoding: String,
-        /// What is supported.
+        /// Supported ones.
         supported: &'static str,
     },
     /// Images change their size or differ from their camera_info.
@@ -219,17 +219,17 @@ pub enum CaptureError {
     ImageSize {
         /// Where.
         topic: String,
-        /// What was found.
+        /// The found value.
         width: usize,
-        /// What was found.
+        /// The found value.
         height: usize,
         /// When.
         stamp_secs: f64,
-        /// Who disagrees: `earlier images`, `camera_info`.
+        /// The contradicting source: `earlier images`, `camera_info`.
         expected: &'static str,
-        /// What was expected.
+        /// The expected value.
         expected_width: usize,
-        /// What was expected.
+        /// The expected value.
         expected_height: usize,
     },
     /// Depth is not aligned to color.
@@ -243,10 +243,10 @@ pub enum CaptureError {
         depth: String,
         /// Color topic.
         color: String,
-        /// In what they differ.
+        /// Their difference.
         reason: String,
     },
-    /// Lens model that cannot be undistorted.
+    /// Lens model without an inverse.
     #[error(
         "{topic}: distortion model `{model}` {problem}; supported: plumb_bob (4 or 5 values) and \
          rational_polynomial (8), or rectify the images first"
@@ -256,15 +256,15 @@ pub enum CaptureError {
         topic: String,
         /// Its name.
         model: String,
-        /// What is wrong with it.
+        /// Its fault.
         problem: String,
     },
-    /// Camera parameters that are no pinhole camera.
+    /// Camera parameters of no pinhole camera.
     #[error("{topic}: camera_info is unusable: {reason}; calibrate the camera or fix its driver")]
     CameraInfo {
         /// Where.
         topic: String,
-        /// What is wrong.
+        /// The fault.
         reason: String,
     },
     /// A state without frames.
@@ -272,7 +272,7 @@ pub enum CaptureError {
     NoFrames {
         /// The state.
         state: usize,
-        /// What became of them.
+        /// Their fate.
         reason: String,
     },
     /// No depth at all.
@@ -304,12 +304,12 @@ pub enum CaptureError {
         /// Its root frame.
         world1: String,
     },
-    /// A dataset folder that breaks its format.
+    /// A dataset folder in breach of its format.
     #[error("dataset file `{}`: {reason}", path.display())]
     Dataset {
         /// The file.
         path: PathBuf,
-        /// What is wrong, and the remedy.
+        /// The fault, and the remedy.
         reason: String,
     },
     /// The object cannot be separated from its surroundings.
@@ -318,7 +318,7 @@ pub enum CaptureError {
          `--at`, or a box around it with `--workspace`"
     )]
     Isolation {
-        /// What is missing.
+        /// The missing part.
         reason: String,
     },
     /// Things apart from each other changed about as much.
@@ -340,7 +340,7 @@ pub enum CaptureError {
     SameRecording {
         /// A state.
         first: usize,
-        /// The state that repeats it.
+        /// The state with the repetition.
         second: usize,
     },
     /// The states lie in different places.
@@ -350,7 +350,7 @@ pub enum CaptureError {
          the camera poses of both recordings"
     )]
     NoOverlap {
-        /// The state that lies apart from state 0.
+        /// The state apart from state 0.
         state: usize,
         /// Points in common.
         share_percent: f64,
@@ -368,19 +368,19 @@ pub enum CaptureError {
         width: usize,
         /// Rows of the largest.
         height: usize,
-        /// What they would take.
+        /// Their memory.
         needed_gib: f64,
-        /// What they may take.
+        /// Their limit.
         limit_gib: f64,
-        /// Frames of a state that would fit.
+        /// Number of frames of a state within it.
         fitting: usize,
     },
-    /// A setting that cannot be used.
+    /// An unusable setting.
     #[error("setting `{key}`: {reason}")]
     Setting {
         /// Its key.
         key: &'static str,
-        /// What is wrong with it.
+        /// Its fault.
         reason: String,
     },
 }
@@ -397,7 +397,7 @@ fn converted(path: &Path) -> PathBuf {
 #[must_use]
 pub fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
-    // A path that begins with a hyphen would be read as an option.
+    // A path with a hyphen in front would be read as an option.
     let plain = text.chars().all(|c| c.is_alphanumeric() || "/._-+".contains(c))
         && !text.starts_with('-')
         && !text.is_empty();

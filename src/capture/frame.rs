@@ -42,8 +42,8 @@ impl RgbdFrame {
     /// Expected standard deviation of a pixel's depth, meters.
     #[must_use]
     pub fn sigma_m(&self, pixel: usize, noise: &NoiseConfig) -> f64 {
-        // Raw depth has no list. A pixel that denoising dropped stands for none; the bound keeps its
-        // deviation finite.
+        // Raw depth has no list. A pixel dropped by denoising stands for none; the bound keeps its deviation
+        // finite.
         let readings = self.readings.get(pixel).map_or(1.0, |r| f64::from(r.max(1e-3)));
         noise.sigma_m(f64::from(self.depth_m[pixel])) / readings.sqrt()
     }
@@ -64,7 +64,7 @@ impl RgbdFrame {
     }
 }
 
-/// The cameras of frames, each once, in the order in which they first appear.
+/// The cameras of frames, each once, in the order of their first frames.
 #[must_use]
 pub fn cameras<'a>(frames: impl Iterator<Item = &'a RgbdFrame>) -> Vec<Intrinsics> {
     let mut all = Vec::new();
@@ -82,7 +82,7 @@ pub fn median_over_object<'a>(
     frames: impl Iterator<Item = &'a RgbdFrame>,
     value: impl Fn(&RgbdFrame, usize) -> f64,
 ) -> Option<f64> {
-    // Divides no usual width, so that the samples are not those of a few columns.
+    // Divides no usual width: samples are of many columns.
     const EVERY: usize = 97;
     let mut all = Vec::new();
     for f in frames {

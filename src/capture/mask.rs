@@ -8,7 +8,7 @@ pub fn dilated(mask: &[bool], width: usize, height: usize, reach: usize) -> Vec<
     spread(&rows, height, width, width, 1, reach)
 }
 
-/// Spreads along lines of `length` pixels that are `step` apart; lines are `next` apart, `lines` of them.
+/// Spreads along lines of `length` pixels, `step` apart; lines are `next` apart, `lines` of them.
 fn spread(mask: &[bool], length: usize, lines: usize, step: usize, next: usize, reach: usize) -> Vec<bool> {
     let mut out = vec![false; mask.len()];
     for line in 0..lines {

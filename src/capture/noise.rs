@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Readings of surfaces seen at a smaller cosine to their normal hold no height, and are not used.
-/// chosen: 75 deg, beyond which few stereo cameras read well
+/// chosen: 75 deg; beyond it few stereo cameras read well
 pub const GRAZING_COSINE: f64 = 0.25;
 
 /// Depth noise model: one standard deviation is `constant_m + quadratic_per_m * depth^2`, as disparity noise
@@ -16,7 +16,7 @@ pub struct NoiseConfig {
     /// Growth with the square of the depth, 1/meter.
     pub quadratic_per_m: f64,
     /// A neighbor further away than this many standard deviations (plus the slope of a surface seen at
-    /// `grazing_cosine`) marks a depth edge, whose pixels are not used.
+    /// `grazing_cosine`) marks a depth edge: its pixels are not used.
     pub edge_sigmas: f64,
     /// Surfaces seen at a smaller cosine to their normal are not used.
     pub grazing_cosine: f64,

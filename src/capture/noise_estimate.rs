@@ -2,7 +2,7 @@
 //!
 //! The inverse depth of a plane is an affine function of the pixel. So in small windows the residual of
 //! inverse depth after an affine fit is the noise, wherever the surface is about flat; the median over many
-//! windows takes no notice of those that are not.
+//! windows takes no notice of the others.
 
 use super::{
     NoiseConfig, RgbdFrame,

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::{NoiseConfig, RgbdFrame};
 
-/// Half the window that a slope is read over, pixels.
+/// Half the window of a slope, pixels.
 const R: usize = 2;
 
 /// Weights of the pixels of a frame, one by one: see [`pixel_weights`].
@@ -48,8 +48,7 @@ impl<'a> PixelWeights<'a> {
             return 0.0;
         }
         let pixel_m = d * R as f64 / k.fx;
-        // What a surface at the grazing limit falls off by over the window; more is an edge.
-        // docs/method.md (2.9).
+        // Fall of a surface at the grazing limit over the window; more is an edge. docs/method.md (2.9).
         let slope =
             pixel_m * (1.0 - noise.grazing_cosine * noise.grazing_cosine).sqrt() / noise.grazing_cosine;
         if around.iter().any(|n| (n - d).abs() > slope + noise.edge_sigmas * noise.sigma_m(d)) {
@@ -79,6 +78,7 @@ pub fn pixel_weights(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f32> {
 pub fn object_weights(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<f32> {
     let weights = PixelWeights::of(frame, noise);
     let width = frame.intrinsics.width;
-    let of = |i: usize| if frame.is_object(i) { weights.at(i % width, i / width) } else { 0.0 };
-    (0..frame.depth_m.len()).map(of).collect()
+    (0..frame.depth_m.len())
+        .map(|i| if frame.is_object(i) { weights.at(i % width, i / width) } else { 0.0 })
+        .collect()
 }

@@ -1,4 +1,4 @@
-//! The scene cube: the box of what several frames agree on.
+//! The scene cube: the box of points seen by several frames.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -7,7 +7,7 @@ use rustc_hash::FxHashMap;
 use super::{NoiseConfig, RgbdFrame, pixel_weights::PixelWeights};
 use geometry::SceneBox;
 
-/// Cells along the longest side when looking for points that several frames agree on.
+/// Cells along the longest side in the search for points seen by several frames.
 /// chosen: a hundredth of the scene is finer than any object in it
 const CELLS: f64 = 100.0;
 /// Share of points cut off at each end of each axis before the cells are laid.
@@ -21,27 +21,17 @@ const STRIDE: usize = 3;
 #[must_use]
 pub fn scene_box(states: &[&[RgbdFrame]], noise: &NoiseConfig) -> Option<SceneBox> {
     let frames: Vec<&RgbdFrame> = states.iter().copied().flatten().collect();
-    let of_frame = |(f, frame): (usize, &&RgbdFrame)| {
-        let weights = PixelWeights::of(frame, noise);
-        let w = frame.intrinsics.width;
-        let h = frame.intrinsics.height;
-        let some = (0..h).step_by(STRIDE).flat_map(|y| (0..w).step_by(STRIDE).map(move |x| (x, y)));
-        let wanted = some.filter(|&(x, y)| frame.is_object(y * w + x) && weights.at(x, y) > 0.0);
-        wanted
-            .map(|(x, y)| y * w + x)
-            .filter_map(|i| frame.world_point(i).map(|p| (f, p)))
-            .collect::<Vec<_>>()
-    };
-    let points: Vec<(usize, Point3<f64>)> = frames.par_iter().enumerate().flat_map_iter(of_frame).collect();
+    let points: Vec<(usize, Point3<f64>)> = frames
+        .par_iter()
+        .enumerate()
+        .flat_map_iter(|(f, frame)| object_points(frame, noise).into_iter().map(move |p| (f, p)))
+        .collect();
     if points.is_empty() {
         return None;
     }
-    let between = |k: usize| {
-        let mut all: Vec<f64> = points.iter().map(|(_, p)| p[k]).collect();
-        let cut = (all.len() as f64 * TRIM) as usize;
-        [cut, all.len() - 1 - cut].map(|at| *all.select_nth_unstable_by(at, f64::total_cmp).1)
-    };
-    let sides: Vec<[f64; 2]> = (0..3).into_par_iter().map(between).collect();
+    let axes = (0..3).into_par_iter();
+    let sides: Vec<[f64; 2]> =
+        axes.map(|k| trimmed_range(points.iter().map(|(_, p)| p[k]).collect())).collect();
     let [lower, upper] = [0, 1].map(|end| Point3::from([0, 1, 2].map(|k: usize| sides[k][end])));
     let cell_m = (upper - lower).max().max(1e-3) / CELLS;
     let mut cells: FxHashMap<[i64; 3], Agreement> = FxHashMap::default();
@@ -50,7 +40,7 @@ pub fn scene_box(states: &[&[RgbdFrame]], noise: &NoiseConfig) -> Option<SceneBo
         cells.entry(key).or_insert_with(|| Agreement::new(*frame, p)).see(*frame, p);
     }
     let needed = if states.iter().all(|s| s.len() > 1) { 2 } else { 1 };
-    // In any order: what follows is least and largest values.
+    // In any order, for least and largest values.
     let mut agreed = cells.values().filter(|c| c.frames >= needed);
     let first = agreed.next()?;
     let (lower, upper) =
@@ -58,7 +48,23 @@ pub fn scene_box(states: &[&[RgbdFrame]], noise: &NoiseConfig) -> Option<SceneBo
     Some(SceneBox::around(&lower, &upper))
 }
 
-/// Bounds of the points in one cell and the number of frames that have some there.
+/// Some points of a frame on the object, in the world.
+fn object_points(frame: &RgbdFrame, noise: &NoiseConfig) -> Vec<Point3<f64>> {
+    let weights = PixelWeights::of(frame, noise);
+    let w = frame.intrinsics.width;
+    let h = frame.intrinsics.height;
+    let some = (0..h).step_by(STRIDE).flat_map(|y| (0..w).step_by(STRIDE).map(move |x| (x, y)));
+    let wanted = some.filter(|&(x, y)| frame.is_object(y * w + x) && weights.at(x, y) > 0.0);
+    wanted.filter_map(|(x, y)| frame.world_point(y * w + x)).collect()
+}
+
+/// Least and greatest value without a share at either end.
+fn trimmed_range(mut values: Vec<f64>) -> [f64; 2] {
+    let cut = (values.len() as f64 * TRIM) as usize;
+    [cut, values.len() - 1 - cut].map(|at| *values.select_nth_unstable_by(at, f64::total_cmp).1)
+}
+
+/// Bounds of the points in one cell and the number of frames with some there.
 struct Agreement {
     last: usize,
     frames: usize,
@@ -72,7 +78,7 @@ impl Agreement {
     }
 
     fn see(&mut self, frame: usize, p: &Point3<f64>) {
-        // Points come frame by frame, so that the last frame is all to remember.
+        // Points come frame by frame: the last frame is all to remember.
         self.frames += usize::from(frame != self.last);
         (self.last, self.lower, self.upper) = (frame, self.lower.inf(p), self.upper.sup(p));
     }

@@ -1,4 +1,4 @@
-//! Choice of the frames that show the object from the most different sides.
+//! Choice of frames from the most different sides of the object.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -6,7 +6,7 @@ use geometry::Pose;
 
 /// Indices of at most `budget` poses, rising, spread as widely as possible: farthest-point sampling, begun at
 /// the pose nearest to the middle of all. The distance of two views is the angle between their optical axes
-/// plus the angle between their centers as seen from what they look at. See docs/method.md (2.4).
+/// plus the angle between their centers as seen from their common focus. See docs/method.md (2.4).
 #[must_use]
 pub fn spread_views(world_from_camera: &[Pose], budget: usize) -> Vec<usize> {
     let count = world_from_camera.len();
@@ -17,19 +17,13 @@ pub fn spread_views(world_from_camera: &[Pose], budget: usize) -> Vec<usize> {
     let mean = centers.iter().sum::<Vector3<f64>>() / count as f64;
     let focus = common_focus(world_from_camera).map_or(mean, |p| p.coords);
     let range = (centers.iter().map(|c| (c - focus).norm()).sum::<f64>() / count as f64).max(1e-6);
-    let axis = |i: usize| world_from_camera[i].rotation * Vector3::z();
-    let distance = |i: usize, j: usize| {
-        // docs/method.md (2.4): in mean distances a shift is about the angle that it is seen under.
-        let turned = axis(i).dot(&axis(j)).clamp(-1.0, 1.0).acos();
-        (centers[i] - centers[j]).norm() / range + turned
-    };
     let middle =
         (0..count).min_by(|a, b| (centers[*a] - mean).norm().total_cmp(&(centers[*b] - mean).norm()));
     let mut chosen: Vec<usize> = middle.into_iter().take(budget).collect();
     let mut gap = vec![f64::INFINITY; count];
     while let Some(last) = chosen.last().copied().filter(|_| chosen.len() < budget) {
         for (i, g) in gap.iter_mut().enumerate() {
-            *g = g.min(distance(i, last));
+            *g = g.min(view_distance(&world_from_camera[i], &world_from_camera[last], range));
         }
         // The first of the farthest; an index beats a later one only if it is farther.
         let farthest = (0..count).fold(0, |best, i| if gap[i] > gap[best] { i } else { best });
@@ -42,6 +36,13 @@ pub fn spread_views(world_from_camera: &[Pose], budget: usize) -> Vec<usize> {
     // In time order again: drift runs along it.
     chosen.sort_unstable();
     chosen
+}
+
+/// docs/method.md (2.4): in mean distances a shift is about the angle under which it is seen.
+fn view_distance(a: &Pose, b: &Pose, mean_distance_m: f64) -> f64 {
+    let axes = [a, b].map(|pose| pose.rotation * Vector3::z());
+    let turned = axes[0].dot(&axes[1]).clamp(-1.0, 1.0).acos();
+    (a.translation.vector - b.translation.vector).norm() / mean_distance_m + turned
 }
 
 /// The point nearest to all optical axes, least squares; `None` where the axes are all but parallel.

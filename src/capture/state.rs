@@ -1,4 +1,4 @@
-//! Which state of the object a message belongs to, where one recording holds both.
+//! The state of a message, where one recording holds both.
 
 use super::CaptureError;
 
@@ -6,7 +6,7 @@ use super::CaptureError;
 /// chosen: three years; no recording is longer, no clock stands before 1973
 const ABSOLUTE_FROM_SECS: f64 = 1e8;
 
-/// The end of state 0 and the beginning of state 1, nanoseconds of recording time; what lies between belongs
+/// The end of state 0 and the beginning of state 1, nanoseconds of recording time; the time between belongs
 /// to neither (the object is being moved).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Split {
@@ -22,14 +22,11 @@ impl Split {
     /// # Errors
     /// [`CaptureError::Split`] where a time lies outside the recording.
     pub fn at(times_secs: &[f64], first_nanos: i64, last_nanos: i64) -> Result<Self, CaptureError> {
-        let nanos = |t: f64| {
-            let t = (t * 1e9).round() as i64;
-            if t as f64 > ABSOLUTE_FROM_SECS * 1e9 { t } else { first_nanos + t }
-        };
         let (Some(first), Some(last)) = (times_secs.first(), times_secs.last()) else {
             return Err(CaptureError::Split { reason: "no time was given".into() });
         };
-        let split = Self { end0_nanos: nanos(*first), begin1_nanos: nanos(*last) };
+        let [end0_nanos, begin1_nanos] = [first, last].map(|secs| nanos_since_epoch(*secs, first_nanos));
+        let split = Self { end0_nanos, begin1_nanos };
         if split.end0_nanos <= first_nanos || split.begin1_nanos > last_nanos {
             let length = (last_nanos - first_nanos) as f64 * 1e-9;
             return Err(CaptureError::Split {
@@ -50,7 +47,7 @@ impl Split {
         }
     }
 
-    /// Whether a time lies between the states, farther than `margin_nanos` from both.
+    /// Whether a time lies between the states, farther from both than `margin_nanos`.
     #[must_use]
     pub fn is_between(&self, nanos: i64, margin_nanos: i64) -> bool {
         let after = self.end0_nanos.saturating_add(margin_nanos);
@@ -70,6 +67,12 @@ impl Split {
             None
         }
     }
+}
+
+/// Nanoseconds since the epoch of a time in seconds, since the epoch or from the start of the recording.
+fn nanos_since_epoch(secs: f64, first_nanos: i64) -> i64 {
+    let nanos = (secs * 1e9).round() as i64;
+    if nanos as f64 > ABSOLUTE_FROM_SECS * 1e9 { nanos } else { first_nanos + nanos }
 }
 
 #[cfg(test)]

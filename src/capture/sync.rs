@@ -14,7 +14,7 @@ use std::{
 pub fn pair(left: &[i64], right: &[i64], slop_nanos: i64) -> Vec<Option<usize>> {
     let mut partners = vec![None; left.len()];
     let mut free = Free::new(left, right, &mut partners);
-    // The closest pair has nobody between it, so that only neighbors can be one.
+    // The closest pair has nobody between it: only neighbors can be one.
     let mut closest: BinaryHeap<_> =
         (0..free.stamps.len()).filter_map(|at| free.pair_behind(at, slop_nanos)).collect();
     while let Some(Reverse((key, at))) = closest.pop() {
@@ -22,9 +22,9 @@ pub fn pair(left: &[i64], right: &[i64], slop_nanos: i64) -> Vec<Option<usize>> 
         if free.pair_behind(at, slop_nanos) != Some(Reverse((key, at))) {
             continue;
         }
-        let (l, r, around) = free.take(at);
-        partners[l] = Some(r);
-        closest.extend(around.into_iter().flatten().filter_map(|at| free.pair_behind(at, slop_nanos)));
+        let pair = free.take(at);
+        partners[pair.left] = Some(pair.right);
+        closest.extend(pair.around.into_iter().flatten().filter_map(|at| free.pair_behind(at, slop_nanos)));
     }
     partners
 }
@@ -49,7 +49,7 @@ struct Stamp {
 }
 
 impl Free {
-    /// Pairs equal stamps; what is left over.
+    /// Pairs equal stamps; returns the others.
     fn new(left: &[i64], right: &[i64], partners: &mut [Option<usize>]) -> Self {
         let mut sides = BTreeMap::<i64, [VecDeque<usize>; 2]>::new();
         for (side, list) in [left, right].into_iter().enumerate() {
@@ -85,8 +85,8 @@ impl Free {
             .then_some(Reverse(((apart, l.nanos, r.nanos), at)))
     }
 
-    /// Takes a message of a stamp and one of the next: left, right, and the places that have new neighbors.
-    fn take(&mut self, at: usize) -> (usize, usize, [Option<usize>; 2]) {
+    /// Takes a message of a stamp and one of the next.
+    fn take(&mut self, at: usize) -> TakenPair {
         let second = self.next[at];
         let mut taken = [0; 2];
         for place in [at, second] {
@@ -106,8 +106,16 @@ impl Free {
         let alive = |place: usize| (!self.stamps[place].messages.is_empty()).then_some(place);
         // Where stamps went, others became neighbors, and these may be the closest now.
         let first = alive(at).or_else(|| Some(self.before[at]).filter(|b| *b < self.stamps.len()));
-        (taken[0], taken[1], [first, alive(second)])
+        TakenPair { left: taken[0], right: taken[1], around: [first, alive(second)] }
     }
+}
+
+/// Two messages taken together.
+struct TakenPair {
+    left: usize,
+    right: usize,
+    /// Places with new neighbors.
+    around: [Option<usize>; 2],
 }
 
 /// Index of the stamp nearest to `stamp` among rising ones, the earlier one among equals; `None` of none.

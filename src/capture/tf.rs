@@ -1,8 +1,7 @@
 //! Frame transforms over time: chains, interpolation, and refusal where something is missing.
 //!
-//! Every frame has at most one parent (REP-105). A transform that changes is known at its samples; between
-//! two samples that are close enough the translation is interpolated linearly and the rotation by slerp.
-//! Nothing is extrapolated.
+//! Every frame has at most one parent (REP-105). A changing transform is known at its samples; between two
+//! close samples the translation is interpolated linearly and the rotation by slerp. Nothing is extrapolated.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,7 +14,7 @@ const MAX_DEPTH: usize = 64;
 /// Most frames with a parent; a robot has some hundreds.
 pub const MAX_TF_FRAMES: usize = 10_000;
 
-/// Most parents of one frame that are kept for the message.
+/// Most parents of one frame kept for the message.
 const MAX_PARENTS: usize = 8;
 
 /// A connection between a frame and its parent: `parent_from_child`.
@@ -31,7 +30,7 @@ enum Edge {
 pub struct TfBuffer {
     /// By child: parent and transform.
     edges: BTreeMap<String, (String, Edge)>,
-    /// Frames that were given different parents.
+    /// Frames with different parents.
     conflicts: BTreeMap<String, BTreeSet<String>>,
     /// Transforms left out as they were no transforms.
     pub invalid: usize,
@@ -70,14 +69,14 @@ enum StepFault {
 }
 
 impl TfBuffer {
-    /// Adds a transform that holds at all times.
+    /// Adds a transform for all times.
     pub fn add_static(&mut self, parent: &str, child: &str, parent_from_child: Pose) {
         if self.accept(parent, child) {
             self.edges.insert(child.to_owned(), (parent.to_owned(), Edge::Static(parent_from_child)));
         }
     }
 
-    /// Adds a sample of a transform that changes.
+    /// Adds a sample of a changing transform.
     pub fn add(&mut self, parent: &str, child: &str, stamp_nanos: i64, parent_from_child: Pose) {
         if !self.accept(parent, child) {
             return;
@@ -100,7 +99,7 @@ impl TfBuffer {
         }
         match self.edges.get(child) {
             Some((known, _)) if known != parent => {
-                // Reported when the frame is asked for: one that nobody needs may have two parents.
+                // Reported when the frame is asked for: an unneeded one may have two parents.
                 let parents = self.conflicts.entry(child.to_owned()).or_default();
                 if parents.len() < MAX_PARENTS {
                     parents.extend([known.clone(), parent.to_owned()]);
@@ -115,13 +114,13 @@ impl TfBuffer {
         }
     }
 
-    /// Puts one frame under a parent with samples from elsewhere (a pose topic), in place of what was known.
+    /// Puts one frame under a parent with samples from elsewhere (a pose topic), in place of the known one.
     pub fn replace(&mut self, parent: &str, child: &str, samples: BTreeMap<i64, Pose>) {
         self.conflicts.remove(child);
         self.edges.insert(child.to_owned(), (parent.to_owned(), Edge::Moving(samples)));
     }
 
-    /// Forgets samples before a stamp, and the oldest of a frame that has more than `most`.
+    /// Forgets samples before a stamp, and the oldest of a frame with more than `most`.
     pub fn forget_before(&mut self, stamp_nanos: i64, most: usize) {
         for (_, edge) in self.edges.values_mut() {
             let Edge::Moving(samples) = edge else { continue };
@@ -146,21 +145,23 @@ impl TfBuffer {
     /// One line per frame: `parent -> child (static)` or with the number of samples and their time span.
     #[must_use]
     pub fn describe(&self) -> Vec<String> {
-        let line = |(child, (parent, edge)): (&String, &(String, Edge))| match edge {
-            Edge::Static(_) => format!("{parent} -> {child} (static)"),
-            Edge::Moving(samples) => {
-                let span = samples.keys().next().zip(samples.keys().next_back());
-                let (first, last) = span.map_or((0.0, 0.0), |(a, b)| (stamp_secs(*a), stamp_secs(*b)));
-                format!("{parent} -> {child} ({} samples, {first:.3} to {last:.3} s)", samples.len())
-            }
-        };
-        self.edges.iter().map(line).collect()
+        let mut lines = Vec::with_capacity(self.edges.len());
+        for (child, (parent, edge)) in &self.edges {
+            lines.push(match edge {
+                Edge::Static(_) => format!("{parent} -> {child} (static)"),
+                Edge::Moving(samples) => {
+                    let span = samples.keys().next().zip(samples.keys().next_back());
+                    let (first, last) = span.map_or((0.0, 0.0), |(a, b)| (stamp_secs(*a), stamp_secs(*b)));
+                    format!("{parent} -> {child} ({} samples, {first:.3} to {last:.3} s)", samples.len())
+                }
+            });
+        }
+        lines
     }
 
     /// `target_from_source` at a stamp, through the frames' nearest common ancestor.
     ///
-    /// # Errors
-    /// [`CaptureError::NoTransform`] that names target, source, stamp and what is missing: the chain, a
+    /// # Errors [`CaptureError::NoTransform`] with target, source, stamp and the missing part: the chain, a
     /// sample on either side of the stamp, or samples closer together than `max_gap_nanos`.
     pub fn lookup(
         &self,
@@ -169,35 +170,33 @@ impl TfBuffer {
         stamp_nanos: i64,
         max_gap_nanos: i64,
     ) -> Result<Pose, CaptureError> {
-        let fail = |reason: String| CaptureError::NoTransform {
-            target: target.to_owned(),
-            source_frame: source.to_owned(),
-            stamp_secs: stamp_secs(stamp_nanos),
-            reason,
-        };
+        let fail = |reason: String| no_transform(target, source, stamp_nanos, reason);
         let from_source = self.ancestors(source);
         let from_target = self.ancestors(target);
-        // Not the root: what is above the common ancestor cancels, and may be missing.
+        // Not the root: transforms above the common ancestor cancel, and may be missing.
         let Some(common) = from_source.iter().find(|f| from_target.contains(f)) else {
-            let root = |chain: &[&str]| chain.last().copied().unwrap_or_default().to_owned();
             return Err(fail(format!(
                 "the frames are not connected (`{source}` ends at `{}`, `{target}` at `{}`)",
-                root(&from_source),
-                root(&from_target)
+                from_source.last().copied().unwrap_or_default(),
+                from_target.last().copied().unwrap_or_default()
             )));
         };
-        let up = |chain: &[&str]| -> Result<Pose, CaptureError> {
-            chain.iter().take_while(|f| *f != common).try_fold(Pose::identity(), |below, frame| {
-                Ok(self.step(frame, stamp_nanos, max_gap_nanos).map_err(|e| fail(e.to_string()))? * below)
-            })
-        };
-        Ok(up(&from_target)?.inverse() * up(&from_source)?)
+        let mut poses = [Pose::identity(); 2];
+        for (pose, chain) in poses.iter_mut().zip([&from_target, &from_source]) {
+            for frame in chain.iter().take_while(|f| *f != common) {
+                let step = self.step(frame, stamp_nanos, max_gap_nanos);
+                *pose = step.map_err(|e| fail(e.to_string()))? * *pose;
+            }
+        }
+        let [common_from_target, common_from_source] = poses;
+        Ok(common_from_target.inverse() * common_from_source)
     }
 
     /// The frame and those above it.
     fn ancestors<'a>(&'a self, frame: &'a str) -> Vec<&'a str> {
-        let next = |f: &&'a str| self.edges.get(*f).map(|(parent, _)| parent.as_str());
-        std::iter::successors(Some(frame), next).take(MAX_DEPTH).collect()
+        std::iter::successors(Some(frame), |f| self.edges.get(*f).map(|(parent, _)| parent.as_str()))
+            .take(MAX_DEPTH)
+            .collect()
     }
 
     /// `parent_from_child` of one frame at a stamp.
@@ -232,6 +231,15 @@ impl TfBuffer {
             (None, Some((first, _))) => Err(StepFault::NotBegun { child: frame(), at_s: stamp_secs(*first) }),
             (None, None) => Err(StepFault::NoSample(frame())),
         }
+    }
+}
+
+fn no_transform(target: &str, source: &str, stamp_nanos: i64, reason: String) -> CaptureError {
+    CaptureError::NoTransform {
+        target: target.to_owned(),
+        source_frame: source.to_owned(),
+        stamp_secs: stamp_secs(stamp_nanos),
+        reason,
     }
 }
 

@@ -25,16 +25,16 @@ pub struct Distortion {
     pub tangential: [f64; 2],
 }
 
-/// What is wrong with a lens, as the end of a sentence.
+/// The fault of a lens, as the end of a sentence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LensFault {
     /// A coefficient is no number.
     #[error("has coefficients that are not finite")]
     NotFinite,
-    /// Terms that are not undone.
+    /// Unsupported terms.
     #[error("has thin prism or tilt terms")]
     PrismOrTilt,
-    /// A number of coefficients that the model does not have.
+    /// A number of coefficients unknown to the model.
     #[error("has {0} coefficients")]
     Count(usize),
     /// Another model.
@@ -45,8 +45,7 @@ pub enum LensFault {
 impl Distortion {
     /// The model of a camera_info by its name and coefficients.
     ///
-    /// # Errors
-    /// Another model, a wrong number of coefficients, or values that are not finite.
+    /// # Errors Another model, a wrong number of coefficients, or infinite values.
     pub fn from_info(model: &str, d: &[f64]) -> Result<Self, LensFault> {
         if d.iter().any(|v| !v.is_finite()) {
             return Err(LensFault::NotFinite);
@@ -107,13 +106,13 @@ pub struct UndistortMap {
 }
 
 impl UndistortMap {
-    /// The map of one camera; `None` for a pinhole, whose images pass through as they are.
+    /// The map of one camera; `None` for a pinhole: its images pass through as they are.
     #[must_use]
     pub fn new(camera: &Intrinsics, distortion: &Distortion) -> Option<Self> {
         if distortion.is_pinhole() {
             return None;
         }
-        // The radius up to which the model is one-to-one.
+        // The largest radius of a one-to-one model.
         let corner = [(0.0, 0.0), (camera.width as f64, camera.height as f64)]
             .map(|(u, v)| camera.ray(u, v).xy().amax())
             .iter()
@@ -123,55 +122,58 @@ impl UndistortMap {
             .map(|i| 2.0 * corner * f64::from(i) / f64::from(steps))
             .find(|r| distortion.folds(*r))
             .unwrap_or(f64::INFINITY);
-        let source = |i: usize| {
+        let mut sources = vec![[f32::NAN; 2]; camera.width * camera.height];
+        for (i, source) in sources.iter_mut().enumerate() {
             let ray = camera.ray((i % camera.width) as f64, (i / camera.width) as f64);
+            // Beyond, the model folds back onto pixels of other directions.
             if ray.xy().norm() >= limit {
-                // Beyond, the model folds back onto pixels of other directions.
-                return [f32::NAN; 2];
+                continue;
             }
             let (x, y) = distortion.apply(ray.x, ray.y);
-            [(x * camera.fx + camera.cx) as f32, (y * camera.fy + camera.cy) as f32]
-        };
-        let sources = (0..camera.width * camera.height).map(source).collect();
+            *source = [(x * camera.fx + camera.cx) as f32, (y * camera.fy + camera.cy) as f32];
+        }
         Some(Self { width: camera.width, height: camera.height, sources })
     }
 
     /// Color, bilinear; black where the lens shows nothing.
     #[must_use]
     pub fn color(&self, pixels: &[[u8; 3]]) -> Vec<[u8; 3]> {
-        let at = |x: usize, y: usize, c: usize| f32::from(pixels[y * self.width + x][c]);
-        let sample = |[u, v]: &[f32; 2]| {
-            // NaN, which marks no source, fulfills no condition.
-            if !(*u >= 0.0 && *v >= 0.0 && *u <= (self.width - 1) as f32 && *v <= (self.height - 1) as f32) {
-                return [0; 3];
-            }
-            let x = *u as usize;
-            let y = *v as usize;
-            let x1 = (x + 1).min(self.width - 1);
-            let y1 = (y + 1).min(self.height - 1);
-            let fx = u - x as f32;
-            let fy = v - y as f32;
-            std::array::from_fn(|c| {
-                let top = at(x, y, c) * (1.0 - fx) + at(x1, y, c) * fx;
-                let bottom = at(x, y1, c) * (1.0 - fx) + at(x1, y1, c) * fx;
-                (top * (1.0 - fy) + bottom * fy).round() as u8
-            })
-        };
-        self.sources.iter().map(sample).collect()
+        self.sources.iter().map(|source| self.color_at(pixels, *source)).collect()
     }
 
-    /// Values that must not be mixed (depth, masks), from the nearest pixel; `outside` where the lens shows
+    /// Color of the distorted image at one place.
+    fn color_at(&self, pixels: &[[u8; 3]], [u, v]: [f32; 2]) -> [u8; 3] {
+        // NaN marks no source, and fulfills no condition.
+        if !(u >= 0.0 && v >= 0.0 && u <= (self.width - 1) as f32 && v <= (self.height - 1) as f32) {
+            return [0; 3];
+        }
+        let x = u as usize;
+        let y = v as usize;
+        let x1 = (x + 1).min(self.width - 1);
+        let y1 = (y + 1).min(self.height - 1);
+        let fx = u - x as f32;
+        let fy = v - y as f32;
+        let at = |x: usize, y: usize, c: usize| f32::from(pixels[y * self.width + x][c]);
+        std::array::from_fn(|c| {
+            let top = at(x, y, c) * (1.0 - fx) + at(x1, y, c) * fx;
+            let bottom = at(x, y1, c) * (1.0 - fx) + at(x1, y1, c) * fx;
+            (top * (1.0 - fy) + bottom * fy).round() as u8
+        })
+    }
+
+    /// Values without interpolation (depth, masks), from the nearest pixel; `outside` where the lens shows
     /// nothing.
     #[must_use]
     pub fn nearest<T: Copy>(&self, pixels: &[T], outside: T) -> Vec<T> {
-        let sample = |[u, v]: &[f32; 2]| {
+        let mut samples = vec![outside; self.sources.len()];
+        for (sample, source) in samples.iter_mut().zip(&self.sources) {
             // Depth and masks are not mixed: between two surfaces there is none.
-            let x = u.round();
-            let y = v.round();
-            let inside = x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32;
-            if inside { pixels[y as usize * self.width + x as usize] } else { outside }
-        };
-        self.sources.iter().map(sample).collect()
+            let [x, y] = source.map(f32::round);
+            if x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32 {
+                *sample = pixels[y as usize * self.width + x as usize];
+            }
+        }
+        samples
     }
 }
 

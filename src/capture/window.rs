@@ -12,9 +12,9 @@ pub(super) const R: usize = 3;
 pub(super) const READINGS: usize = (2 * R + 1) * (2 * R + 1);
 /// Fitted values of a window.
 const UNKNOWNS: usize = 3;
-/// Share of the readings that a window with holes has at least. chosen: most of it, with a margin
+/// Least share of the readings in a window with holes. chosen: most of it, with a margin
 const LEAST_SHARE: f64 = 0.6;
-/// A window whose depths differ by more than this share of their mean shows an edge.
+/// Largest difference of depths in a window without an edge, a share of their mean.
 /// chosen: no surface but a grazing one falls so much over a window
 const MAX_RANGE: f64 = 0.1;
 
@@ -60,10 +60,10 @@ impl WindowPlane {
         let mean = inverse.iter().sum::<f64>() / count;
         let slope_x = inverse.iter().enumerate().map(|(i, v)| place(i).0 * v).sum::<f64>() / spread;
         let slope_y = inverse.iter().enumerate().map(|(i, v)| place(i).1 * v).sum::<f64>() / spread;
-        let residual =
-            |(i, v): (usize, &f64)| (v - mean - slope_x * place(i).0 - slope_y * place(i).1).powi(2);
+        let residuals =
+            inverse.iter().enumerate().map(|(i, v)| v - mean - slope_x * place(i).0 - slope_y * place(i).1);
         // docs/method.md (2.7).
-        let variance = inverse.iter().enumerate().map(residual).sum::<f64>() / (count - UNKNOWNS as f64);
+        let variance = residuals.map(|r| r.powi(2)).sum::<f64>() / (count - UNKNOWNS as f64);
         Some(Self { inverse: mean, slopes: [slope_x, slope_y], variance, mean_depth_m })
     }
 
@@ -73,27 +73,33 @@ impl WindowPlane {
             return Some(whole);
         }
         let side = 2 * R + 1;
-        let readings = || {
-            (0..READINGS).filter_map(|i| {
-                let u = i % side;
-                let v = i / side;
-                let d = f64::from(frame.depth_m[(y + v - R) * frame.intrinsics.width + x + u - R]);
-                (d > 0.0).then_some((Vector3::new(1.0, u as f64 - R as f64, v as f64 - R as f64), d))
-            })
-        };
-        let count = readings().count() as f64;
+        let mut places = [Vector3::zeros(); READINGS];
+        let mut depths_m = [0.0; READINGS];
+        let mut count = 0;
+        for i in 0..READINGS {
+            let u = i % side;
+            let v = i / side;
+            let depth_m = f64::from(frame.depth_m[(y + v - R) * frame.intrinsics.width + x + u - R]);
+            if depth_m > 0.0 {
+                places[count] = Vector3::new(1.0, u as f64 - R as f64, v as f64 - R as f64);
+                depths_m[count] = depth_m;
+                count += 1;
+            }
+        }
+        let readings = || places[..count].iter().zip(&depths_m[..count]);
+        let count = count as f64;
         if count < LEAST_SHARE * READINGS as f64 {
             return None;
         }
         let mean_depth_m = readings().map(|(_, d)| d).sum::<f64>() / count;
-        let most = readings().map(|(_, d)| d).fold(0.0, f64::max);
-        let least = readings().map(|(_, d)| d).fold(f64::INFINITY, f64::min);
+        let most = readings().map(|(_, d)| *d).fold(0.0, f64::max);
+        let least = readings().map(|(_, d)| *d).fold(f64::INFINITY, f64::min);
         if most - least > MAX_RANGE * mean_depth_m {
             return None;
         }
         // With holes the window is not symmetric: slopes and mean are solved for together.
         let moments: Matrix3<f64> = readings().map(|(at, _)| at * at.transpose()).sum();
-        let right: Vector3<f64> = readings().map(|(at, d)| at / d).sum();
+        let right: Vector3<f64> = readings().map(|(at, d)| at / *d).sum();
         let plane = moments.cholesky()?.solve(&right);
         let squares = readings().map(|(at, d)| (1.0 / d - at.dot(&plane)).powi(2)).sum::<f64>();
         let variance = squares / (count - UNKNOWNS as f64);

@@ -13,7 +13,7 @@ use super::{
     participant::{Participant, latched, reliable},
 };
 
-/// Requests that wait.
+/// Waiting requests.
 const DEPTH: usize = 10;
 /// How long a client may take to fetch its result.
 const RESULT_WAIT: Duration = Duration::from_secs(900);
@@ -36,19 +36,19 @@ pub(crate) fn offer<J: Job>(
         result_service: reliable(DEPTH),
         cancel_service: reliable(DEPTH),
         feedback_publisher: reliable(DEPTH),
-        // rcl_action latches the status as well: a client that joins later learns of the goal.
+        // rcl_action latches the status as well: later clients learn of the goal.
         status_publisher: latched(1),
     };
     let server = participant
         .node()
         .create_action_server(mapping, &name, &ActionTypeName::new("artitwin_msgs", J::TYPE), qos)
         .map_err(|e| NodeError::network(&format!("offering {}", J::NAME), e))?;
-    // Outside of the spinner: a goal takes minutes, in which parameters and discovery go on.
+    // Outside of the spinner: a goal takes minutes; parameters and discovery go on meanwhile.
     tokio::spawn(serve(AsyncActionServer::new(server), job));
     Ok(())
 }
 
-/// A goal that ended, and its result, which waits for the client to ask.
+/// An ended goal, and its result, waiting for the client's request.
 struct Ended<J: Job> {
     goal: Goal<J>,
     status: GoalEndStatus,
@@ -62,12 +62,12 @@ async fn serve<J: Job>(server: Server<J>, job: Arc<J>) {
         tokio::select! {
             new = server.receive_new_goal() => match new {
                 Ok(new) => {
-                    // One result waits at a time; a new goal means that its client gave it up.
+                    // One result waits at a time; with a new goal its client has given it up.
                     if let Some(old) = ended.take() {
                         // Nobody asked for it; the server would wait for ever.
                         server.abort_executing_goal(old.goal).await.ok();
                     }
-                    // Before it is accepted, as the handle is used up by that.
+                    // Before it is accepted, as accepting uses up the handle.
                     let Some(request) = server.get_new_goal(new.clone()) else { continue };
                     match accept::<J>(&server, new).await {
                         Ok(goal) => {
@@ -91,7 +91,7 @@ async fn serve<J: Job>(server: Server<J>, job: Arc<J>) {
     }
 }
 
-/// What the middleware says of a goal that it does not accept.
+/// The middleware's error for a goal not accepted.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 struct NotAccepted(String);

@@ -1,4 +1,4 @@
-//! The node's time: the system's, or that of `/clock`.
+//! The node's time: the system's, or `/clock`'s.
 
 use std::{
     sync::atomic::{AtomicI64, Ordering},
@@ -7,7 +7,7 @@ use std::{
 
 use io::ros2msg::Time;
 
-/// Simulated time that goes back by more than this is a jump, nanoseconds.
+/// Least step back of a jump of simulated time, nanoseconds.
 const JUMP_NANOS: i64 = 100_000_000;
 /// No simulated time yet.
 const UNKNOWN: i64 = i64::MIN;

@@ -19,9 +19,9 @@ pub(crate) enum CollectError {
     /// Another one was begun.
     #[error("state {collecting} is being collected, not {asked}")]
     Other {
-        /// The state that is being collected.
+        /// The state in collection.
         collecting: usize,
-        /// The one that should end.
+        /// The state to end.
         asked: usize,
     },
     /// Nothing was kept.
@@ -29,7 +29,7 @@ pub(crate) enum CollectError {
     NoView {
         /// The state.
         state: usize,
-        /// What is missing.
+        /// The missing part.
         why: String,
     },
     /// The recording was closed by an error.

@@ -1,5 +1,5 @@
-//! The one place that owns the collector: messages and commands go in, answers and events come out. It runs
-//! on a thread of its own, as decoding and writing take time.
+//! The owner of the collector: messages and commands go in, answers and events come out. It runs on a thread
+//! of its own, as decoding and writing take time.
 
 use std::{
     path::{Path, PathBuf},
@@ -25,14 +25,14 @@ use super::{
 };
 use io::ros2msg::TransformStamped;
 
-/// Images that wait for the core.
+/// Waiting images.
 pub(crate) const IMAGE_QUEUE: usize = 16;
-/// Small messages that wait for the core.
+/// Waiting small messages.
 pub(crate) const SMALL_QUEUE: usize = 2048;
-/// How often a recording is put on the disk: what a crash may cost.
+/// Time between flushes of a recording to the disk: the loss in a crash.
 const FLUSH_EVERY: Duration = Duration::from_secs(1);
 
-/// What is asked of the core.
+/// Requests to the core.
 pub(crate) enum Command {
     /// Begins a state.
     Start(usize, oneshot::Sender<Result<(), CollectError>>),
@@ -44,11 +44,11 @@ pub(crate) enum Command {
     Flush(oneshot::Sender<Result<(), CollectError>>),
     /// The time went back.
     TimeJump,
-    /// Ends the core: what is open is closed.
+    /// Ends the core: open recordings are closed.
     Stop(oneshot::Sender<()>),
 }
 
-/// What the others may know at any time.
+/// State of the core, for the others at any time.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Snapshot {
     /// State being collected.
@@ -61,13 +61,13 @@ pub(crate) struct Snapshot {
     pub kept: [usize; 2],
     /// Finished recordings of the states.
     pub recordings: [Option<PathBuf>; 2],
-    /// Sets of images that belong together.
+    /// Sets of matched images.
     pub matched: u64,
     /// Color, depth and mask images given up.
     pub unmatched: [u64; 3],
-    /// Images that wait for partners, sets that wait for poses.
+    /// Images waiting for partners, sets waiting for poses.
     pub waiting: (usize, usize),
-    /// What became of the messages.
+    /// Counts of the messages.
     pub counts: Counts,
     /// Transforms left out, jumps of /tf.
     pub transforms: (u64, u64),
@@ -75,23 +75,22 @@ pub(crate) struct Snapshot {
     pub session: PathBuf,
     /// Frame of the poses.
     pub world_frame: Option<String>,
-    /// Frame in which a twin stands, where it is another.
+    /// Frame of a twin, where it is another.
     pub twin_frame: Option<&'static str>,
     /// How well the camera is followed, where it is tracked.
     pub tracking: Option<TrackStatus>,
-    /// The last thing that went wrong.
+    /// The last problem.
     pub problem: Option<String>,
     /// Number of changes of the cloud.
     pub cloud_version: u64,
-    /// The map of what is collected, where there is one.
+    /// The map of the collection, where there is one.
     pub live: Option<LiveStatus>,
 }
 
 impl Snapshot {
     /// The recordings of both states.
     ///
-    /// # Errors
-    /// States that lack views.
+    /// # Errors States without enough views.
     pub(crate) fn both(&self) -> Result<[PathBuf; 2], CollectError> {
         if let Some(state) = self.collecting {
             return Err(CollectError::Collecting(state));
@@ -104,24 +103,24 @@ impl Snapshot {
     }
 }
 
-/// What the core shares.
+/// The core's shared data.
 #[derive(Debug, Default)]
 pub(crate) struct Shared {
     snapshot: Mutex<Snapshot>,
-    /// Whether a run reads the session. Held while a state begins, so that no run begins to read it then.
+    /// Whether a run reads the session. Held while a state begins: no run begins to read it then.
     read: Mutex<bool>,
     cloud: Mutex<Vec<([f32; 3], [u8; 3])>>,
 }
 
 impl Shared {
-    /// What is known now.
+    /// The present snapshot.
     #[must_use]
     pub(crate) fn snapshot(&self) -> Snapshot {
         guard(&self.snapshot).clone()
     }
 
-    /// Says that a run reads the session, until what is given is dropped; until then no state begins and none
-    /// is left.
+    /// Marks the session as read by a run, until the returned guard is dropped; until then no state begins
+    /// and none is left.
     pub(crate) fn read_session(self: &Arc<Self>) -> ReadSession {
         *guard(&self.read) = true;
         ReadSession(Arc::clone(self))
@@ -264,8 +263,8 @@ impl Core {
             Command::Start(state, answer) => {
                 let started = self.unless_read(|core| {
                     core.start(state)?;
-                    // A state that people begin is seen for itself. One that begins by itself goes on in the
-                    // map in which the object was seen to stand still.
+                    // A state begun by people is seen for itself. A state begun by itself goes on in the map
+                    // of the still object.
                     core.begin_map();
                     Ok(())
                 });
@@ -296,7 +295,7 @@ impl Core {
         change: impl FnOnce(&mut Self) -> Result<(), CollectError>,
     ) -> Result<(), CollectError> {
         let shared = Arc::clone(&self.shared);
-        // Held during the change: a run that begins to read now waits for it.
+        // Held during the change: a run waits for it.
         let read = guard(&shared.read);
         if *read {
             return Err(CollectError::Read);
@@ -327,7 +326,7 @@ impl Core {
         Ok(())
     }
 
-    /// What the map showed is of an earlier state, or session.
+    /// The map's content is of an earlier state, or session.
     fn begin_live(&mut self, state: usize) {
         if let Some(live) = &self.live {
             self.live_key = MapKey { begun: live.begin(), state, ..self.live_key };
@@ -358,7 +357,7 @@ impl Core {
         // A run needs the processor.
         if !self.shared.is_read() {
             for view in views {
-                // Never waits: a busy tracker costs views, which are counted.
+                // Never waits: a busy tracker costs views; they are counted.
                 let dropped = self.tracking.queue.offer(view);
                 self.track_watch.offer(dropped.is_none(), Instant::now());
                 if let Some(ToTrack { stamp_nanos, images, .. }) = dropped
@@ -370,7 +369,7 @@ impl Core {
         }
     }
 
-    /// Takes a view that was tracked.
+    /// Takes a tracked view.
     fn take(&mut self, tracked: Tracked) {
         if tracked.map != self.collector.map() {
             return;
@@ -382,7 +381,7 @@ impl Core {
         }
         match self.collector.accept_tracked(tracked, self.clock.now_nanos()) {
             Ok(Some((seen, transform))) => {
-                // Who publishes them may be behind: the next one says more.
+                // The publisher may be behind: the next one says more.
                 transform.into_iter().for_each(|t| _ = self.tracking.poses.try_send(t));
                 self.see(&seen);
             }
@@ -402,7 +401,7 @@ impl Core {
             self.map_live(seen, pixels);
             self.cloud.add(pixels, &seen.world_from_camera);
             self.cloud_version += 1;
-            // A copy for the publisher, which then never waits for the core.
+            // A copy for the publisher: it never waits for the core.
             *guard(&self.shared.cloud) = self.cloud.points();
         }
         // While a run reads the session no state may begin, so the object is not watched.
@@ -419,7 +418,7 @@ impl Core {
                 // The watch confirms motion some views after it began; those may show it.
                 self.collector.drop_held();
                 self.end(state);
-                // What moved contradicts what was seen of it before.
+                // The moved surface contradicts its earlier views.
                 self.begin_map();
                 self.watch = self.watch.take().map(MotionWatch::in_another_map);
             }
@@ -433,7 +432,7 @@ impl Core {
         }
     }
 
-    /// Closes what is open, so that nothing is lost.
+    /// Closes open recordings: nothing is lost.
     fn close(&mut self) {
         // A bag without metadata.yaml is still read, but with a warning.
         if let Phase::Collecting(state) = self.collector.phase()

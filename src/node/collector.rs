@@ -1,5 +1,5 @@
-//! From messages to recordings of two states: pairs images, looks up the camera's pose, keeps the views that
-//! are new and writes them to a bag as they come. It knows no middleware and no clock.
+//! From messages to recordings of two states: pairs images, looks up the camera's pose, keeps new views and
+//! writes them to a bag as they come. It knows no middleware and no clock.
 
 mod keep;
 mod to_track;
@@ -10,7 +10,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use self::to_track::Tracking;
+use self::to_track::TrackedMap;
 use super::{
     collect_error::CollectError,
     counts::Counts,
@@ -28,7 +28,7 @@ use io::{
     ros2msg::{CameraInfo, Header, PoseStamped, Transform, TransformStamped},
 };
 
-/// Stamps that go back by more than this are a jump in time, nanoseconds.
+/// Least step back of a jump in time, nanoseconds.
 const JUMP_NANOS: i64 = 500_000_000;
 
 /// Settings of a collector.
@@ -36,29 +36,29 @@ const JUMP_NANOS: i64 = 500_000_000;
 pub(crate) struct CollectorSettings {
     /// Names of the topics, for messages and the recording.
     pub topics: Topics,
-    /// Frame in which the twin stands, where it was given.
+    /// Frame of the twin, where given.
     pub world_frame: Option<String>,
-    /// Frame whose pose a PoseStamped gives, where it was given.
+    /// Frame of the poses of a PoseStamped, where given.
     pub pose_frame: Option<String>,
     /// Largest difference of stamps, nanoseconds.
     pub slop_nanos: i64,
     /// Largest gap between transforms, nanoseconds.
     pub max_gap_nanos: i64,
-    /// Images and sets that wait.
+    /// Waiting images and sets.
     pub queue: usize,
-    /// Which views are kept.
+    /// Rule for kept views.
     pub rule: KeyframeRule,
-    /// Views that are held back before they are written, so that they can still be dropped.
+    /// Views held back before they are written, as they can still be dropped.
     pub hold: usize,
-    /// Whether the camera is tracked by what it sees.
+    /// Whether the camera is tracked by its images.
     pub tracking: TrackCamera,
     /// Whether poses are asked for, by a topic or a frame.
     pub poses_asked: bool,
-    /// Frame that tracked poses are published in.
+    /// Frame of published tracked poses.
     pub map_frame: String,
 }
 
-/// What is being done.
+/// The present activity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Phase {
     /// Nothing.
@@ -67,7 +67,7 @@ pub(crate) enum Phase {
     Collecting(usize),
 }
 
-/// A view that got its pose; whether it was kept.
+/// A view with its pose; whether it was kept.
 #[derive(Clone, Debug)]
 pub(crate) struct Seen {
     /// Its stamp, nanoseconds.
@@ -80,10 +80,10 @@ pub(crate) struct Seen {
     pub kept: bool,
 }
 
-/// A view that is kept and not written yet.
+/// A kept view, not written yet.
 struct Held {
     view: View,
-    /// The transforms about its stamp, which are forgotten sooner than it may be written.
+    /// The transforms about its stamp: they may be forgotten before it is written.
     around: Vec<TransformStamped>,
     /// When it was received.
     now_nanos: i64,
@@ -105,18 +105,18 @@ pub(crate) struct Collector {
     finished: [Option<PathBuf>; 2],
     /// Recording and views of the state being collected, as they were before.
     before: (Option<PathBuf>, Keyframes),
-    tracking: Tracking,
+    tracking: TrackedMap,
     newest_nanos: i64,
     /// Frame of the poses, once it is known.
     pub world_frame: Option<String>,
-    /// What happened so far.
+    /// Counts so far.
     pub counts: Counts,
     /// The last thing that went wrong.
     pub problem: Option<String>,
 }
 
 impl Collector {
-    /// A collector that writes below the folder of a session.
+    /// A collector with its bags below the folder of a session.
     #[must_use]
     pub(crate) fn new(settings: CollectorSettings, session: &Path) -> Self {
         let with_masks = settings.topics.mask.is_some();
@@ -134,7 +134,7 @@ impl Collector {
             keyframes: Default::default(),
             finished: [0, 1].map(|s| finished_state(session, s)),
             before: Default::default(),
-            tracking: Tracking::default(),
+            tracking: TrackedMap::default(),
             newest_nanos: i64::MIN,
             world_frame: settings.world_frame.clone(),
             counts: Counts::default(),
@@ -144,7 +144,7 @@ impl Collector {
         }
     }
 
-    /// What is being done.
+    /// The present activity.
     #[must_use]
     pub(crate) fn phase(&self) -> Phase {
         self.phase
@@ -180,7 +180,7 @@ impl Collector {
         (self.sync.matched, self.sync.unmatched)
     }
 
-    /// Begins to collect a state. What was collected of it before is kept under another name.
+    /// Begins to collect a state. Its earlier recording is kept under another name.
     ///
     /// # Errors
     /// Another state is being collected, or the disk refuses.
@@ -193,7 +193,7 @@ impl Collector {
         }
         let bag = StateBag::create(&self.session, state, self.settings.topics.clone())?;
         self.before = (self.finished[state].take(), std::mem::take(&mut self.keyframes[state]));
-        // What waits was taken before the state began.
+        // Waiting images were taken before the state began.
         self.waiting.clear();
         self.held.clear();
         self.tracking.to_track.clear();
@@ -206,8 +206,7 @@ impl Collector {
     /// Ends the state being collected; the number of views kept. Without views it is as if the state had not
     /// begun.
     ///
-    /// # Errors
-    /// That state is not being collected, nothing was kept, or the disk refuses.
+    /// # Errors The state is not in collection, nothing was kept, or the disk refuses.
     pub(crate) fn finish(&mut self, state: usize) -> Result<usize, CollectError> {
         if self.phase != Phase::Collecting(state) {
             return Err(match self.phase {
@@ -229,7 +228,7 @@ impl Collector {
         Ok(kept)
     }
 
-    /// Takes back that a state was begun.
+    /// Takes back the beginning of a state.
     fn abandon(&mut self, state: usize) -> Result<(), BagWriteError> {
         self.phase = Phase::Idle;
         let (finished, keyframes) = std::mem::take(&mut self.before);
@@ -240,7 +239,7 @@ impl Collector {
         Ok(())
     }
 
-    /// Drops the views that are held back: they may show the object in motion.
+    /// Drops the views held back: they may show the object in motion.
     pub(crate) fn drop_held(&mut self) {
         if let Phase::Collecting(state) = self.phase {
             self.keyframes[state].forget_last(self.held.len());
@@ -265,7 +264,7 @@ impl Collector {
         Ok(())
     }
 
-    /// A sentence about what is missing.
+    /// A sentence about the missing parts.
     fn why_nothing(&self) -> String {
         let t = &self.settings.topics;
         let (matched, unmatched) = self.matches();
@@ -285,8 +284,7 @@ impl Collector {
 
     /// Forgets everything and goes on in another folder. Recordings stay on the disk.
     ///
-    /// # Errors
-    /// If the recording that is open cannot be closed.
+    /// # Errors If the open recording cannot be closed.
     pub(crate) fn reset(&mut self, session: &Path) -> Result<(), BagWriteError> {
         let kept_something =
             matches!(self.phase, Phase::Collecting(state) if self.keyframes[state].len() > 0);
@@ -295,7 +293,7 @@ impl Collector {
         // Cameras and transforms are no part of a session; some of them are published once.
         let infos = self.infos.clone();
         let counts = std::mem::take(&mut self.counts);
-        let tracking = Tracking { map: self.tracking.map + 1, ..Tracking::default() };
+        let tracking = TrackedMap { map: self.tracking.map + 1, ..TrackedMap::default() };
         let counts = counts.after_reset();
         *self = Self { tf, infos, counts, tracking, ..Self::new(self.settings.clone(), session) };
         match bag {
@@ -305,7 +303,7 @@ impl Collector {
         }
     }
 
-    /// Puts what was written on the disk.
+    /// Flushes the recording to the disk.
     ///
     /// # Errors
     /// If the disk refuses.
@@ -313,8 +311,8 @@ impl Collector {
         self.bag.as_mut().map_or(Ok(()), StateBag::flush)
     }
 
-    /// Takes a message that was received at a time (nanoseconds); the views that it completed. With `pixels`,
-    /// every view is decoded, else only those that are kept.
+    /// Takes a message with its time of reception (nanoseconds); returns the completed views. With `pixels`,
+    /// every view is decoded, else only kept ones.
     ///
     /// # Errors
     /// If the disk refuses; then the state is not collected any further.
@@ -349,7 +347,7 @@ impl Collector {
         self.unless_failed(seen)
     }
 
-    /// What was written, or the end of the state where the disk refused.
+    /// Result of a write; the state ends where the disk refused.
     fn unless_failed<T>(&mut self, written: Result<T, BagWriteError>) -> Result<T, BagWriteError> {
         if let Err(error) = &written {
             self.problem = Some(error.to_string());
@@ -383,8 +381,7 @@ impl Collector {
         }
     }
 
-    /// The time went back to this: forgets the images that wait and the transforms that change, where they
-    /// are later.
+    /// The time went back to this: forgets later images and changing transforms.
     pub(crate) fn jump_back(&mut self, now_nanos: i64) {
         let latest = now_nanos.saturating_add(self.settings.slop_nanos);
         self.counts.jumps += 1;
@@ -401,7 +398,7 @@ impl Collector {
         self.sample_of_pose(m.header, self.settings.pose_frame.clone(), m.pose);
     }
 
-    /// A pose is a transform whose child may only be known once an image came.
+    /// A pose is a transform; its child may only be known after an image.
     fn sample_of_pose(&mut self, header: Header, child: Option<String>, transform: Transform) {
         let Some(child) = child.or_else(|| self.optical()) else { return };
         // /tf may hold the same frame, by another estimator; two
@@ -416,7 +413,7 @@ impl Collector {
         info.map(|(_, frame)| frame).filter(|f| !f.is_empty())
     }
 
-    /// Gives waiting sets their poses, in order; keeps the views that are new.
+    /// Gives waiting sets their poses, in order; keeps the new views.
     fn place(&mut self, now_nanos: i64, pixels: bool) -> Result<Vec<Seen>, BagWriteError> {
         let mut seen = Vec::new();
         let mut still = VecDeque::new();
@@ -430,7 +427,7 @@ impl Collector {
                 self.hand_over(set);
                 continue;
             }
-            // The root above a camera that moves; it may become known while images wait.
+            // The root above a moving camera; it may become known while images wait.
             let world = self.settings.world_frame.clone().or_else(|| self.tf.moving_root(&optical));
             let pose = world
                 .as_ref()
@@ -441,7 +438,7 @@ impl Collector {
                     let view = View { stamp_nanos: set.stamp_nanos, images: set.images, world_from_camera };
                     seen.extend(self.judge(view, now_nanos, pixels, None)?);
                 }
-                // The transform after the stamp may still come; the queue is what bounds the waiting.
+                // The transform after the stamp may still come; the queue bounds the waiting.
                 other => {
                     if let Some(Err(error)) = other {
                         self.problem = Some(error.to_string());
@@ -460,7 +457,7 @@ impl Collector {
     }
 }
 
-/// The recording of a state that an earlier run of the node finished in this session.
+/// The recording of a state, finished by an earlier run of the node in this session.
 fn finished_state(session: &Path, state: usize) -> Option<PathBuf> {
     let folder = session.join(format!("state{state}"));
     folder.join("metadata.yaml").is_file().then_some(folder)

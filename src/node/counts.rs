@@ -1,34 +1,34 @@
-//! What became of the messages, for diagnostics.
+//! Counts of messages by their fate, for diagnostics.
 
 use super::{keyframes::Verdict, sample::Refusal};
 
 /// Numbers since the start or the last reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Counts {
-    /// Messages whose header was unusable.
+    /// Messages with an unusable header.
     pub bad_header: u64,
-    /// Messages whose sizes contradict each other or the bounds.
+    /// Messages with sizes against each other or the bounds.
     pub bad_size: u64,
-    /// Messages with numbers that cannot be.
+    /// Messages with impossible numbers.
     pub bad_value: u64,
-    /// Views whose images could not be decoded.
+    /// Views with undecodable images.
     pub broken: u64,
     /// Sets given up as no camera pose came.
     pub without_pose: u64,
     /// Views kept.
     pub kept: u64,
-    /// Views that show what a kept one shows.
+    /// Views like a kept one.
     pub known: u64,
     /// Views given up as the state was full.
     pub full: u64,
     /// Views older than the last one kept.
     pub late: u64,
-    /// Times that the time went back.
+    /// Number of jumps back in time.
     pub jumps: u64,
 }
 
 impl Counts {
-    /// Counts a message that is not used.
+    /// Counts an unused message.
     pub(crate) fn refuse(&mut self, refusal: Refusal) {
         match refusal {
             Refusal::Header => self.bad_header += 1,
@@ -49,7 +49,7 @@ impl Counts {
         }
     }
 
-    /// What stays after a reset: refusals and jumps, which concern the neighbors.
+    /// Counts kept after a reset: refusals and jumps, as they concern the neighbors.
     #[must_use]
     pub(crate) fn after_reset(self) -> Self {
         Self {

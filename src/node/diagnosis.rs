@@ -29,9 +29,9 @@ const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 
 /// Diagnoses twins.
 pub(crate) struct Diagnoser {
-    /// What the core shares.
+    /// The core's shared data.
     pub shared: Arc<Shared>,
-    /// The twin that the node made last.
+    /// The node's last twin.
     pub twins: watch::Receiver<Option<Arc<Twin>>>,
     /// Gets the report of every diagnosis.
     pub reports: watch::Sender<Option<Arc<GapReport>>>,
@@ -49,7 +49,7 @@ impl Job for Diagnoser {
         goal: &DiagnoseGoal,
     ) -> Result<Work<DiagnoseResult, DiagnoseFeedback>, GoalError> {
         let request = self.request(goal)?;
-        // Before the work: a twin that cannot be read fails the goal at once.
+        // Before the work: an unreadable twin fails the goal at once.
         let (tree, _) = read_twin(&request.twin, request.gravity)?;
         let joints = tree.joints.iter().filter(|j| j.motion != Motion::Fixed && !j.is_mimic).count();
         let mut progress = JointProgress::new(joints);
@@ -75,7 +75,7 @@ impl Diagnoser {
         }
         let made = || self.twins.borrow().as_ref().map(|t| t.summary.urdf_path());
         let twin = match goal.twin.as_str() {
-            // A message has no absent fields: an empty path asks for the twin that was made last.
+            // A message has no absent fields: an empty path asks for the last twin.
             "" => made().ok_or(GoalError::NoTwin)?,
             path => twin_path(Path::new(path))?,
         };
@@ -88,7 +88,7 @@ impl Diagnoser {
             out: free_folder(&self.shared.snapshot().session, "gap"),
             name: None,
             force: false,
-            // A message has no absent fields: a client that gives no gravity sends zeros.
+            // A message has no absent fields: a client without gravity sends zeros.
             gravity: if goal.gravity == [0.0; 3] { GRAVITY } else { goal.gravity },
             hold: if goal.linear_effort { Hold::Linear } else { Hold::Zero },
             seed: goal.seed,
@@ -114,7 +114,7 @@ impl Diagnoser {
                 let message = report.summary.clone();
                 let folder = report.folder.clone();
                 let verdict = report.verdict.clone();
-                // Noted before it is published: a node that is killed now publishes it again.
+                // Noted before it is published: a node killed now publishes it again.
                 note_report(request.out.parent().unwrap_or(Path::new("")), &report);
                 self.reports.send_replace(Some(Arc::new(report)));
                 Finished::Done(DiagnoseResult { success: true, message, folder, verdict })
@@ -142,7 +142,7 @@ impl JointProgress {
 
     fn feedback(&mut self, event: &Event, elapsed: Duration) -> Option<DiagnoseFeedback> {
         let Event::StageStarted { stage, .. } = event else { return None };
-        // A stage is reported when it begins, so what has begun before it is done.
+        // A stage is reported when it begins, so earlier stages are done.
         let done = (self.begun as f64 / self.joints.max(1) as f64).min(1.0);
         self.begun += 1;
         let seconds_left = if done > 0.0 { elapsed.as_secs_f64() * (1.0 - done) / done } else { f64::NAN };

@@ -74,7 +74,7 @@ impl Diagnostics {
             ("session", s.session.display().to_string()),
             ("world_frame", s.world_frame.clone().unwrap_or_default()),
         ];
-        // The last problem first: it is what people look for here.
+        // The last problem first: people look for it here.
         let (level, message) = match (&s.problem, s.collecting) {
             (Some(problem), _) => (WARN, problem.clone()),
             (None, Some(state)) => (OK, format!("collecting state {state}")),
@@ -142,7 +142,7 @@ fn input_status(
     seconds: f64,
 ) -> DiagnosticStatus {
     let rate_hz = (now.received - last.received) as f64 / seconds;
-    // `lost` may fall: a message that was counted as lost came late.
+    // `lost` may fall: a message counted as lost came late.
     let bad = (now.lost - last.lost.min(now.lost))
         + (now.malformed - last.malformed)
         + (now.overrun - last.overrun);
@@ -164,17 +164,17 @@ fn input_status(
 }
 
 fn status(node: &str, part: &str, level: u8, message: String, values: &[(&str, String)]) -> DiagnosticStatus {
-    let value = |(key, value): &(&str, String)| KeyValue { key: (*key).to_owned(), value: value.clone() };
+    let values = values.iter().map(|(key, value)| KeyValue { key: (*key).to_owned(), value: value.clone() });
     DiagnosticStatus {
         level,
         name: format!("{node}: {part}"),
         message,
         hardware_id: "artitwin".into(),
-        values: values.iter().map(value).collect(),
+        values: values.collect(),
     }
 }
 
-/// Memory that the process holds.
+/// Memory of the process.
 #[must_use]
 pub(crate) fn resident_bytes() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/status").ok()?;

@@ -1,4 +1,4 @@
-//! What the environment of a ROS 2 program says: domain, reach, middleware, security.
+//! The environment of a ROS 2 program: domain, reach, middleware, security.
 
 use std::net::{IpAddr, Ipv4Addr};
 
@@ -11,9 +11,9 @@ pub(crate) struct Environment {
     pub domain: u16,
     /// Whether only this machine is talked to.
     pub localhost: bool,
-    /// The middleware that the neighbors use, where it is known.
+    /// The neighbors' middleware, where it is known.
     pub middleware: Option<String>,
-    /// What is odd.
+    /// Warnings.
     pub warnings: Vec<String>,
 }
 
@@ -35,8 +35,7 @@ pub enum EnvironmentError {
 impl Environment {
     /// Reads the variables through `get`.
     ///
-    /// # Errors
-    /// A domain that is none; security that is enforced.
+    /// # Errors An invalid domain; enforced security.
     pub(crate) fn read(get: impl Fn(&str) -> Option<String>) -> Result<Self, EnvironmentError> {
         // An empty variable counts as unset, as in rcl.
         let get = |name: &str| get(name).filter(|v| !v.is_empty());
@@ -82,13 +81,13 @@ impl Environment {
         Ok(Self { domain, localhost, middleware, warnings })
     }
 
-    /// The networks that are used; `None`: all.
+    /// The used networks; `None`: all.
     #[must_use]
     pub(crate) fn networks(&self) -> Option<[IpAddr; 1]> {
         self.localhost.then_some([IpAddr::V4(Ipv4Addr::LOCALHOST)])
     }
 
-    /// How service requests are distinguished on the wire, which differs between middlewares.
+    /// Form of service requests on the wire, by the middleware.
     #[must_use]
     pub(crate) fn service_mapping(&self, parameter: &str) -> ServiceMapping {
         let cyclone = self.middleware.as_deref().is_some_and(|m| m.contains("cyclonedds"));

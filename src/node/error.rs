@@ -38,9 +38,9 @@ pub enum NodeError {
     /// The network refuses.
     #[error("{what}: {reason}")]
     Network {
-        /// What was tried.
+        /// The attempted action.
         what: String,
-        /// What the middleware said.
+        /// The middleware's message.
         reason: String,
     },
     /// A recording could not be written.
@@ -59,9 +59,9 @@ pub enum NodeError {
     /// The system refuses.
     #[error("{what}: {source}")]
     System {
-        /// What was tried.
+        /// The attempted action.
         what: &'static str,
-        /// What it said.
+        /// Its message.
         source: std::io::Error,
     },
 }

@@ -19,7 +19,7 @@ pub(crate) enum GoalError {
     Settings {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's message.
         source: std::io::Error,
     },
     /// The settings have no text.

@@ -1,11 +1,11 @@
-//! Counts of one subscription: what came, what was lost on the way, what could not be decoded.
+//! Counts of one subscription: received, lost on the way, undecodable.
 
 use std::{
     collections::BTreeMap,
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
-/// Publishers whose sequence numbers are followed, at most.
+/// Most publishers with followed sequence numbers.
 const MAX_PUBLISHERS: usize = 64;
 
 /// Counts of one subscription.
@@ -28,9 +28,9 @@ struct Inner {
 pub(crate) struct InputSnapshot {
     /// Messages decoded.
     pub received: u64,
-    /// Messages that are no CDR of their type.
+    /// Messages other than CDR of their type.
     pub malformed: u64,
-    /// Messages that the middleware lost, by the gaps in the publishers' sequence numbers.
+    /// Messages lost by the middleware, by the gaps in the publishers' sequence numbers.
     pub lost: u64,
     /// Messages dropped here, as the node was busy.
     pub overrun: u64,
@@ -58,21 +58,21 @@ impl InputCount {
                 inner.snapshot.lost = inner.snapshot.lost.saturating_sub(1);
                 return;
             }
-            // A publisher that starts again is a new one: without a bound such would fill the memory.
+            // A restarted publisher is a new one: without a bound they would fill the memory.
             None if inner.last.len() >= MAX_PUBLISHERS => inner.last.clear(),
             None => {}
         }
         inner.last.insert(publisher, sequence);
     }
 
-    /// Counts a message that could not be decoded.
+    /// Counts an undecodable message.
     pub(crate) fn malformed(&self) {
         let mut inner = self.inner();
         inner.snapshot.malformed += 1;
         inner.malformed_since += 1;
     }
 
-    /// Counts a message that was dropped as the node was busy.
+    /// Counts a message dropped by the busy node.
     pub(crate) fn overrun(&self) {
         self.inner().snapshot.overrun += 1;
     }

@@ -21,7 +21,7 @@ use io::ros2msg::{
     text::Clock,
 };
 
-/// Transforms that may wait: a robot's tree comes in many small messages.
+/// Most waiting transforms: a robot's tree comes in many small messages.
 const TF_DEPTH: usize = 100;
 
 /// A subscription's name and counts.
@@ -46,24 +46,27 @@ pub(crate) struct Outbox {
     pub commands: mpsc::Sender<Command>,
 }
 
-/// Names of the topics that are subscribed to, remapped.
+/// Names of the subscribed topics, remapped.
 #[must_use]
 pub(crate) fn topics(arguments: &RosArgs, node: &NodeIdentity, p: &Parameters) -> Topics {
     let resolve = |name: &str| arguments.resolve(name, node);
     // An empty parameter means: not given; ROS parameters have no null.
     let given = |name: &str| (!name.is_empty()).then(|| resolve(name));
-    let transported = |name: &str, transport: &str| match transport {
-        "raw" => resolve(name),
-        // Image transports publish below the name of the raw topic.
-        other => resolve(&format!("{name}/{other}")),
-    };
     Topics {
-        color: transported(&p.color_topic, &p.color_transport),
-        depth: transported(&p.depth_topic, &p.depth_transport),
+        color: resolve(&image_topic(&p.color_topic, &p.color_transport)),
+        depth: resolve(&image_topic(&p.depth_topic, &p.depth_transport)),
         color_info: resolve(&p.camera_info_topic),
         depth_info: given(&p.depth_info_topic),
-        mask: (!p.mask_topic.is_empty()).then(|| transported(&p.mask_topic, &p.mask_transport)),
+        mask: (!p.mask_topic.is_empty()).then(|| resolve(&image_topic(&p.mask_topic, &p.mask_transport))),
         pose: given(&p.pose_topic).map(|name| (name, p.pose_type == "odometry")),
+    }
+}
+
+/// Image transports publish below the name of the raw topic.
+fn image_topic(name: &str, transport: &str) -> String {
+    match transport {
+        "raw" => name.to_owned(),
+        other => format!("{name}/{other}"),
     }
 }
 
@@ -75,7 +78,7 @@ struct Subscriber<'a> {
 }
 
 impl Subscriber<'_> {
-    /// Hands the messages of a topic on; what finds no room is counted.
+    /// Hands the messages of a topic on; those without room are counted.
     fn add<M: RosMessage>(
         &mut self,
         role: &'static str,
@@ -84,12 +87,12 @@ impl Subscriber<'_> {
         wrap: impl Fn(M) -> Sample + Send + 'static,
     ) -> Result<(), NodeError> {
         let count = Arc::new(InputCount::default());
-        // Images have a queue of their own, so that they cannot crowd out the transforms that place them.
+        // Images have a queue of their own: they cannot crowd out their transforms.
         let images = matches!(role, "color" | "depth" | "mask");
         let sink = if images { self.outbox.images.clone() } else { self.outbox.small.clone() };
         let overrun = Arc::clone(&count);
         self.participant.subscribe(topic, qos, Arc::clone(&count), move |message: M| {
-            // Never waits: a busy core costs images, which are counted, and not the middleware's thread.
+            // Never waits: a busy core costs images, with a count, and not the middleware's thread.
             if let Err(TrySendError::Full(_)) = sink.try_send(wrap(message)) {
                 overrun.overrun();
             }
@@ -113,7 +116,7 @@ impl Subscriber<'_> {
     }
 }
 
-/// Subscribes to everything that the parameters name.
+/// Subscribes to all topics of the parameters.
 ///
 /// # Errors
 /// If a name cannot be used or the network refuses.
@@ -154,14 +157,14 @@ pub(crate) fn subscribe(
         None => {}
     }
     let mut inputs = s.inputs;
-    // The library subscribes to /clock as builtin_interfaces/Time, which no publisher of ROS 2 matches.
+    // The library subscribes to /clock as builtin_interfaces/Time, unlike any publisher of ROS 2.
     if p.use_sim_time {
         let count = Arc::new(InputCount::default());
         let clock = Arc::clone(clock);
         let commands = outbox.commands.clone();
         let topic = participant.resolve("/clock");
         participant.subscribe(&topic, &sensor_data(1), Arc::clone(&count), move |m: Clock| {
-            // A replay that starts again, or a simulator that was reset: what waits is of another time.
+            // A restarted replay, or a reset simulator: waiting images are of another time.
             if clock.set(m.clock) {
                 commands.try_send(Command::TimeJump).ok();
             }

@@ -1,4 +1,4 @@
-//! Work that an action asks for. It runs on a thread of its own, reports how far it is and can be stopped.
+//! Work of an action. It runs on a thread of its own, reports its progress and can be stopped.
 
 use std::{
     sync::{
@@ -14,16 +14,16 @@ use tokio::sync::mpsc;
 use super::goal_error::GoalError;
 use run::{Event, Monitor};
 
-/// News that wait for the action.
+/// News waiting for the action.
 const NEWS: usize = 256;
 /// Least time between two feedbacks of one stage.
 const FEEDBACK_EVERY: Duration = Duration::from_millis(100);
 
-/// What an action does.
+/// The work of an action.
 pub(crate) trait Job: Send + Sync + 'static {
-    /// What is asked.
+    /// Its goal.
     type Goal: Message + Clone + Send + Sync + 'static;
-    /// What it ends in.
+    /// Its result.
     type Result: Message + Clone + Send + Sync + 'static;
     /// How far it is.
     type Feedback: Message + Send + Sync + 'static;
@@ -38,7 +38,7 @@ pub(crate) trait Job: Send + Sync + 'static {
     /// It cannot be done.
     fn begin(self: &Arc<Self>, goal: &Self::Goal) -> Result<Work<Self::Result, Self::Feedback>, GoalError>;
 
-    /// The result of work that came to none, and why.
+    /// The result of failed work, with the reason.
     fn nothing(message: String) -> Self::Result;
 }
 
@@ -53,7 +53,7 @@ pub(crate) enum Finished<R> {
     Failed(String),
 }
 
-/// What work reports.
+/// Reports of work.
 #[derive(Debug)]
 pub(crate) enum News<R, F> {
     /// How far it is.
@@ -62,7 +62,7 @@ pub(crate) enum News<R, F> {
     Ended(Finished<R>),
 }
 
-/// Work that goes on; dropped, it is asked to stop.
+/// Work in progress; dropped, it is asked to stop.
 #[derive(Debug)]
 pub(crate) struct Work<R, F> {
     news: mpsc::Receiver<News<R, F>>,
@@ -70,8 +70,8 @@ pub(crate) struct Work<R, F> {
 }
 
 impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
-    /// Starts work. `feedback` makes what is reported of an event and the time since the start, where there
-    /// is something to report: at once for a new stage, else not too often.
+    /// Starts work. `feedback` makes the report of an event and the time since the start, where there is one:
+    /// at once for a new stage, else not too often.
     pub(crate) fn start(
         mut feedback: impl FnMut(&Event, Duration) -> Option<F> + Send + 'static,
         work: impl FnOnce(&Monitor) -> Finished<R> + Send + 'static,
@@ -94,7 +94,7 @@ impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
                     || last.is_none_or(|t| t.elapsed() >= FEEDBACK_EVERY)
                 {
                     last = Some(Instant::now());
-                    // A client that is slow misses some; the end is sent apart.
+                    // A slow client misses some; the end is sent apart.
                     to_client.try_send(News::Feedback(feedback)).ok();
                 }
             }
@@ -110,8 +110,10 @@ impl<R: Send + 'static, F: Send + 'static> Work<R, F> {
     /// Waits for news.
     pub(crate) async fn next(&mut self) -> News<R, F> {
         // The channel closes without an end only if the thread of the work panicked.
-        let lost = || News::Ended(Finished::Failed("the work ended without a word".into()));
-        self.news.recv().await.unwrap_or_else(lost)
+        match self.news.recv().await {
+            Some(news) => news,
+            None => News::Ended(Finished::Failed("the work ended without a word".into())),
+        }
     }
 }
 

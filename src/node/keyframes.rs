@@ -1,4 +1,4 @@
-//! Which views are worth keeping: those that differ from all kept ones. Bounds what a long recording needs.
+//! The choice of views: different from all kept ones. Bounds the memory of a long recording.
 
 use geometry::Pose;
 
@@ -27,16 +27,16 @@ pub(crate) struct Keyframes {
     last_unplaced_nanos: Option<i64>,
 }
 
-/// What becomes of a view.
+/// The verdict on a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Verdict {
     /// It is kept.
     Keep,
-    /// It shows what a kept view shows.
+    /// It is like a kept view.
     Known,
     /// The state has as many views as are allowed.
     Full,
-    /// Its stamp is not after that of the last view kept: time went back.
+    /// Its stamp is not after the last kept view's: time went back.
     Late,
 }
 
@@ -50,24 +50,24 @@ impl Keyframes {
     /// Whether a view would be kept.
     #[must_use]
     pub(crate) fn judge(&self, stamp_nanos: i64, world_from_camera: &Pose, rule: &KeyframeRule) -> Verdict {
-        // Time went back: what was kept stays, older views are left out.
+        // Time went back: kept views stay, older ones are left out.
         if self.last_stamp_nanos.is_some_and(|last| stamp_nanos <= last) {
             return Verdict::Late;
         }
-        // Against all views kept, not the last: a camera that comes back shows nothing new.
-        let known = |p: &Pose| {
+        // Against all kept views, not the last: a returning camera shows nothing new.
+        let is_known = self.poses.iter().any(|p| {
             let away = (p.translation.vector - world_from_camera.translation.vector).norm();
             away < rule.translation_m && p.rotation.angle_to(&world_from_camera.rotation) < rule.rotation_rad
-        };
-        match self.poses.iter().any(known) {
+        });
+        match is_known {
             true => Verdict::Known,
             false if self.len() >= rule.most => Verdict::Full,
             false => Verdict::Keep,
         }
     }
 
-    /// Keeps a view whose pose is not known, if it was taken long enough from all others that it may show
-    /// something new; whether it did.
+    /// Keeps a view without a pose, if it was taken long enough from all others to show something new;
+    /// returns whether it did.
     pub(crate) fn keep_unplaced(&mut self, stamp_nanos: i64, rule: &KeyframeRule) -> bool {
         let is_near = |s: Option<i64>| s.is_some_and(|s| stamp_nanos.abs_diff(s) < UNPLACED_NANOS);
         let near = is_near(self.last_stamp_nanos) || is_near(self.last_unplaced_nanos);
@@ -79,7 +79,7 @@ impl Keyframes {
         keep
     }
 
-    /// Forgets the views that were kept last.
+    /// Forgets the last kept views.
     pub(crate) fn forget_last(&mut self, count: usize) {
         self.poses.truncate(self.poses.len().saturating_sub(count));
     }

@@ -1,5 +1,5 @@
-//! What the node made last in a session, noted in its folder, so that a node that takes the session up
-//! publishes it again.
+//! The node's last results in a session, noted in its folder: a later node of the session publishes them
+//! again.
 
 use std::{
     io,
@@ -34,7 +34,7 @@ struct ReportNote {
     summary: String,
 }
 
-/// Notes a twin that was made. A disk that refuses is logged; the twin is published all the same.
+/// Notes a made twin. A refusal of the disk is logged; the twin is published all the same.
 pub(crate) fn note_twin(session: &Path, twin: &Twin) {
     let note = TwinNote {
         folder: inside(session, &twin.summary.folder),
@@ -44,7 +44,7 @@ pub(crate) fn note_twin(session: &Path, twin: &Twin) {
     write(&session.join(TWIN_FILE), &note);
 }
 
-/// Notes a diagnosis that was made.
+/// Notes a made diagnosis.
 pub(crate) fn note_report(session: &Path, report: &GapReport) {
     let folder = inside(session, Path::new(&report.folder));
     write(
@@ -53,7 +53,7 @@ pub(crate) fn note_report(session: &Path, report: &GapReport) {
     );
 }
 
-/// The last twin of a session. One that cannot be read is logged and left out.
+/// The last twin of a session. An unreadable one is logged and left out.
 #[must_use]
 pub(crate) fn last_twin(session: &Path) -> Option<Twin> {
     let note: TwinNote = read(&session.join(TWIN_FILE))?;
@@ -63,7 +63,7 @@ pub(crate) fn last_twin(session: &Path) -> Option<Twin> {
     Some(Twin { summary, state: note.state, world_frame: note.world_frame })
 }
 
-/// The last diagnosis of a session. One that cannot be read is logged and left out.
+/// The last diagnosis of a session. An unreadable one is logged and left out.
 #[must_use]
 pub(crate) fn last_report(session: &Path) -> Option<GapReport> {
     let note: ReportNote = read(&session.join(REPORT_FILE))?;
@@ -74,7 +74,7 @@ pub(crate) fn last_report(session: &Path) -> Option<GapReport> {
     Some(GapReport { twin: note.twin, summary: note.summary, ..report })
 }
 
-/// A folder by its name in the session, so that a session may be moved.
+/// A folder by its name in the session: a session may be moved.
 fn inside(session: &Path, folder: &Path) -> PathBuf {
     folder.strip_prefix(session).unwrap_or(folder).to_owned()
 }

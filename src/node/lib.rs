@@ -1,4 +1,4 @@
-//! `artitwin node`: a ROS 2 node that collects the two states of an object, makes its twin with the pipeline
+//! `artitwin node`: a ROS 2 node. It collects the two states of an object, makes its twin with the pipeline
 //! of the command line, and publishes it. A DDS participant in pure Rust; no ROS installation is needed.
 //!
 //! ```text

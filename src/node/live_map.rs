@@ -1,6 +1,6 @@
-//! The map of a state while it is collected, on a thread of its own: kept views go in, and what is seen so
-//! far, what is not, the next view and what moved come out. Nothing waits for it: a view that finds no room
-//! is left out of the map, not of the recording.
+//! The map of a state while it is collected, on a thread of its own: kept views go in, and the seen surface,
+//! unseen space, the next view and moved surface come out. Nothing waits for it: a view without room is left
+//! out of the map, not of the recording.
 
 use std::{
     sync::{
@@ -18,11 +18,11 @@ use capture::RgbdFrame;
 use geometry::{Intrinsics, Pose};
 use surface::{LiveMap, LiveSettings, MeshChunk, Moved, NextView, Unseen};
 
-/// Views that wait to be fused.
+/// Views waiting to be fused.
 /// derived: at a quarter of a second each, the last one of a burst is fused within a second
 const WAITING: usize = 3;
 
-/// Which map a view belongs to.
+/// The map of a view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct MapKey {
     /// Number of the session.
@@ -31,18 +31,18 @@ pub(crate) struct MapKey {
     pub begun: u64,
     /// The state.
     pub state: usize,
-    /// Number of the world that poses are tracked in; `None`: they were given, in one world.
+    /// Number of the world of tracked poses; `None`: they were given, in one world.
     pub tracked: Option<u64>,
 }
 
 impl MapKey {
-    /// Whether a state that begins so can be compared with what was seen before.
+    /// Whether a state begun so can be compared with earlier views.
     fn goes_on(&self, next: &Self) -> bool {
         self.session == next.session && self.tracked == next.tracked && next.state == 1
     }
 }
 
-/// A view that was kept.
+/// A kept view.
 pub(crate) struct KeptView {
     /// Its map.
     pub key: MapKey,
@@ -58,29 +58,29 @@ pub(crate) struct KeptView {
     pub world_from_camera: Pose,
 }
 
-/// What the views so far show.
+/// Contents of the map so far.
 pub(crate) struct LiveProducts {
-    /// Which map it is.
+    /// Its map.
     pub key: MapKey,
     /// Stamp of the newest view in it, nanoseconds.
     pub stamp_nanos: i64,
-    /// When the oldest view that is new in it was kept.
+    /// Time of the oldest new view in it.
     pub kept: Instant,
-    /// Frame that all stands in.
+    /// Frame of all.
     pub world_frame: String,
     /// The surface.
     pub chunks: Vec<Arc<MeshChunk>>,
-    /// What was not seen.
+    /// Unseen space.
     pub unseen: Unseen,
-    /// The view that would add most.
+    /// The view of the largest gain.
     pub next_view: Option<NextView>,
-    /// What moved, where there is something to compare with.
+    /// Moved surface, where there is another state.
     pub moved: Option<Moved>,
     /// The camera, for drawing it.
     pub intrinsics: Intrinsics,
     /// Views in the map.
     pub fused: usize,
-    /// Views without depth that makes sense.
+    /// Views without sensible depth.
     pub unusable: u64,
     /// Spacing of the surface, meters.
     pub spacing_m: f64,
@@ -90,22 +90,22 @@ pub(crate) struct LiveProducts {
     pub secs: f64,
 }
 
-/// What `/diagnostics` says of the map.
+/// Figures of the map for `/diagnostics`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct LiveStatus {
     /// Views in the map of the present state.
     pub fused: usize,
     /// Views left out because it was busy, since the start of the node.
     pub left_out: u64,
-    /// Views without depth that makes sense.
+    /// Views without sensible depth.
     pub unusable: u64,
     /// Longest time from a kept view to its published surface during the last second, seconds.
     pub behind_secs: f64,
-    /// Share of what the views look at that was not seen; `None` before a view.
+    /// Unseen share of the viewed space; `None` before a view.
     pub unseen: Option<f64>,
-    /// Area that was not seen, square meters.
+    /// Unseen area, square meters.
     pub unseen_m2: f64,
-    /// Area that appeared, and that is gone, since state 0, square meters.
+    /// Appeared and gone area since state 0, square meters.
     pub moved_m2: Option<[f64; 2]>,
     /// Spacing of the surface, meters.
     pub spacing_m: f64,
@@ -115,7 +115,7 @@ pub(crate) struct LiveStatus {
     pub secs: f64,
 }
 
-/// What is counted.
+/// Counts.
 #[derive(Debug, Default)]
 pub(crate) struct LiveCounts {
     left_out: AtomicU64,
@@ -129,14 +129,14 @@ impl LiveCounts {
     }
 }
 
-/// What comes out of the map.
+/// Results of the map.
 #[derive(Clone)]
 pub(crate) struct LiveResults {
-    /// What the views show; a higher `begun` than its key's says that it is of an earlier state.
+    /// Contents of the map; with a higher `begun` than its key's they are of an earlier state.
     pub products: watch::Receiver<Option<Arc<LiveProducts>>>,
     /// States begun so far.
     pub begun: watch::Receiver<u64>,
-    /// What is counted.
+    /// Counts.
     pub counts: Arc<LiveCounts>,
 }
 
@@ -155,13 +155,13 @@ impl LiveQueue {
         }
     }
 
-    /// Says that another state, or session, begins: what is shown is of an earlier one.
+    /// Announces another state, or session: the present contents are of an earlier one.
     pub(crate) fn begin(&self) -> u64 {
         self.begun.send_modify(|n| *n += 1);
         *self.begun.borrow()
     }
 
-    /// What comes out.
+    /// Its results.
     pub(crate) fn results(&self) -> LiveResults {
         self.results.clone()
     }
@@ -192,7 +192,7 @@ impl LiveQueue {
     }
 }
 
-/// Starts the thread; it is idle while `is_read` says that a run reads the session.
+/// Starts the thread; it is idle while a run reads the session, by `is_read`.
 ///
 /// # Errors
 /// If the system has no thread.
@@ -205,8 +205,8 @@ pub(crate) fn start(
     let (sender, products) = watch::channel(None);
     let counts = Arc::new(LiveCounts::default());
     let results = LiveResults { products, begun: begun_receiver, counts: Arc::clone(&counts) };
-    let work = move || {
-        // A pool of this thread alone: what is parallel elsewhere takes one core here.
+    std::thread::Builder::new().name("live_map".into()).spawn(move || {
+        // A pool of this thread alone: parallel work takes one core here.
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
         if let Err(error) = &pool {
             log::warn!("the live map takes all cores: {error}");
@@ -215,12 +215,11 @@ pub(crate) fn start(
         while let Some(found) = mapper.next(&inbox, &is_read, &counts) {
             sender.send_replace(found.map(Arc::new));
         }
-    };
-    std::thread::Builder::new().name("live_map".into()).spawn(work)?;
+    })?;
     Ok(LiveQueue { views, begun, results })
 }
 
-/// Fuses views into the map that they belong to.
+/// Fuses views into their maps.
 pub(crate) struct Mapper {
     settings: LiveSettings,
     map: LiveMap,
@@ -234,7 +233,7 @@ impl Mapper {
         Self { settings, map: LiveMap::new(settings), key: MapKey::default(), unusable: 0 }
     }
 
-    /// Waits for views and fuses those that are there; what they show, `None` within while none could be
+    /// Waits for views and fuses the present ones; returns the contents, `None` within while none could be
     /// used. `None` when nobody sends views any more.
     fn next(
         &mut self,
@@ -247,7 +246,7 @@ impl Mapper {
         let kept = first.kept;
         let mut views = 0;
         let mut last = None;
-        // All that wait, so that what is drawn of them is drawn once; no more, so that it is drawn.
+        // All waiting ones: they are drawn once; no more: they are drawn at all.
         for view in std::iter::once(first).chain(inbox.try_iter().take(WAITING)) {
             // A run needs the processor.
             if is_read() {
@@ -259,8 +258,9 @@ impl Mapper {
             self.add(view);
         }
         let Some((stamp_nanos, world_frame, intrinsics)) = last else { return Some(None) };
-        let secs = || start.elapsed().as_secs_f64() / f64::from(views);
-        Some(self.products(kept, stamp_nanos, world_frame, intrinsics, secs))
+        Some(self.products(kept, stamp_nanos, world_frame, intrinsics, || {
+            start.elapsed().as_secs_f64() / f64::from(views)
+        }))
     }
 
     /// Fuses a view.
@@ -287,7 +287,7 @@ impl Mapper {
         self.unusable += u64::from(!self.map.add(&frame));
     }
 
-    /// What the views so far show; `None` without any.
+    /// Contents so far; `None` without views.
     fn products(
         &mut self,
         kept: Instant,

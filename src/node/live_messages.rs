@@ -1,4 +1,4 @@
-//! The live map as messages: chunks of its surface, what is unseen, the next view, what moved.
+//! The live map as messages: chunks of its surface, unseen space, the next view, moved surface.
 
 use nalgebra::{Point3, Vector3};
 
@@ -12,18 +12,18 @@ use surface::{MeshChunk, TriangleMesh, UnseenPatch};
 
 /// Group of the chunks of the surface.
 const SURFACE: &str = "live_mesh";
-/// Group of what is unseen.
+/// Group of unseen space.
 const UNSEEN: &str = "unseen";
 /// Group of the next view.
 const NEXT_VIEW: &str = "next_view";
-/// Group of what moved.
+/// Group of moved surface.
 const MOVED: &str = "moved";
-/// Triangles of what moved that are sent at most, each way; of more, some are left out.
+/// Most sent triangles of moved surface, each way; of more, some are left out.
 const MOST_MOVED: usize = 1500;
-/// Length of the pyramid that shows the next view, meters. chosen: for the eye
+/// Length of the next view's pyramid, meters. chosen: for the eye
 const PYRAMID_M: f64 = 0.12;
 
-/// Bytes that a chunk takes on the wire: a triangle has three points and three colors.
+/// Bytes of a chunk on the wire: a triangle has three points and three colors.
 #[must_use]
 pub(crate) fn chunk_bytes(chunk: &MeshChunk) -> usize {
     200 + chunk.mesh.triangles.len() * 3 * (24 + 16)
@@ -43,14 +43,14 @@ pub(crate) fn chunk_marker(chunk: &MeshChunk, header: &Header) -> Marker {
         return gone_chunk(chunk.id, header);
     }
     let corners = || chunk.mesh.triangles.iter().flatten().map(|i| *i as usize);
-    let color = |i: usize| {
+    let colors = corners().map(|i| {
         let [r, g, b] = chunk.mesh.colors.get(i).copied().unwrap_or([128; 3]).map(|c| f32::from(c) / 255.0);
         Color { r, g, b, a: 1.0 }
-    };
+    });
     Marker {
         id: chunk.id,
         points: corners().map(|i| point(&chunk.mesh.vertices[i].cast())).collect(),
-        colors: corners().map(color).collect(),
+        colors: colors.collect(),
         ..triangles(SURFACE, header, Color { r: 0.5, g: 0.5, b: 0.5, a: 1.0 })
     }
 }
@@ -61,7 +61,7 @@ pub(crate) fn gone_chunk(id: i32, header: &Header) -> Marker {
     Marker { header: header.clone(), ns: SURFACE.into(), id, action: action::DELETE, ..Marker::default() }
 }
 
-/// What is unseen, as squares of its area, and the next view as a pyramid.
+/// Unseen space, as squares of its area, and the next view as a pyramid.
 #[must_use]
 pub(crate) fn unseen_markers(products: &LiveProducts, header: &Header) -> MarkerArray {
     let squares = Marker {
@@ -96,19 +96,23 @@ pub(crate) fn next_view(products: &LiveProducts, header: &Header) -> Option<Pose
     Some(PoseStamped { header: header.clone(), pose: Transform::from_pose(&next.world_from_camera) })
 }
 
-/// What appeared and what is gone since state 0; `None` where there is nothing to compare with.
+/// Appeared and gone surface since state 0; `None` without a comparison.
 #[must_use]
 pub(crate) fn moved_markers(products: &LiveProducts, header: &Header) -> Option<MarkerArray> {
     let moved = products.moved.as_ref()?;
-    let marker = |id: i32, mesh: &TriangleMesh, color: Color| {
-        let every = mesh.triangles.len().div_ceil(MOST_MOVED).max(1);
-        let corners = (0..mesh.triangles.len()).step_by(every).flat_map(|t| mesh.corners(t));
-        let points = corners.map(|p| point(&p.cast())).collect();
-        or_gone(Marker { id, points, ..triangles(MOVED, header, color) })
-    };
-    let appeared = marker(0, &moved.appeared, Color { r: 1.0, g: 0.6, b: 0.0, a: 0.9 });
-    let gone = marker(1, &moved.gone, Color { r: 0.1, g: 0.6, b: 1.0, a: 0.6 });
+    let orange = Color { r: 1.0, g: 0.6, b: 0.0, a: 0.9 };
+    let blue = Color { r: 0.1, g: 0.6, b: 1.0, a: 0.6 };
+    let appeared = moved_marker(0, &moved.appeared, header, orange);
+    let gone = moved_marker(1, &moved.gone, header, blue);
     Some(MarkerArray { markers: vec![appeared, gone] })
+}
+
+/// At most [`MOST_MOVED`] triangles of a surface.
+fn moved_marker(id: i32, mesh: &TriangleMesh, header: &Header, color: Color) -> Marker {
+    let every = mesh.triangles.len().div_ceil(MOST_MOVED).max(1);
+    let corners = (0..mesh.triangles.len()).step_by(every).flat_map(|t| mesh.corners(t));
+    let points = corners.map(|p| point(&p.cast())).collect();
+    or_gone(Marker { id, points, ..triangles(MOVED, header, color) })
 }
 
 fn triangles(group: &str, header: &Header, color: Color) -> Marker {
@@ -123,7 +127,7 @@ fn triangles(group: &str, header: &Header, color: Color) -> Marker {
     }
 }
 
-/// A marker without points is refused by who shows it: then it goes.
+/// A marker without points is refused by viewers: then it goes.
 fn or_gone(marker: Marker) -> Marker {
     if marker.points.is_empty() { Marker { action: action::DELETE, ..marker } } else { marker }
 }

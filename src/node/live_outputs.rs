@@ -1,5 +1,5 @@
-//! Publishes the live map: what changed as it changes, all of it again from time to time for who joins late,
-//! in messages that a small receive buffer holds.
+//! Publishes the live map: changes as they come, all of it again from time to time for late subscribers, in
+//! messages within a small receive buffer.
 
 use std::{
     collections::BTreeMap,
@@ -25,11 +25,11 @@ const TICK: Duration = Duration::from_millis(20);
 const MESSAGE_BYTES: usize = 120_000;
 /// Time between two messages of all else.
 const REST_EVERY: Duration = Duration::from_millis(250);
-/// Messages of the surface between two of what was sent before.
+/// Messages of new surface between two of repeated surface.
 const PAUSE: u32 = 12;
-/// Time in which all is sent again.
+/// Time between repetitions of all.
 const AGAIN: Duration = Duration::from_secs(10);
-/// Time over which the longest delay is kept.
+/// Time span of the longest delay.
 const DELAY_KEPT: Duration = Duration::from_secs(1);
 
 /// All publishers of the map.
@@ -40,16 +40,16 @@ pub(crate) struct LiveOutputs {
     moved: Publisher<MarkerArray>,
 }
 
-/// What was sent of the surface.
+/// Sent surface.
 #[derive(Default)]
 struct Sent {
     /// States begun so far.
     begun: u64,
-    /// Version of each chunk that was sent, by number.
+    /// Version of each sent chunk, by number.
     versions: BTreeMap<i32, u64>,
-    /// When the oldest view that changed a chunk since it was sent was kept.
+    /// Time of the oldest view with a change of a chunk since it was sent.
     waiting: BTreeMap<i32, Instant>,
-    /// The last chunk that was sent again, and how many messages nothing was to be sent in since.
+    /// The last repeated chunk, and the number of idle messages since.
     again: (i32, u32),
 }
 
@@ -129,7 +129,7 @@ impl LiveOutputs {
 }
 
 impl Sent {
-    /// Finds what changed.
+    /// Finds changed chunks.
     fn note(&mut self, products: &LiveProducts) {
         for chunk in &products.chunks {
             if self.versions.get(&chunk.id) != Some(&chunk.version) {
@@ -144,8 +144,7 @@ impl Sent {
         }
     }
 
-    /// The next message, those that wait longest first, and how long they did; without any, some of what was
-    /// sent before.
+    /// The next message, the longest waiting first, and its delay; without any, some repeated surface.
     fn next(&mut self, products: &LiveProducts, header: &Header) -> Option<(MarkerArray, Duration)> {
         let there = by_number(products);
         let mut order: Vec<(Instant, i32)> = self.waiting.iter().map(|(id, at)| (*at, *id)).collect();

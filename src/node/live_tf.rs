@@ -9,7 +9,7 @@ use io::ros2msg::{TfMessage, TransformStamped};
 
 /// How long a transform is remembered, nanoseconds.
 const MEMORY_NANOS: i64 = 10_000_000_000;
-/// Most samples of one frame that are remembered.
+/// Most remembered samples of one frame.
 const MAX_SAMPLES: usize = 20_000;
 /// Most frames.
 const MAX_FRAMES: usize = 1000;
@@ -25,11 +25,11 @@ pub(crate) struct LiveTf {
     newest_nanos: i64,
     /// Transforms left out: no unit quaternion, not finite, too many frames.
     pub refused: u64,
-    /// Times that the stamps went back by more than the memory.
+    /// Number of jumps back of the stamps by more than the memory.
     pub jumps: u64,
-    /// A frame whose pose comes from a topic of its own.
+    /// A frame with its pose from a topic of its own.
     pub overridden: Option<String>,
-    /// Transforms that the node itself publishes, by parent and child: they come back.
+    /// Transforms published by the node itself, by parent and child: they come back.
     own: Vec<[String; 2]>,
 }
 
@@ -47,7 +47,7 @@ impl LiveTf {
         }
     }
 
-    /// Takes one sample of a transform that changes.
+    /// Takes one sample of a changing transform.
     pub(crate) fn add_one(&mut self, t: &TransformStamped) {
         let child = t.child_frame_id.trim_start_matches('/').to_owned();
         let (Some((stamp, parent)), Some(pose)) = (t.header.checked(), t.transform.checked()) else {
@@ -57,13 +57,13 @@ impl LiveTf {
         if !self.has_room(&child) {
             return;
         }
-        // As tf2 does, time that runs backwards makes everything before it worthless.
+        // As in tf2, time running backwards makes everything before it worthless.
         if stamp < self.newest_nanos - MEMORY_NANOS {
             self.jumps += 1;
             self.forget_after(i64::MIN);
         }
         self.newest_nanos = self.newest_nanos.max(stamp);
-        // One parent a frame, as in tf2: what moves now is static no longer.
+        // One parent a frame, as in tf2: a moving frame is static no longer.
         self.fixed.remove(&child);
         self.buffer.add(&parent, &child, stamp, pose);
         let samples = self.moving.entry(child).or_default();
@@ -98,10 +98,10 @@ impl LiveTf {
         room
     }
 
-    /// Forgets samples with a later stamp, as the time went back to this one: what comes from now on must not
-    /// be interpolated towards them.
+    /// Forgets samples with a later stamp, as the time went back to this one: later samples must not be
+    /// interpolated towards them.
     pub(crate) fn forget_after(&mut self, stamp_nanos: i64) {
-        // Made anew: the buffer can forget what is old, not what is late.
+        // Made anew: the buffer can forget old samples, not late ones.
         self.buffer = TfBuffer::default();
         for (child, t) in &self.fixed {
             if let (Some((_, parent)), Some(pose)) = (t.header.checked(), t.transform.checked()) {
@@ -134,7 +134,7 @@ impl LiveTf {
         self.buffer.chain(frame).root
     }
 
-    /// Leaves out from now on a transform that the node itself publishes.
+    /// Leaves out from now on a transform published by the node itself.
     pub(crate) fn disown(&mut self, parent: &str, child: &str) {
         let own = [parent, child].map(str::to_owned);
         if !self.own.contains(&own) {
@@ -156,8 +156,8 @@ impl LiveTf {
         self.buffer.lookup(target, source, stamp_nanos, max_gap_nanos)
     }
 
-    /// The samples on either side of a stamp, of every frame above the given one: what a recording must hold
-    /// so that the lookup gives the same.
+    /// The samples on either side of a stamp, of every frame above the given one: needed in a recording for
+    /// the same lookup.
     #[must_use]
     pub(crate) fn around(&self, frame: &str, stamp_nanos: i64) -> Vec<TransformStamped> {
         let mut found = Vec::new();

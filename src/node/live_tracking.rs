@@ -1,5 +1,5 @@
 //! The camera followed while views come in, on a thread of its own: a view goes in, and comes out with its
-//! pose or why it has none. Nothing waits for it: what finds no room is dropped.
+//! pose or the reason against one. Nothing waits for it: views without room are dropped.
 
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
@@ -14,13 +14,13 @@ use capture::{CaptureConfig, LiveTracker, LiveView, Lost};
 use geometry::Pose;
 use io::{LiveEye, ros2msg::CameraInfo};
 
-/// Views that wait to be tracked.
+/// Views waiting to be tracked.
 /// derived: one in work and one behind it: older ones say less of where the camera is now
 const WAITING: usize = 2;
 
 /// A view to be tracked.
 pub(crate) struct ToTrack {
-    /// Number of the map that it belongs to; a higher one begins another.
+    /// Number of its map; a higher one begins another.
     pub map: u64,
     /// Stamp of the color image, nanoseconds.
     pub stamp_nanos: i64,
@@ -30,19 +30,19 @@ pub(crate) struct ToTrack {
     pub infos: [Option<CameraInfo>; 2],
 }
 
-/// A view that was looked at.
+/// A view after tracking.
 pub(crate) struct Tracked {
     /// Number of the map.
     pub map: u64,
     /// Its images, with the pose where it has one.
     pub view: View,
-    /// Its pixels and where it was taken, or why that is not known.
+    /// Its pixels and its place, or the reason against one.
     pub outcome: Outcome,
     /// Keyframes of the map, and whether it takes no more.
     pub keyframes: (usize, bool),
 }
 
-/// What became of a view.
+/// The outcome of a view.
 pub(crate) enum Outcome {
     /// It was placed.
     Placed(Box<(Pixels, LiveView)>),
@@ -67,7 +67,7 @@ impl TrackQueue {
     }
 }
 
-/// What the tracking needs to know.
+/// Settings of the tracking.
 #[derive(Clone)]
 pub(crate) struct TrackSettings {
     /// Settings of a run.

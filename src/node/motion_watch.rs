@@ -1,8 +1,7 @@
 //! States that begin and end by themselves: the object is watched for motion while the camera goes about it.
 //!
-//! Two views of a scene that stands still never contradict each other: where one measured a surface, the
-//! other sees it, something in front of it, or nothing. A surface that another view looked through has moved
-//! since.
+//! Two views of a still scene never contradict each other: where one measured a surface, the other sees it,
+//! something in front of it, or nothing. A surface looked through by another view has moved since.
 
 use std::collections::VecDeque;
 
@@ -12,20 +11,20 @@ use geometry::{Intrinsics, Pose};
 /// Columns and rows of a watched view.
 const WIDTH: usize = 96;
 const HEIGHT: usize = 72;
-/// Earlier views that a new one is held against.
+/// Earlier views compared with a new one.
 const REFERENCES: usize = 12;
 /// A surface this far behind where it was expected was looked through: meters, and share of the depth.
 /// chosen: beyond errors of depth and poses
 const THROUGH_M: f64 = 0.02;
 const THROUGH_SHARE: f64 = 0.02;
-/// Share of the compared points that must contradict for motion. chosen: more than errors of depth make
+/// Least share of contradicting points for motion. chosen: beyond errors of depth
 const MOVED_SHARE: f64 = 0.012;
-/// Fewest compared points that count.
+/// Fewest compared points.
 const MIN_POINTS: usize = 150;
-/// Views in a row that must show motion.
+/// Least views with motion in a row.
 const CONFIRM: usize = 2;
 
-/// What is to be done.
+/// The action to take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Turn {
     /// Nothing.
@@ -34,7 +33,7 @@ pub(crate) enum Turn {
     Start(usize),
     /// End this state: enough was seen.
     Finish(usize),
-    /// End this state: the object moves. What was seen last may show it moving already.
+    /// End this state: the object moves. The last views may show it moving already.
     Moved(usize),
 }
 
@@ -43,9 +42,9 @@ pub(crate) enum Turn {
 pub(crate) struct WatchRule {
     /// The object counts as still after this time without motion, nanoseconds.
     pub still_nanos: i64,
-    /// Views that a state needs before it may end.
+    /// Least views of a state before its end.
     pub least: usize,
-    /// Views after which state 1 ends.
+    /// Views of state 1 at its end.
     pub enough: usize,
 }
 
@@ -85,7 +84,7 @@ pub(crate) struct MotionWatch {
 }
 
 impl MotionWatch {
-    /// A watch that has seen nothing.
+    /// A watch without views.
     #[must_use]
     pub(crate) fn new(rule: WatchRule) -> Self {
         Self {
@@ -104,8 +103,7 @@ impl MotionWatch {
         Self::new(self.rule)
     }
 
-    /// The same watch where poses are those of another map from now on: nothing that was seen can be held
-    /// against them.
+    /// The same watch for poses of another map from now on: earlier views cannot be compared with them.
     #[must_use]
     pub(crate) fn in_another_map(self) -> Self {
         Self { references: VecDeque::new(), ..self }
@@ -134,13 +132,13 @@ impl MotionWatch {
         match self.stage {
             Stage::Fresh => {
                 self.remember(view);
-                // What is seen first is state 0: nobody has touched the object yet.
+                // The first views are state 0: nobody has touched the object yet.
                 self.stage = Stage::Still(0);
                 Turn::Start(0)
             }
             Stage::Still(state) => self.while_still(state, view, moved, kept[state]),
             Stage::Moving(state) => {
-                // Only what was seen after the last motion can be held against the next view.
+                // Only views after the last motion can be compared with the next view.
                 if moved {
                     self.references.clear();
                 }
@@ -174,7 +172,7 @@ impl MotionWatch {
             };
             return Turn::Moved(state);
         }
-        // What shows motion once may be noise: it is neither held against later views nor acted on.
+        // Motion in one view may be noise: the view is neither compared with later ones nor acted on.
         if !moved {
             self.remember(view);
         }
@@ -186,7 +184,7 @@ impl MotionWatch {
         Turn::None
     }
 
-    /// Keeps the first views and every so many of the later ones, so that slow motion does not hide.
+    /// Keeps the first views and every so many of the later ones: slow motion does not hide.
     fn remember(&mut self, view: Small) {
         self.seen += 1;
         if self.references.len() < REFERENCES {
@@ -202,7 +200,7 @@ impl MotionWatch {
         let mut compared = 0;
         let mut through = 0;
         for reference in &self.references {
-            // Both ways: a part that left is looked through in the new view, one that came in the old view.
+            // Both ways: a gone part is looked through in the new view, an appeared one in the old view.
             for (from, to) in [(reference, view), (view, reference)] {
                 let (n, t) = from.looked_through_by(to);
                 compared += n;
@@ -256,14 +254,14 @@ impl Small {
             let c = &self.camera;
             let p = other_from_self * nalgebra::Point3::new((u - c.cx) / c.fx * z, (v - c.cy) / c.fy * z, z);
             let c = &other.camera;
-            // Behind the other camera, or so near that no depth camera measures.
+            // Behind the other camera, or too near for any depth camera.
             if p.z < 0.05 {
                 continue;
             }
             let u = c.fx * p.x / p.z + c.cx;
             let v = c.fy * p.y / p.z + c.cy;
             let Some(nearest) = other.nearest(u, v) else { continue };
-            // In front of the expected place something hides it: that point says nothing and is not compared.
+            // In front of the expected place something hides it: the point says nothing and is not compared.
             let tolerance = THROUGH_M + THROUGH_SHARE * p.z;
             if f64::from(nearest) > p.z + tolerance {
                 through += 1;
@@ -275,8 +273,8 @@ impl Small {
         (compared, through)
     }
 
-    /// The least depth of the four samples about a place, so that no edge is taken for a hole; `None` where
-    /// one is unknown.
+    /// The least depth of the four samples about a place: no edge is taken for a hole; `None` where one is
+    /// unknown.
     fn nearest(&self, u: f64, v: f64) -> Option<f32> {
         if !(u >= 1.0 && v >= 1.0 && u < WIDTH as f64 - 2.0 && v < HEIGHT as f64 - 2.0) {
             return None;

@@ -1,4 +1,4 @@
-//! What the node publishes: the twin, its state, the collection, diagnostics. Large things are small or best
+//! The node's publications: the twin, its state, the collection, diagnostics. Large things are small or best
 //! effort.
 
 use std::{
@@ -34,8 +34,8 @@ mod phase {
     pub(super) const DONE: u8 = 5;
 }
 
-/// What the actions made.
-pub(crate) struct News {
+/// Results of the actions.
+pub(crate) struct OutputSources {
     /// The last twin.
     pub twin: watch::Receiver<Option<Arc<Twin>>>,
     /// The last diagnosis.
@@ -99,7 +99,7 @@ impl Outputs {
     /// Publishes until the node ends.
     pub(crate) async fn run(
         self,
-        News { twin: mut twins, mut report, mut poses }: News,
+        OutputSources { twin: mut twins, mut report, mut poses }: OutputSources,
         shared: Arc<Shared>,
         mut diagnostics: Diagnostics,
     ) {
@@ -126,7 +126,7 @@ impl Outputs {
                     let found = report.borrow_and_update().clone();
                     if let Some(found) = found {
                         let header = Header { stamp: self.clock.stamp(), frame_id: String::new() };
-                        // Stamped now: a report that is published again after a restart is not of that time.
+                        // Stamped now: a report published again after a restart is not of its old time.
                         let report = GapReport { header, ..GapReport::clone(&found) };
                         log_failure(self.gap_report.async_publish(report).await, "gap_report");
                     }
@@ -165,7 +165,7 @@ impl Outputs {
         }
     }
 
-    /// A new twin: all that is latched.
+    /// A new twin: all latched messages.
     async fn announce(&self, twin: &Twin) {
         let stamp = self.clock.stamp();
         let data = twin.summary.urdf_with_uris(self.settings.package_uris);
@@ -206,7 +206,7 @@ impl Outputs {
 
     fn status_of(&self, s: &Snapshot, busy: bool, done: bool) -> CollectionStatus {
         let phase = match () {
-            // In this order: the first that holds is what people wait for.
+            // In this order: the first true one is the event people wait for.
             () if busy => phase::RECONSTRUCTING,
             () if s.collecting.is_some() => phase::COLLECTING,
             () if s.moving => phase::MOVING,

@@ -14,11 +14,11 @@ use common::limits::{PARAMETERS, YamlError, parse_yaml};
 pub struct ParameterFileError {
     /// The file.
     path: PathBuf,
-    /// What is wrong.
+    /// The fault.
     fault: ParameterFileFault,
 }
 
-/// What is wrong with a parameter file.
+/// The fault of a parameter file.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ParameterFileFault {
     /// It could not be read.
@@ -35,8 +35,7 @@ pub(crate) enum ParameterFileFault {
     NoParameters(String),
 }
 
-/// The parameters of a file that are meant for a node, in the order of the file; nested names are joined by
-/// dots.
+/// The parameters of a file for a node, in the order of the file; nested names are joined by dots.
 ///
 /// # Errors
 /// If it cannot be read or is no parameter file.

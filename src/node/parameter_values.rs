@@ -8,9 +8,14 @@ use super::parameters::Parameters;
 /// Names and values.
 #[must_use]
 pub(crate) fn declared(parameters: &Parameters) -> Vec<(String, ParameterValue)> {
-    let entry = |(name, value): (Value, Value)| Some((name.as_str()?.to_owned(), ros_value(&value)));
-    // `use_sim_time` is declared by the library.
-    parameters.to_mapping().into_iter().filter_map(entry).filter(|(name, _)| name != "use_sim_time").collect()
+    let mut declared = Vec::new();
+    for (name, value) in parameters.to_mapping() {
+        // `use_sim_time` is declared by the library.
+        if let Some(name) = name.as_str().filter(|name| *name != "use_sim_time") {
+            declared.push((name.to_owned(), ros_value(&value)));
+        }
+    }
+    declared
 }
 
 fn ros_value(value: &Value) -> ParameterValue {
@@ -28,7 +33,7 @@ fn ros_value(value: &Value) -> ParameterValue {
     }
 }
 
-/// Accepts a value that is the present one, and refuses any other with the remedy.
+/// Accepts the present value, and refuses any other with the remedy.
 pub(crate) fn refuse_changes(
     parameters: &Parameters,
 ) -> impl Fn(&str, &ParameterValue) -> SetParametersResult + Send + Sync + 'static {

@@ -25,7 +25,7 @@ pub(crate) struct Parameters {
     pub depth_transport: String,
     /// CameraInfo of the color images.
     pub camera_info_topic: String,
-    /// CameraInfo of the depth images; empty: that of color holds for both.
+    /// CameraInfo of the depth images; empty: color's holds for both.
     pub depth_info_topic: String,
     /// Object masks; empty: none. Where there are masks, an image without one is not used.
     pub mask_topic: String,
@@ -35,26 +35,26 @@ pub(crate) struct Parameters {
     pub pose_topic: String,
     /// `pose` (PoseStamped) or `odometry`.
     pub pose_type: String,
-    /// Frame whose pose a PoseStamped gives; empty: the optical frame of the color images.
+    /// Frame of the poses of a PoseStamped; empty: the optical frame of the color images.
     pub pose_frame: String,
-    /// Frame in which the twin stands; empty: the root of the camera's transform chain.
+    /// Frame of the twin; empty: the root of the camera's transform chain.
     pub world_frame: String,
-    /// Whether the camera is tracked by what it sees: `auto` (where no transform comes for it), `always` or
+    /// Whether the camera is tracked by its images: `auto` (where no transform comes for it), `always` or
     /// `never`; empty: as the settings say.
     pub tracking: String,
     /// QoS of the image subscriptions: `sensor_data` (best effort) or `default` (reliable).
     pub image_qos: String,
     /// QoS of the camera_info subscriptions.
     pub info_qos: String,
-    /// Samples that a subscription keeps.
+    /// Samples kept by a subscription.
     pub queue_depth: i64,
-    /// Images of each kind that wait for their partners, and sets that wait for their pose.
+    /// Most images of each kind waiting for their partners, and sets waiting for their pose.
     pub sync_queue: i64,
     /// Number of rigid parts, the static one included; 0: it comes with the goal.
     pub parts: i64,
     /// Name of the twin.
     pub twin_name: String,
-    /// Folder that gets a folder a session.
+    /// Folder with a folder a session.
     pub out_folder: String,
     /// Name of the session's folder; empty: made from the time. With a name, a restart goes on in the same
     /// folder.
@@ -75,17 +75,17 @@ pub(crate) struct Parameters {
     pub automatic_states: bool,
     /// The object counts as still after this time without motion, seconds.
     pub still_secs: f64,
-    /// Views that an automatic state needs before it may end.
+    /// Least views of an automatic state before its end.
     pub min_keyframes: i64,
-    /// Views after which an automatic state 1 ends.
+    /// Views of an automatic state 1 at its end.
     pub enough_keyframes: i64,
     /// Rate of `joint_states` and `/tf`, Hz.
     pub joint_state_rate_hz: f64,
     /// Most points of the point cloud.
     pub cloud_points: i64,
-    /// Whether what is collected is mapped and shown as it comes.
+    /// Whether the collection is mapped and shown as it comes.
     pub live_map: bool,
-    /// Memory of that map, megabytes.
+    /// Memory of the map, megabytes.
     pub live_map_megabytes: i64,
     /// Prefix of the link frames.
     pub frame_prefix: String,
@@ -155,7 +155,7 @@ pub enum ParameterError {
     Value {
         /// Its name.
         name: String,
-        /// Why, and what can.
+        /// The reason, and the remedy.
         reason: String,
     },
     /// A file cannot be used.
@@ -171,12 +171,12 @@ struct WrongType {
     given: &'static str,
 }
 
-/// Parameters, and the names that nothing reads.
+/// Parameters, and unread names.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Loaded {
     /// The parameters.
     pub parameters: Parameters,
-    /// Names that were given and mean nothing here, with the nearest that does.
+    /// Given names without a meaning here, with the nearest one with a meaning.
     pub unknown: Vec<String>,
 }
 
@@ -186,7 +186,7 @@ impl Parameters {
     /// # Errors
     /// If a file cannot be read, or a value has the wrong type or cannot be used.
     pub(crate) fn load(arguments: &RosArgs, node: &NodeIdentity) -> Result<Loaded, ParameterError> {
-        // As YAML, so that each value is known by the type of its default.
+        // As YAML, each value is known by the type of its default.
         let mut merged = Self::default().to_mapping();
         let mut unknown = Vec::new();
         for source in &arguments.parameters {
@@ -284,7 +284,7 @@ impl Parameters {
                 ),
             );
         }
-        // It is joined to out_folder, which a slash or `..` would lead out of.
+        // It is joined to out_folder; a slash or `..` would lead out of it.
         let plain = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
         if !self.session.chars().all(plain) || self.session.starts_with('.') {
             return refuse("session", format!("`{}` is no plain folder name", self.session.escape_debug()));
@@ -295,14 +295,6 @@ impl Parameters {
 
 /// A value of the default's type; whole numbers do for real ones.
 fn coerce(default: &Value, value: Value) -> Result<Value, WrongType> {
-    let kind = |v: &Value| match v {
-        Value::Bool(_) => "a truth value",
-        Value::Number(n) if n.is_f64() => "a number",
-        Value::Number(_) => "a whole number",
-        Value::String(_) => "a text",
-        Value::Sequence(_) => "a list of texts",
-        _ => "something else",
-    };
     match (default, &value) {
         // `-p still_secs:=2` is a whole number in YAML.
         (Value::Number(d), Value::Number(v)) if d.is_f64() => Ok(Value::from(v.as_f64().unwrap_or(f64::NAN))),
@@ -311,7 +303,18 @@ fn coerce(default: &Value, value: Value) -> Result<Value, WrongType> {
         (Value::Sequence(_), Value::Sequence(list)) if list.iter().all(|v| matches!(v, Value::String(_))) => {
             Ok(value)
         }
-        _ => Err(WrongType { wanted: kind(default), given: kind(&value) }),
+        _ => Err(WrongType { wanted: type_name(default), given: type_name(&value) }),
+    }
+}
+
+fn type_name(value: &Value) -> &'static str {
+    match value {
+        Value::Bool(_) => "a truth value",
+        Value::Number(n) if n.is_f64() => "a number",
+        Value::Number(_) => "a whole number",
+        Value::String(_) => "a text",
+        Value::Sequence(_) => "a list of texts",
+        _ => "something else",
     }
 }
 

@@ -18,7 +18,7 @@ use super::{
 };
 use io::ros2msg::definitions::RosMessage;
 
-/// Receive buffer below which images get lost, bytes.
+/// Least receive buffer without a loss of images, bytes.
 const GOOD_BUFFER_BYTES: u64 = 4 << 20;
 /// How long a writer waits for slow readers.
 const WAIT: Duration = Duration::from_millis(100);
@@ -36,10 +36,10 @@ pub(crate) struct Participant {
 #[must_use]
 pub(crate) fn reliable(depth: usize) -> QosProfile {
     QosProfile::publisher_default()
-        // A writer that waited for ever would stop with its slowest reader.
+        // A writer waiting for ever would stop with its slowest reader.
         .reliability_reliable(WhenFull::Wait(WAIT))
         .durability(Durability::Volatile)
-        // Bounded: a reader that stands still must not fill the writer's memory.
+        // Bounded: a stopped reader must not fill the writer's memory.
         .history(History::KeepLast { depth })
 }
 
@@ -55,7 +55,7 @@ pub(crate) fn latched(depth: usize) -> QosProfile {
     reliable(depth).durability(Durability::TransientLocal)
 }
 
-/// The profile of that name.
+/// The profile by its name.
 #[must_use]
 pub(crate) fn named(profile: &str, depth: usize) -> QosProfile {
     if profile == "default" { reliable(depth) } else { sensor_data(depth) }
@@ -84,8 +84,7 @@ impl Participant {
         let name = NodeName::new(&identity.namespace, &identity.name)
             .map_err(|e| NodeError::network("naming the node", e))?;
         let mut options = NodeOptions::new().enable_rosout(!arguments.no_rosout);
-        // Declared, so that `ros2 param` shows them. They are read at the
-        // start only, hence the refusal of changes.
+        // Declared: `ros2 param` shows them. They are read at the start only, hence the refusal of changes.
         for (name, value) in super::parameter_values::declared(parameters) {
             options = options.declare_parameter(&name, value);
         }
@@ -130,7 +129,7 @@ impl Participant {
 
     /// A topic by its full name.
     fn topic<M: RosMessage>(&self, full: &str, qos: &QosProfile) -> Result<rustdds::Topic, NodeError> {
-        // On the wire the type is `sensor_msgs::msg::dds_::Image_`; the library makes that of the two names.
+        // On the wire the type is `sensor_msgs::msg::dds_::Image_`; the library makes it of the two names.
         let (package, kind) = M::TYPE.split_once("/msg/").unwrap_or(("", M::TYPE));
         let name = library_name(full)?;
         self.node
@@ -138,7 +137,7 @@ impl Participant {
             .map_err(|e| NodeError::network(&format!("making the topic {name}"), e))
     }
 
-    /// A publisher; it must be kept, as what is latched goes with it.
+    /// A publisher; it must be kept, as latched messages go with it.
     ///
     /// # Errors
     /// If the name cannot be used or the network refuses.
@@ -153,8 +152,8 @@ impl Participant {
             .map_err(|e| NodeError::network(&format!("publishing {name}"), e))
     }
 
-    /// Hands every message of a topic, by its full name, on as long as the node lives. What cannot be decoded
-    /// is counted.
+    /// Hands every message of a topic, by its full name, on as long as the node lives. Undecodable messages
+    /// are counted.
     ///
     /// # Errors
     /// If the name cannot be used or the network refuses.
@@ -180,7 +179,7 @@ impl Participant {
                         count.receive(gid_bytes(&info), info.sequence_number());
                         take(message);
                     }
-                    // What one publisher sends must not end the subscription: malformed messages are counted.
+                    // A publisher's message must not end the subscription: malformed messages are counted.
                     Err(error) => {
                         count.malformed();
                         log::debug!("{name}: {error}");

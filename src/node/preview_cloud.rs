@@ -1,4 +1,4 @@
-//! A small colored cloud of what was collected, for the eye.
+//! A small colored cloud of the collection, for the eye.
 
 use std::collections::BTreeMap;
 
@@ -48,7 +48,7 @@ impl PreviewCloud {
                 let point = [point.x as f32, point.y as f32, point.z as f32];
                 self.cells.entry(self.cell(&point)).or_insert((point, pixels.color.pixels[i]));
             }
-            // Row by row, so that the map is never much larger than it may be.
+            // Row by row: the map is never much larger than allowed.
             self.shrink();
         }
     }

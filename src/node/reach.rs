@@ -7,17 +7,15 @@ use std::{
 
 use super::{environment::Environment, error::NodeError};
 
-/// Says what is open to the network; nothing may be where only this machine is to be talked to.
+/// Reports sockets open to the network; none may be open where only this machine is in reach.
 ///
-/// # Errors
-/// If a socket is open that must not be.
+/// # Errors For a forbidden open socket.
 pub(crate) fn check(environment: &Environment) -> Result<(), NodeError> {
     // By the kernel's table: RustDDS as published binds to all addresses, whatever is asked of it.
     let sockets = own_sockets();
     if environment.localhost {
-        // A socket that is bound to a multicast group takes what comes by the loopback interface only.
-        let inside = |s: &&SocketAddrV4| s.ip().is_loopback() || s.ip().is_multicast();
-        return match sockets.iter().find(|s| !inside(s)) {
+        // A socket bound to a multicast group takes messages by the loopback interface only.
+        return match sockets.iter().find(|s| !s.ip().is_loopback() && !s.ip().is_multicast()) {
             Some(open) => Err(NodeError::Open(SocketAddr::V4(*open))),
             None => Ok(()),
         };
@@ -42,8 +40,8 @@ fn warning(addresses: &[Ipv4Addr], sockets: &[SocketAddrV4]) -> String {
 #[cfg(unix)]
 fn addresses() -> Vec<Ipv4Addr> {
     let Ok(all) = nix::ifaddrs::getifaddrs() else { return Vec::new() };
-    let address = |i: nix::ifaddrs::InterfaceAddress| Some(i.address?.as_sockaddr_in()?.ip());
-    all.filter_map(address).filter(|a| !a.is_loopback()).collect()
+    let addresses = all.filter_map(|i| Some(i.address?.as_sockaddr_in()?.ip()));
+    addresses.filter(|a| !a.is_loopback()).collect()
 }
 
 #[cfg(not(unix))]

@@ -14,22 +14,22 @@ use super::{
 use crate::requests::{ReconstructFeedback, ReconstructGoal, ReconstructResult};
 use common::ahead::Ahead;
 use config::{Config, Origins};
-use io::{SummaryJoint, read_run_summary};
+use io::read_run_summary;
 use run::{self, Outcome, ReconstructRequest, RunError, RunProgress};
 
 /// Makes twins.
 pub(crate) struct Reconstructor {
-    /// Settings but for what a goal gives.
+    /// Settings without a goal's.
     pub config: Config,
     /// Where they come from.
     pub origins: Origins,
-    /// Name of a twin that a goal does not name.
+    /// Name of a twin without one in its goal.
     pub name: String,
-    /// What the core shares.
+    /// The core's shared data.
     pub shared: Arc<Shared>,
-    /// What was worked out while states were collected.
+    /// Results worked out while states were collected.
     pub ahead: Arc<Ahead>,
-    /// Gets the twin of every run that succeeds.
+    /// Gets the twin of every successful run.
     pub twins: watch::Sender<Option<Arc<Twin>>>,
 }
 
@@ -76,7 +76,7 @@ impl Reconstructor {
         }
         let name = if goal.name.is_empty() { self.name.clone() } else { goal.name.clone() };
         let out = snapshot.session;
-        // Before the run: also one that fails can be repeated by the command line.
+        // Before the run: also a failed one can be repeated by the command line.
         write_settings(&out, &config)?;
         Ok(ReconstructRequest {
             sources: recordings.into(),
@@ -114,29 +114,31 @@ impl Reconstructor {
             ),
         };
         log::info!("{}: {message}", Self::NAME);
-        let motion = |j: &SummaryJoint| {
-            j.states.last().copied().unwrap_or_default() - j.states.first().copied().unwrap_or_default()
-        };
+        let mut motions = Vec::with_capacity(summary.joints.len());
+        for joint in &summary.joints {
+            let first = joint.states.first().copied().unwrap_or_default();
+            motions.push(joint.states.last().copied().unwrap_or_default() - first);
+        }
         let done = ReconstructResult {
             success: true,
             message,
             folder: summary.folder.display().to_string(),
             joints: summary.joints.iter().map(|j| j.name.clone()).collect(),
-            motions: summary.joints.iter().map(motion).collect(),
+            motions,
         };
         let snapshot = self.shared.snapshot();
-        // What was tracked stands in a world of its own, which the pipeline found.
+        // A tracked twin stands in a world of its own, found by the pipeline.
         let own = snapshot.twin_frame.map(str::to_owned);
         let world_frame = own.or(snapshot.world_frame).unwrap_or_else(|| "world".into());
         let twin = Twin { summary, state: 1, world_frame };
-        // Noted before it is published: a node that is killed now publishes it again.
+        // Noted before it is published: a node killed now publishes it again.
         note_twin(session, &twin);
         self.twins.send_replace(Some(Arc::new(twin)));
         Finished::Done(done)
     }
 }
 
-/// What a goal's feedback says after a time.
+/// A goal's feedback after a time.
 fn feedback(progress: &RunProgress, elapsed: Duration) -> ReconstructFeedback {
     let (fraction, left) = progress.at(elapsed).unzip();
     ReconstructFeedback {
@@ -148,8 +150,8 @@ fn feedback(progress: &RunProgress, elapsed: Duration) -> ReconstructFeedback {
     }
 }
 
-/// Keeps the settings beside the recordings, so that `artitwin reconstruct --config` repeats the run. Others
-/// that are there stay, as `settings_replaced<K>.yaml`.
+/// Keeps the settings beside the recordings: `artitwin reconstruct --config` repeats the run. Earlier ones
+/// stay, as `settings_replaced<K>.yaml`.
 fn write_settings(session: &Path, config: &Config) -> Result<(), GoalError> {
     let text = serde_norway::to_string(config)?;
     let path = session.join("settings.yaml");

@@ -1,4 +1,4 @@
-//! `artitwin record`: everything that the node would read, written to a bag as it comes.
+//! `artitwin record`: all inputs of the node, written to a bag as they come.
 
 use std::{
     path::Path,
@@ -8,7 +8,7 @@ use std::{
 use super::{
     clock::NodeClock,
     error::NodeError,
-    inputs::{self, Input},
+    inputs,
     sample::Sample,
     session::{Start, end_requested, in_runtime, queues, quiet},
     state_bag::Topics,
@@ -23,17 +23,17 @@ use io::{
 
 /// Name of the node where none is given.
 const DEFAULT_NAME: &str = "artitwin_record";
-/// Images that wait for the disk.
+/// Images waiting for the disk.
 const IMAGE_QUEUE: usize = 64;
-/// How often the recording is put on the disk: what a crash may cost.
+/// Time between flushes of the recording to the disk: the loss in a crash.
 const FLUSH_EVERY: Duration = Duration::from_secs(1);
 
-/// What was recorded.
+/// Counts of a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Recorded {
     /// Messages written.
     pub messages: u64,
-    /// Messages that were lost on the way, malformed, or came too fast.
+    /// Messages lost on the way, malformed, or too fast.
     pub dropped: u64,
 }
 
@@ -49,7 +49,7 @@ pub fn record(bag: &Path, arguments: &[String]) -> Result<Recorded, NodeError> {
 async fn live(folder: &Path, start: &Start) -> Result<Recorded, NodeError> {
     let p = &start.parameters;
     let topics = inputs::topics(&start.arguments, &start.identity, p);
-    // Before the network: a folder that cannot be used ends the command at once.
+    // Before the network: an unusable folder ends the command at once.
     let mut bag = BagWriter::create(folder)?;
     let mut participant = start.join()?;
     let clock = std::sync::Arc::new(NodeClock::new(p.use_sim_time));
@@ -68,13 +68,13 @@ async fn live(folder: &Path, start: &Start) -> Result<Recorded, NodeError> {
             }
             Some(sample) = inbox.small.recv() => Some(sample),
             Some(sample) = inbox.images.recv() => Some(sample),
-            // A jump of the time concerns only who waits for partners; a recording holds what came.
+            // A jump of the time concerns only waits for partners; a recording holds all messages.
             Some(_) = inbox.commands.recv() => None,
         };
         if let Some(sample) = sample {
             write(&mut bag, &topics, &sample, clock.now_nanos())?;
         }
-        // By the machine's clock: that of /clock may stand still.
+        // By the machine's clock: /clock may stand still.
         if flushed.elapsed() >= FLUSH_EVERY {
             bag.flush()?;
             flushed = Instant::now();
@@ -82,16 +82,17 @@ async fn live(folder: &Path, start: &Start) -> Result<Recorded, NodeError> {
     }
     quiet();
     let messages = bag.finish()?;
-    let lost = |input: &Input| {
+    let mut dropped = 0;
+    for input in &inputs {
         let count = input.count.snapshot();
-        count.lost + count.malformed + count.overrun
-    };
-    Ok(Recorded { messages, dropped: inputs.iter().map(lost).sum() })
+        dropped += count.lost + count.malformed + count.overrun;
+    }
+    Ok(Recorded { messages, dropped })
 }
 
-/// Writes a message under its topic, whether it makes sense or not: that is for the reader to judge.
+/// Writes a message under its topic, whether it makes sense or not: the reader may judge.
 fn write(bag: &mut BagWriter, topics: &Topics, sample: &Sample, now_nanos: i64) -> Result<(), BagWriteError> {
-    // The profiles that a replay offers: best effort fits no reliable reader, so transforms are reliable.
+    // The profiles of a replay: best effort fits no reliable reader, so transforms are reliable.
     const SENSOR: OfferedQos = OfferedQos { reliable: false, latched: false, depth: 10 };
     const RELIABLE: OfferedQos = OfferedQos { reliable: true, latched: false, depth: 100 };
     const LATCHED: OfferedQos = OfferedQos { reliable: true, latched: true, depth: 1 };

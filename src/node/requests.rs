@@ -15,7 +15,7 @@ pub struct SetStateRequest {
 pub struct SetStateResponse {
     /// Whether it was done.
     pub success: bool,
-    /// What was done, or why not.
+    /// The action done, or the reason against it.
     pub message: String,
     /// Kept in this state.
     pub keyframes: u32,
@@ -35,7 +35,7 @@ pub struct ReconstructGoal {
 pub struct ReconstructResult {
     /// Whether there is a twin.
     pub success: bool,
-    /// What was done, or why not.
+    /// The action done, or the reason against it.
     pub message: String,
     /// The run folder.
     pub folder: String,
@@ -48,7 +48,7 @@ pub struct ReconstructResult {
 /// Feedback of `artitwin_msgs/action/Reconstruct`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ReconstructFeedback {
-    /// What is being done.
+    /// The present activity.
     pub stage: String,
     /// Of the whole, 0 to 1.
     pub fraction: f32,
@@ -70,18 +70,18 @@ pub struct TriggerRequest {
 pub struct TriggerResponse {
     /// Whether it was done.
     pub success: bool,
-    /// What was done, or why not.
+    /// The action done, or the reason against it.
     pub message: String,
 }
 
 /// Goal of `artitwin_msgs/action/Diagnose`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DiagnoseGoal {
-    /// URDF; empty: the twin that the node made last.
+    /// URDF; empty: the node's last twin.
     pub twin: String,
     /// Bags with `sensor_msgs/JointState`.
     pub runs: Vec<String>,
-    /// Bags that the proof alone reads; empty: every third run.
+    /// Bags for the proof alone; empty: every third run.
     pub held_out: Vec<String>,
     /// In the root's frame, m/s^2; all 0: earth's, down z.
     pub gravity: [f64; 3],
@@ -96,7 +96,7 @@ pub struct DiagnoseGoal {
 pub struct DiagnoseResult {
     /// Whether there is a report.
     pub success: bool,
-    /// What was found, or why nothing.
+    /// The finding, or the reason against one.
     pub message: String,
     /// Folder of the result.
     pub folder: String,
@@ -107,7 +107,7 @@ pub struct DiagnoseResult {
 /// Feedback of `artitwin_msgs/action/Diagnose`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DiagnoseFeedback {
-    /// What is being done.
+    /// The present activity.
     pub stage: String,
     /// Of the joints, 0 to 1.
     pub fraction: f32,

@@ -9,7 +9,7 @@ use super::ros_names::{NodeIdentity, expand, strip_transport};
 /// Everything between `--ros-args` and `--`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct RosArgs {
-    /// In the order given; the first that fits counts.
+    /// In the order given; the first match counts.
     pub remaps: Vec<Remap>,
     /// In the order given; later wins.
     pub parameters: Vec<ParameterSource>,
@@ -21,7 +21,7 @@ pub(crate) struct RosArgs {
     pub no_rosout: bool,
     /// Whether standard error is to be left alone.
     pub no_stdout: bool,
-    /// Arguments that mean nothing here.
+    /// Arguments without a meaning here.
     pub unknown: Vec<String>,
     /// Arguments before `--ros-args` and after `--`.
     pub rest: Vec<String>,
@@ -50,11 +50,11 @@ pub(crate) struct Remap {
     pub node: Option<String>,
     /// A name as the node uses it, or `__node`, `__ns`.
     pub from: String,
-    /// What it becomes.
+    /// Its new name.
     pub to: String,
 }
 
-/// An argument that cannot be read.
+/// An unreadable argument.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 #[error("`{argument}`: {reason}")]
 pub struct RosArgsError {
@@ -63,8 +63,8 @@ pub struct RosArgsError {
 }
 
 impl RosArgs {
-    /// Reads the arguments of a program, its own name left out. What is not known between `--ros-args` and
-    /// `--` is kept in `unknown`, as a newer launch may pass more than this program knows.
+    /// Reads the arguments of a program, its own name left out. Unknown ones between `--ros-args` and `--`
+    /// are kept in `unknown`, as a newer launch may pass more of them.
     ///
     /// # Errors
     /// If an option lacks its value or the value cannot be read.
@@ -90,9 +90,8 @@ impl RosArgs {
         rest: &mut impl Iterator<Item = &'a String>,
     ) -> Result<(), RosArgsError> {
         let fail = |reason: &str| RosArgsError { argument: option.to_owned(), reason: reason.to_owned() };
-        let mut value = |what: &str| {
-            rest.next().cloned().ok_or_else(|| fail(&format!("is the last argument; give {what} after it")))
-        };
+        let missing = |what: &str| fail(&format!("is the last argument; give {what} after it"));
+        let mut value = |what: &str| rest.next().cloned().ok_or_else(|| missing(what));
         match option {
             "-r" | "--remap" => {
                 let text = value("FROM:=TO")?;
@@ -127,11 +126,10 @@ impl RosArgs {
     /// If they are no names.
     pub(crate) fn identity(&self, default_name: &str) -> Result<NodeIdentity, RosArgsError> {
         // By the default name: `node:__node:=other` names the node before it is renamed.
-        let find = |keys: [&str; 2]| {
-            self.remaps.iter().find(|r| keys.contains(&r.from.as_str()) && self.is_for(r, default_name))
-        };
-        let name = find(["__node", "__name"]).map_or(default_name, |r| r.to.as_str());
-        let namespace = find(["__ns", "__ns"]).map_or("/", |r| r.to.as_str());
+        let mut remaps = self.remaps.iter().filter(|r| self.is_for(r, default_name));
+        let name = remaps.clone().find(|r| ["__node", "__name"].contains(&r.from.as_str()));
+        let name = name.map_or(default_name, |r| r.to.as_str());
+        let namespace = remaps.find(|r| r.from == "__ns").map_or("/", |r| r.to.as_str());
         NodeIdentity::new(namespace, name).map_err(|reason| RosArgsError {
             argument: format!("{namespace} {name}"),
             reason: format!("the node cannot have this name: {reason}"),
@@ -142,23 +140,25 @@ impl RosArgs {
         remap.node.as_ref().is_none_or(|n| n.trim_start_matches('/') == default_name)
     }
 
-    /// The full name that a topic, service or action gets: expanded, then remapped.
+    /// The full name of a topic, service or action: expanded, then remapped.
     #[must_use]
     pub(crate) fn resolve(&self, name: &str, node: &NodeIdentity) -> String {
         let full = expand(strip_transport(name), node);
-        let fits = |r: &&Remap| {
-            let own =
+        for r in &self.remaps {
+            let is_own =
                 r.node.as_ref().is_none_or(|n| n.trim_start_matches('/') == node.name || *n == node.full());
-            own && !r.from.starts_with("__") && expand(strip_transport(&r.from), node) == full
-        };
-        self.remaps.iter().find(fits).map_or(full.clone(), |r| expand(strip_transport(&r.to), node))
+            if is_own && !r.from.starts_with("__") && expand(strip_transport(&r.from), node) == full {
+                return expand(strip_transport(&r.to), node);
+            }
+        }
+        full
     }
 }
 
 fn remap(text: &str) -> Result<Remap, RosArgsError> {
     let fail = |reason: &str| RosArgsError { argument: text.to_owned(), reason: reason.to_owned() };
     let (left, to) = text.split_once(":=").ok_or_else(|| fail("is no remapping; give FROM:=TO"))?;
-    // `rostopic://` and `rosservice://` hold a colon that separates no node.
+    // `rostopic://` and `rosservice://` hold a colon without a node before it.
     let (node, from) = match left.split_once(':') {
         Some((node, from)) if !from.starts_with("//") => (Some(node.to_owned()), from),
         _ => (None, left),
@@ -182,7 +182,7 @@ fn parameter(text: &str) -> Result<ParameterSource, RosArgsError> {
     Ok(ParameterSource::Value { node, name: name.to_owned(), value })
 }
 
-/// `LEVEL`, or `LOGGER:=LEVEL`, of which only the level counts: there is one logger.
+/// `LEVEL`, or `LOGGER:=LEVEL`, with only the level used: there is one logger.
 fn log_level(text: &str) -> Result<String, RosArgsError> {
     let level = text.rsplit(":=").next().unwrap_or(text).to_ascii_lowercase();
     if ["debug", "info", "warn", "error", "fatal"].contains(&level.as_str()) {

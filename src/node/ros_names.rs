@@ -1,6 +1,6 @@
 //! Names of nodes, topics and services.
 
-/// Longest name that is taken, bytes.
+/// Longest accepted name, bytes.
 const MAX_NAME: usize = 255;
 
 /// Why a name is none.
@@ -15,7 +15,7 @@ pub enum NameError {
     /// Longer than DDS carries.
     #[error("it has {0} bytes, more than {MAX_NAME}")]
     Long(usize),
-    /// What the middleware says.
+    /// The middleware's message.
     #[error("{0}")]
     Middleware(String),
 }
@@ -63,7 +63,7 @@ fn check_token(token: &str) -> Result<(), NameError> {
     }
 }
 
-/// Refuses a full name that DDS would not carry.
+/// Refuses a full name not allowed by DDS.
 ///
 /// # Errors
 /// [`NameError`].

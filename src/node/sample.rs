@@ -1,4 +1,4 @@
-//! What a subscription hands on: a decoded message that has been checked for sense.
+//! A decoded message of a subscription, checked for sense.
 
 use io::{
     image_codec::{self as codec, ImageError, MAX_SIDE, Raster},
@@ -47,14 +47,14 @@ pub(crate) enum Sample {
     Odometry(Box<FullOdometry>),
 }
 
-/// Why a message is not used, in a word that counts can be kept by.
+/// Reason against a message, as a word for counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Refusal {
     /// Stamp or frame name.
     Header,
     /// Size, row length, amount of data.
     Size,
-    /// Numbers that are not finite, quaternions that are none.
+    /// Infinite numbers, invalid quaternions.
     Value,
 }
 
@@ -135,7 +135,7 @@ impl Picture {
         let (name, sized) = match self {
             Self::Raw(m) => {
                 let side = |n: u32| (1..=MAX_SIDE).contains(&(n as usize));
-                // CDR only knows the length of `data`; that it is the image's is to be checked.
+                // CDR only knows the length of `data`; it must be checked against the image.
                 let whole = (m.step as usize).checked_mul(m.height as usize) == Some(m.data.len());
                 (&m.encoding, side(m.width) && side(m.height) && whole)
             }
@@ -150,17 +150,16 @@ impl Picture {
 /// A header with a stamp, a frame and a stamp after the epoch.
 fn stamped(header: &Header) -> Result<(), Refusal> {
     match header.checked() {
-        // Drivers that do not stamp send 0; all such images would seem to belong together.
+        // Drivers without stamps send 0; all such images would seem to belong together.
         Some((stamp, frame)) if stamp > 0 && !frame.is_empty() => Ok(()),
         _ => Err(Refusal::Header),
     }
 }
 
 impl Sample {
-    /// Refuses what no recording could use.
+    /// Refuses messages without use for a recording.
     ///
-    /// # Errors
-    /// In what it fails.
+    /// # Errors The first failed check.
     pub(crate) fn check(&self) -> Result<(), Refusal> {
         match self {
             Self::Color(p) | Self::Depth(p) | Self::Mask(p) => p.check(),

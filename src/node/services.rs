@@ -13,15 +13,15 @@ use super::{
 };
 use crate::requests::{SetStateRequest, SetStateResponse, TriggerRequest, TriggerResponse};
 
-/// Requests that wait.
+/// Waiting requests.
 const DEPTH: usize = 10;
 
-/// What the services need.
+/// Context of the services.
 #[derive(Clone)]
 pub(crate) struct ServiceContext {
     /// To the core.
     pub commands: mpsc::Sender<Command>,
-    /// What the core shares.
+    /// The core's shared data.
     pub shared: Arc<Shared>,
     /// Makes the folder of the next session.
     pub next_session: Arc<dyn Fn() -> PathBuf + Send + Sync>,
@@ -67,7 +67,7 @@ impl ServiceContext {
     }
 
     async fn reset(&self) -> TriggerResponse {
-        // A new folder, so that no message after this can get into the old session.
+        // A new folder: no later message can get into the old session.
         let session = (self.next_session)();
         let done = self.ask(|a| Command::Reset(session.clone(), a)).await;
         trigger(done.map(|()| format!("the next session is {}", session.display())))
@@ -101,18 +101,18 @@ pub(crate) fn offer(
 ) -> Result<(), NodeError> {
     for (name, begin) in [("~/start_state", true), ("~/finish_state", false)] {
         let context = context.clone();
-        serve(participant, mapping, name, ("artitwin_msgs", "SetState"), move |request: SetStateRequest| {
+        serve(participant, mapping, name, ["artitwin_msgs", "SetState"], move |request: SetStateRequest| {
             let context = context.clone();
             async move { context.set_state(begin, request.state as usize).await }
         })?;
     }
     let c = context.clone();
-    serve(participant, mapping, "~/reset", ("std_srvs", "Trigger"), move |_: TriggerRequest| {
+    serve(participant, mapping, "~/reset", ["std_srvs", "Trigger"], move |_: TriggerRequest| {
         let context = c.clone();
         async move { context.reset().await }
     })?;
     let c = context.clone();
-    serve(participant, mapping, "~/save", ("std_srvs", "Trigger"), move |_: TriggerRequest| {
+    serve(participant, mapping, "~/save", ["std_srvs", "Trigger"], move |_: TriggerRequest| {
         let context = c.clone();
         async move { context.save().await }
     })
@@ -123,7 +123,7 @@ fn serve<Q, A, F>(
     participant: &mut Participant,
     mapping: ServiceMapping,
     name: &str,
-    (package, kind): (&str, &str),
+    [package, kind]: [&str; 2],
     mut answer: impl FnMut(Q) -> F + Send + 'static,
 ) -> Result<(), NodeError>
 where

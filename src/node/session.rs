@@ -23,7 +23,7 @@ use super::{
     live_outputs::LiveOutputs,
     live_tracking, logger,
     motion_watch::MotionWatch,
-    outputs::{News, Outputs},
+    outputs::{OutputSources, Outputs},
     parameters::{Loaded, Parameters},
     participant::{Participant, small_buffer_warning},
     reach,
@@ -39,7 +39,7 @@ use config::Config;
 
 /// Name of the node where none is given.
 const DEFAULT_NAME: &str = "artitwin";
-/// Camera poses that wait to be published.
+/// Camera poses waiting to be published.
 const POSE_QUEUE: usize = 16;
 /// How long the end may take before it is given up.
 const END_WAIT: Duration = Duration::from_secs(10);
@@ -53,8 +53,8 @@ pub fn run(arguments: &[String]) -> Result<(), NodeError> {
     in_runtime(live(&start))
 }
 
-/// Reads arguments and the parameter files that they name as [`run()`] does, and starts nothing. Gives the
-/// names of parameters that mean nothing here.
+/// Reads arguments and their parameter files as [`run()`] does, and starts nothing. Returns the names of
+/// parameters without a meaning here.
 ///
 /// # Errors
 /// [`NodeError`] if the node would not start with them.
@@ -67,7 +67,7 @@ pub fn check_arguments(arguments: &[String]) -> Result<Vec<String>, NodeError> {
     Ok(unknown)
 }
 
-/// The arguments, all of which must mean something.
+/// The arguments; all must have a meaning.
 fn without_stray(arguments: &[String]) -> Result<RosArgs, NodeError> {
     let arguments = RosArgs::parse(arguments)?;
     match arguments.rest.first() {
@@ -76,9 +76,9 @@ fn without_stray(arguments: &[String]) -> Result<RosArgs, NodeError> {
     }
 }
 
-/// What a node starts with.
+/// Inputs of a node's start.
 pub(super) struct Start {
-    /// Remappings and all that.
+    /// Remappings and the like.
     pub arguments: RosArgs,
     /// The node's name.
     pub identity: NodeIdentity,
@@ -89,11 +89,11 @@ pub(super) struct Start {
 }
 
 impl Start {
-    /// Reads arguments, environment and parameters, starts the log and logs what is odd.
+    /// Reads arguments, environment and parameters, starts the log and logs warnings.
     pub(crate) fn read(arguments: &[String], name: &str) -> Result<Self, NodeError> {
         let arguments = without_stray(arguments)?;
         let identity = arguments.identity(name)?;
-        // Before the environment, whose warnings are the first things to log.
+        // Before the environment: its warnings are the first things to log.
         logger::start(&identity.name, arguments.log_level.as_deref(), arguments.no_stdout);
         arguments.unknown.iter().for_each(|a| log::warn!("`{a}` is not known here and is left out"));
         let environment = Environment::read(|name| std::env::var(name).ok())?;
@@ -114,7 +114,7 @@ impl Start {
     pub(crate) fn join(&self) -> Result<Participant, NodeError> {
         let participant =
             Participant::join(&self.environment, &self.arguments, &self.identity, &self.parameters)?;
-        // After joining: only then are the sockets open that are looked at.
+        // After joining: only then the sockets are open.
         reach::check(&self.environment)?;
         Ok(participant)
     }
@@ -139,9 +139,9 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let identity = &start.identity;
     let p = &start.parameters;
     let topics = inputs::topics(&start.arguments, identity, p);
-    // What cannot work is refused before anybody sees the node.
+    // Impossible settings are refused before anybody sees the node.
     let resolved = settings::run_settings(p, &topics)?;
-    // Also for ~/reset, which goes on in the next free folder.
+    // Also for ~/reset: it goes on in the next free folder.
     let next_session: Arc<dyn Fn() -> PathBuf + Send + Sync> = {
         let out = PathBuf::from(&p.out_folder);
         let name = p.session.clone();
@@ -177,7 +177,7 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let handle = tokio::runtime::Handle::current();
     let core = tokio::task::spawn_blocking(move || handle.block_on(core.run(inbox)));
 
-    // What clients can call. Only the last twin and report count, hence channels of one value.
+    // Calls of clients. Only the last twin and report count, hence channels of one value.
     let (twins, twin) = watch::channel(None);
     let reconstructor = Arc::new(Reconstructor {
         ahead: work_ahead::start(&shared, &resolved.config)?,
@@ -191,18 +191,20 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     let (reports, report) = watch::channel(None);
     let diagnoser = Arc::new(Diagnoser { shared: Arc::clone(&shared), twins: twin.clone(), reports });
     let outputs = Outputs::new(&mut participant, p, Arc::clone(&clock))?;
-    let show = |results| LiveOutputs::new(&mut participant).map(|outputs| outputs.run(results));
-    let live_outputs = shown.map(show).transpose()?;
+    let live_outputs = match shown {
+        Some(results) => Some(LiveOutputs::new(&mut participant)?.run(results)),
+        None => None,
+    };
     let context = ServiceContext { commands: commands.clone(), shared: Arc::clone(&shared), next_session };
     services::offer(&mut participant, mapping, &context)?;
     action::offer(&mut participant, mapping, Arc::clone(&reconstructor))?;
     action::offer(&mut participant, mapping, Arc::clone(&diagnoser))?;
-    // Input last, when all that it leads to is there.
+    // Input last, when all its receivers are there.
     let inputs = inputs::subscribe(&mut participant, p, &topics, &outbox, &clock)?;
     let diagnostics = Diagnostics::new(&identity.full(), inputs);
     participant.spin()?;
     publish_again(&first, &reconstructor, &diagnoser);
-    tokio::spawn(outputs.run(News { twin, report, poses }, shared, diagnostics));
+    tokio::spawn(outputs.run(OutputSources { twin, report, poses }, shared, diagnostics));
     live_outputs.into_iter().for_each(|task| _ = tokio::spawn(task));
     log::info!("{} in domain {}, session {}", identity.full(), environment.domain, first.display());
 
@@ -210,14 +212,14 @@ async fn live(start: &Start) -> Result<(), NodeError> {
     log::info!("ending");
     quiet();
     let (done, ended) = oneshot::channel();
-    // The core closes the open bag; a disk that hangs does not keep the node.
+    // The core closes the open bag; a hanging disk does not keep the node.
     commands.send(Command::Stop(done)).await.ok();
     tokio::time::timeout(END_WAIT, ended).await.ok();
     tokio::time::timeout(END_WAIT, core).await.ok();
     Ok(())
 }
 
-/// Latched topics go with their publisher: what an earlier node made is published again.
+/// Latched topics go with their publisher: the results of an earlier node are published again.
 fn publish_again(session: &Path, reconstructor: &Reconstructor, diagnoser: &Diagnoser) {
     if let Some(twin) = last_twin(session) {
         reconstructor.twins.send_replace(Some(Arc::new(twin)));
@@ -229,12 +231,10 @@ fn publish_again(session: &Path, reconstructor: &Reconstructor, diagnoser: &Diag
 
 /// Starts the live map, where it is asked for.
 fn start_live(p: &Parameters, config: &Config, shared: &Arc<Shared>) -> Result<Option<LiveQueue>, NodeError> {
-    let start = |settings| {
-        let shared = Arc::clone(shared);
-        live_map::start(settings, move || shared.is_read())
-    };
-    let started = settings::live_settings(p, config).map(start).transpose();
-    started.map_err(|source| NodeError::System { what: "starting the live map", source })
+    let Some(settings) = settings::live_settings(p, config) else { return Ok(None) };
+    let shared = Arc::clone(shared);
+    let started = live_map::start(settings, move || shared.is_read());
+    started.map(Some).map_err(|source| NodeError::System { what: "starting the live map", source })
 }
 
 /// Queues with room for so many images.

@@ -28,13 +28,13 @@ pub enum SessionLockError {
     Disk {
         /// Folder of the session.
         folder: PathBuf,
-        /// What the system said.
+        /// The system's message.
         source: io::Error,
     },
 }
 
 impl SessionLock {
-    /// Takes a session's folder, which is made where it is not there.
+    /// Takes a session's folder; it is made where missing.
     ///
     /// # Errors
     /// If another process holds it or the disk refuses.
@@ -48,7 +48,7 @@ impl SessionLock {
 }
 
 impl Drop for SessionLock {
-    /// A session in which nothing was kept leaves no folder.
+    /// A session without a kept view leaves no folder.
     fn drop(&mut self) {
         let names = fs::read_dir(&self.folder)
             .map(|entries| entries.flatten().map(|e| e.file_name()).collect::<Vec<_>>());

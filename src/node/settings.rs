@@ -11,11 +11,10 @@ use surface::LiveSettings;
 
 /// Views held back while states end by themselves: motion is noticed a few views after it began.
 const HELD_VIEWS: usize = 4;
-/// Frame that tracked poses are published in: what REP 105 calls the frame of a camera that is placed by what
-/// it saw before, and where RViz looks by default.
+/// Frame of published tracked poses: the name in REP 105 for poses by earlier views, and RViz's default.
 const MAP_FRAME: &str = "map";
 
-/// Merges preset, file and single settings, then what the parameters say of topics and frames.
+/// Merges preset, file and single settings, then the parameters' topics and frames.
 ///
 /// # Errors
 /// If a layer is wrong or a value cannot be used.
@@ -49,10 +48,9 @@ pub(crate) fn run_settings(p: &Parameters, topics: &Topics) -> Result<Resolved<C
     Ok(resolved)
 }
 
-/// Settings of the collector; pairing and gaps are those that the run's settings name.
+/// Settings of the collector; pairing and gaps are the run's.
 #[must_use]
 pub(crate) fn collector_settings(p: &Parameters, topics: Topics, config: &Config) -> CollectorSettings {
-    let given = |s: &String| (!s.is_empty()).then(|| s.clone());
     let count = |n: i64| usize::try_from(n).unwrap_or(1);
     let capture = &config.capture;
     CollectorSettings {
@@ -61,7 +59,7 @@ pub(crate) fn collector_settings(p: &Parameters, topics: Topics, config: &Config
         map_frame: capture.world_frame.clone().unwrap_or_else(|| MAP_FRAME.to_owned()),
         topics,
         world_frame: config.capture.world_frame.clone(),
-        pose_frame: given(&p.pose_frame),
+        pose_frame: (!p.pose_frame.is_empty()).then(|| p.pose_frame.clone()),
         slop_nanos: (config.capture.sync_slop_secs * 1e9) as i64,
         max_gap_nanos: (config.capture.tf_max_gap_secs * 1e9) as i64,
         queue: count(p.sync_queue),
@@ -75,7 +73,7 @@ pub(crate) fn collector_settings(p: &Parameters, topics: Topics, config: &Config
     }
 }
 
-/// Settings of the tracking; those that the pipeline tracks a recording by.
+/// Settings of the tracking, as in the pipeline.
 #[must_use]
 pub(crate) fn track_settings(p: &Parameters, topics: Topics, config: &Config) -> TrackSettings {
     TrackSettings {

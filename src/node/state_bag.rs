@@ -1,4 +1,4 @@
-//! The recording of one state: what the kept views need, and nothing else.
+//! The recording of one state: the needs of its kept views, and nothing else.
 
 use std::path::{Path, PathBuf};
 
@@ -38,12 +38,12 @@ pub(crate) struct StateBag {
     bag: BagWriter,
     topics: Topics,
     fixed: Vec<TransformStamped>,
-    /// Where what was there before is kept.
+    /// New place of an earlier recording.
     replaced: Option<PathBuf>,
 }
 
 impl StateBag {
-    /// Opens `session/state<N>`. What is there already is kept as `state<N>_replaced<K>`.
+    /// Opens `session/state<N>`. An earlier one is kept as `state<N>_replaced<K>`.
     ///
     /// # Errors
     /// If the disk refuses.
@@ -57,7 +57,7 @@ impl StateBag {
         Ok(Self { bag: BagWriter::create(&folder)?, topics, fixed: Vec::new(), replaced })
     }
 
-    /// Removes the recording and puts back what was there before.
+    /// Removes the recording and puts back the earlier one.
     ///
     /// # Errors
     /// If the disk refuses.
@@ -70,9 +70,8 @@ impl StateBag {
         self.replaced.map_or(Ok(()), |spare| rename(&spare, &folder))
     }
 
-    /// Writes a view: its transforms first, so that a replay can place it. `infos` of color and depth,
-    /// `fixed` transforms, those `around` its stamp, of which that of the frame `posed` came from the pose
-    /// topic.
+    /// Writes a view: its transforms first, for replays. `infos` of color and depth, `fixed` transforms,
+    /// those `around` its stamp; the one of the frame `posed` came from the pose topic.
     ///
     /// # Errors
     /// If the disk refuses.
@@ -153,7 +152,7 @@ impl StateBag {
         self.bag.write(topic, M::TYPE, qos, now_nanos, &payload)
     }
 
-    /// Puts what was written on the disk.
+    /// Flushes the recording to the disk.
     ///
     /// # Errors
     /// If the disk refuses.

@@ -1,5 +1,4 @@
-//! Images that belong together, found as they come. The rule is that of recordings
-//! ([`capture::pair`]).
+//! Matching images, found as they come. The rule is the one of recordings ([`capture::pair`]).
 
 use std::collections::VecDeque;
 
@@ -8,14 +7,14 @@ use capture::pair;
 /// Kinds of images: color, depth, mask.
 pub(crate) const ROLES: usize = 3;
 
-/// Images that wait for their partners.
+/// Images waiting for their partners.
 #[derive(Debug)]
 pub(crate) struct Synchronizer<T> {
     slop_nanos: i64,
-    /// Most images of a kind that wait.
+    /// Most waiting images of a kind.
     depth: usize,
     queues: [VecDeque<(i64, T)>; ROLES],
-    /// Kinds without which a set is not whole; color is always.
+    /// Needed kinds of a whole set; color always is.
     needed: [bool; ROLES],
     /// Newest stamp of each kind.
     newest: [Option<i64>; ROLES],
@@ -25,7 +24,7 @@ pub(crate) struct Synchronizer<T> {
     pub unmatched: [u64; ROLES],
 }
 
-/// A whole set; the stamp is that of the color image.
+/// A whole set; the stamp is the color image's.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Matched<T> {
     /// Nanoseconds.
@@ -35,7 +34,7 @@ pub(crate) struct Matched<T> {
 }
 
 impl<T> Synchronizer<T> {
-    /// Pairs stamps that differ by at most `slop_nanos`.
+    /// Pairs stamps at most `slop_nanos` apart.
     #[must_use]
     pub(crate) fn new(slop_nanos: i64, depth: usize, with_masks: bool) -> Self {
         Self {
@@ -49,7 +48,7 @@ impl<T> Synchronizer<T> {
         }
     }
 
-    /// Forgets what waits with a later stamp, as the time went back to this one; it counts as unmatched.
+    /// Forgets waiting images with a later stamp, as the time went back to this one; they count as unmatched.
     pub(crate) fn forget_after(&mut self, stamp_nanos: i64) {
         for (role, queue) in self.queues.iter_mut().enumerate() {
             let before = queue.len();
@@ -59,15 +58,15 @@ impl<T> Synchronizer<T> {
         }
     }
 
-    /// Images that wait.
+    /// Number of waiting images.
     #[must_use]
     pub(crate) fn waiting(&self) -> usize {
         self.queues.iter().map(VecDeque::len).sum()
     }
 
-    /// Takes an image of a kind; the sets that it completes, in the order of their stamps.
+    /// Takes an image of a kind; returns the completed sets, in the order of their stamps.
     pub(crate) fn push(&mut self, role: usize, stamp_nanos: i64, image: T) -> Vec<Matched<T>> {
-        // A kind whose partners stay away must not fill the memory.
+        // A kind without partners must not fill the memory.
         if self.queues[role].len() == self.depth {
             self.queues[role].pop_front();
             self.unmatched[role] += 1;
@@ -81,8 +80,7 @@ impl<T> Synchronizer<T> {
         found
     }
 
-    /// Takes out the sets that no later image can change, and the color images that no later image can
-    /// complete.
+    /// Takes out the final sets, and the color images beyond completion.
     fn settle(&mut self) -> Vec<Matched<T>> {
         let stamps = |queue: &VecDeque<(i64, T)>| queue.iter().map(|e| e.0).collect::<Vec<_>>();
         let color = stamps(&self.queues[0]);
@@ -93,13 +91,13 @@ impl<T> Synchronizer<T> {
                 (r > 0 && self.needed[r]).then(|| pair(&color, &stamps(&self.queues[r]), self.slop_nanos))
             })
             .collect();
-        // Sets that are settled go on; color that cannot be completed any more is given up.
+        // Settled sets go on; color images beyond completion are given up.
         let mut whole = Vec::new();
         let mut hopeless = Vec::new();
         for (i, stamp) in color.iter().enumerate() {
             let states: Vec<Fate> =
                 (1..ROLES).filter_map(|r| partners[r].as_ref().map(|p| self.fate(r, *stamp, p[i]))).collect();
-            // One kind that will not come is enough.
+            // One kind without hope is enough.
             if states.contains(&Fate::Never) {
                 hopeless.push(i);
             } else if states.iter().all(|s| *s == Fate::Settled) {
@@ -128,21 +126,18 @@ impl<T> Synchronizer<T> {
             images.push(out);
         }
         for i in whole {
-            let mut take = |r: usize, index: usize| {
-                let at = images[r].iter().position(|(k, _)| *k == index)?;
-                Some(images[r].swap_remove(at).1.1)
-            };
-            let set = [
-                take(0, i),
-                partners[1].as_ref().and_then(|p| take(1, p[i]?)),
-                partners[2].as_ref().and_then(|p| take(2, p[i]?)),
-            ];
+            let mut set: [Option<T>; ROLES] = Default::default();
+            for (r, image) in set.iter_mut().enumerate() {
+                let partner = if r == 0 { Some(i) } else { partners[r].as_ref().and_then(|p| p[i]) };
+                let at = partner.and_then(|partner| images[r].iter().position(|(k, _)| *k == partner));
+                *image = at.map(|at| images[r].swap_remove(at).1.1);
+            }
             found.push(Matched { stamp_nanos: color[i], images: set });
         }
         found
     }
 
-    /// What can still become of a color image with respect to one kind.
+    /// Possible outcome of a color image with respect to one kind.
     fn fate(&self, role: usize, stamp: i64, partner: Option<usize>) -> Fate {
         // Images of one kind are taken to come in the order of their stamps.
         let passed = self.newest[role].is_some_and(|n| n > stamp + self.slop_nanos);
@@ -155,7 +150,7 @@ impl<T> Synchronizer<T> {
         }
     }
 
-    /// Gives up depth images and masks that no color image can want any more.
+    /// Gives up depth images and masks beyond need of any color image.
     fn prune(&mut self) {
         // Before the first color image anything could still be wanted.
         let Some(newest) = self.newest[0] else { return };

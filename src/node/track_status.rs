@@ -1,36 +1,36 @@
-//! How well the camera is followed, and what whoever carries it should do.
+//! Quality of the camera's tracking, and advice for its carrier.
 
 use std::{collections::VecDeque, time::Instant};
 
 use super::live_tracking::{Outcome, Tracked};
 use capture::{LiveView, Lost};
 
-/// Time over which views are counted, seconds. chosen: time enough to count, and short enough to be now
+/// Time span of the counts, seconds. chosen: time enough to count, and short enough to be now
 const RATE_SECS: f64 = 2.0;
-/// Share of views that may be dropped before the camera should move slower: what is between two views that
-/// are looked at counts as one step. chosen: half
+/// Largest share of dropped views before advice to move slower: the way between two tracked views counts as
+/// one step. chosen: half
 const DROPPED_SHARE: f64 = 0.5;
 
 /// How well the camera is followed now.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct TrackStatus {
-    /// Views a second that are placed.
+    /// Placed views a second.
     pub views_hz: f64,
-    /// Share of the surface that the last view and the map see alike; 0 while the camera is lost.
+    /// Agreeing share of the last view's surface with the map; 0 while the camera is lost.
     pub inliers: f64,
     /// Standard deviation of the last place, meters; infinite while the camera is lost.
     pub error_m: f64,
-    /// Views that have no place.
+    /// Views without a place.
     pub lost: u64,
-    /// Views that found the tracker busy.
+    /// Views dropped by the busy tracker.
     pub dropped: u64,
-    /// Views that the map is made of.
+    /// Views in the map.
     pub keyframes: usize,
-    /// What to do; empty: go on.
+    /// Advice; empty: go on.
     pub hint: String,
 }
 
-/// Counts what is tracked.
+/// Counts tracked views.
 #[derive(Debug, Default)]
 pub(crate) struct TrackWatch {
     /// When views were placed, and whether others were dropped before each.
@@ -121,7 +121,7 @@ impl TrackWatch {
     }
 }
 
-/// Forgets what is older than the time that is counted.
+/// Forgets counts beyond the time span.
 fn forget(times: &mut VecDeque<Instant>, now: Instant) {
     while times.front().is_some_and(|t| now.duration_since(*t).as_secs_f64() > RATE_SECS) {
         times.pop_front();

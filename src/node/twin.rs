@@ -1,14 +1,14 @@
-//! The twin that the node has.
+//! The node's twin.
 
 use io::RunSummary;
 
 /// A finished twin, as it is published.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Twin {
-    /// What its run folder says.
+    /// The summary of its run folder.
     pub summary: RunSummary,
-    /// The observed state that is shown.
+    /// The shown observed state.
     pub state: usize,
-    /// Frame in which it stands.
+    /// Its frame.
     pub world_frame: String,
 }

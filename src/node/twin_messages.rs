@@ -37,15 +37,18 @@ pub(crate) fn joint_state(twin: &RunSummary, state: usize, stamp: Time) -> Joint
     }
 }
 
-/// Frames of the moving links, each in its parent's, and with `fixed` that of the root in the world frame.
+/// Frames of the moving links, each in its parent's, and with `fixed` the root's in the world frame.
 #[must_use]
 pub(crate) fn link_transforms(twin: &RunSummary, state: usize, stamp: Time, prefix: &str) -> TfMessage {
-    let transform = |(joint, position): (&SummaryJoint, f64)| TransformStamped {
-        header: Header { stamp, frame_id: format!("{prefix}{}", joint.parent) },
-        child_frame_id: format!("{prefix}{}", joint.child),
-        transform: Transform::from_pose(&joint.parent_from_child(position)),
-    };
-    TfMessage { transforms: twin.joints.iter().zip(twin.positions(state)).map(transform).collect() }
+    let mut transforms = Vec::with_capacity(twin.joints.len());
+    for (joint, position) in twin.joints.iter().zip(twin.positions(state)) {
+        transforms.push(TransformStamped {
+            header: Header { stamp, frame_id: format!("{prefix}{}", joint.parent) },
+            child_frame_id: format!("{prefix}{}", joint.child),
+            transform: Transform::from_pose(&joint.parent_from_child(position)),
+        });
+    }
+    TfMessage { transforms }
 }
 
 /// The root link's frame is the world frame of the recording. `None` where both have one name.
@@ -65,7 +68,7 @@ pub(crate) fn root_transform(
 }
 
 /// Axes, ranges and uncertainty of all joints in the world frame, as they stand in an observed state, and the
-/// box about what was taken for the object. Old markers go.
+/// box about the isolated object. Old markers go.
 #[must_use]
 pub(crate) fn joint_markers(twin: &RunSummary, state: usize, world_frame: &str, stamp: Time) -> MarkerArray {
     let header = Header { stamp, frame_id: world_frame.to_owned() };
@@ -135,13 +138,6 @@ impl Drawn<'_> {
             points: self.points(&[-half, half]),
             ..Marker::default()
         };
-        let line = |points: &[Vector3<f64>], color: Color| Marker {
-            kind: kind::LINE_STRIP,
-            scale: [0.003, 0.0, 0.0].into(),
-            color,
-            points: self.points(points),
-            ..Marker::default()
-        };
         let at = self.world_from_joint * Point3::from(1.2 * half);
         let label = Marker {
             kind: kind::TEXT,
@@ -151,9 +147,19 @@ impl Drawn<'_> {
             text: self.label(),
             ..Marker::default()
         };
-        let range = line(&self.range(), Color { r: 0.1, g: 0.8, b: 0.2, a: 1.0 });
-        let uncertain = line(&self.uncertainty(), Color { r: 1.0, g: 0.5, b: 0.0, a: 0.8 });
+        let range = self.line_marker(&self.range(), Color { r: 0.1, g: 0.8, b: 0.2, a: 1.0 });
+        let uncertain = self.line_marker(&self.uncertainty(), Color { r: 1.0, g: 0.5, b: 0.0, a: 0.8 });
         [arrow, range, uncertain, label]
+    }
+
+    fn line_marker(&self, in_joint: &[Vector3<f64>], color: Color) -> Marker {
+        Marker {
+            kind: kind::LINE_STRIP,
+            scale: [0.003, 0.0, 0.0].into(),
+            color,
+            points: self.points(in_joint),
+            ..Marker::default()
+        }
     }
 
     fn points(&self, in_joint: &[Vector3<f64>]) -> Vec<io::ros2msg::Vector3> {
@@ -172,11 +178,13 @@ impl Drawn<'_> {
             JointKind::Revolute | JointKind::Screw { .. } | JointKind::Free { .. } => {
                 let pitch_m_per_rad = self.joint.kind.pitch_m_per_rad().unwrap_or(0.0);
                 let radius = 0.4 * AXIS_LENGTH_M * across(&axis);
-                let turn = |k: usize| low + (high - low) * k as f64 / (ARC_POINTS - 1) as f64;
-                let at = |turn: f64| {
-                    UnitQuaternion::from_scaled_axis(axis * turn) * radius + axis * (pitch_m_per_rad * turn)
-                };
-                (0..ARC_POINTS).map(|k| at(turn(k))).collect()
+                let turns = (0..ARC_POINTS).map(|k| low + (high - low) * k as f64 / (ARC_POINTS - 1) as f64);
+                turns
+                    .map(|turn| {
+                        UnitQuaternion::from_scaled_axis(axis * turn) * radius
+                            + axis * (pitch_m_per_rad * turn)
+                    })
+                    .collect()
             }
         }
     }
@@ -185,14 +193,14 @@ impl Drawn<'_> {
     fn uncertainty(&self) -> Vec<Vector3<f64>> {
         let axis = self.joint.axis.into_inner();
         let reach = 0.5 * AXIS_LENGTH_M;
-        // NaN is a deviation that is not determined; the label says that, a circle cannot.
+        // NaN is an undetermined deviation; the label says so, a circle cannot.
         let known = |v: f64| if v.is_finite() { v } else { 0.0 };
         // The direction's error acts at the tip by the arrow's length; both are independent.
         let radius = SIGMAS * (known(self.joint.axis_std_rad) * reach).hypot(known(self.joint.origin_std_m));
-        let turn = |k: usize| std::f64::consts::TAU * k as f64 / (ARC_POINTS - 1) as f64;
-        (0..ARC_POINTS)
-            .map(|k| {
-                axis * reach + UnitQuaternion::from_scaled_axis(axis * turn(k)) * (radius * across(&axis))
+        let turns = (0..ARC_POINTS).map(|k| std::f64::consts::TAU * k as f64 / (ARC_POINTS - 1) as f64);
+        turns
+            .map(|turn| {
+                axis * reach + UnitQuaternion::from_scaled_axis(axis * turn) * (radius * across(&axis))
             })
             .collect()
     }

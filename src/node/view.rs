@@ -10,7 +10,7 @@ use io::{
     ros2msg::CameraInfo,
 };
 
-/// Images that belong together, with all that a recording needs of them.
+/// Matching images, with all data for a recording.
 #[derive(Clone, Debug)]
 pub(crate) struct View {
     /// Stamp of the color image, nanoseconds.
@@ -54,18 +54,17 @@ pub(crate) enum ViewError {
 }
 
 impl View {
-    /// Decodes all images, with the checks of a recording. `info` is that of the color camera; the topics'
-    /// names are for messages.
+    /// Decodes all images, with the checks of a recording. `info` is the color camera's; the topics' names
+    /// are for messages.
     ///
-    /// # Errors
-    /// What is wrong with which image.
+    /// # Errors The image and its fault.
     pub(crate) fn decode(
         &self,
         info: &CameraInfo,
         info_topic: &str,
         topics: [&str; 3],
     ) -> Result<Pixels, ViewError> {
-        // The lens is left to the pipeline, which undistorts; here it is enough that it can be read.
+        // The lens is left to the pipeline's undistortion; here reading it is enough.
         let (intrinsics, _) = pinhole(info, info_topic, topics[0])?;
         let [Some(color), Some(depth), mask] = &self.images else { return Err(ViewError::Missing) };
         // All of a view or nothing: a view without depth cannot be used later.

@@ -1,4 +1,4 @@
-//! What a run needs of the states' bags, worked out as they grow: on a thread of its own, of one core.
+//! Results of the states' bags for a run, worked out as they grow: on a thread of its own, of one core.
 
 use std::{
     io,
@@ -20,7 +20,7 @@ use config::Config;
 /// How often it is looked whether there is something to do.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 
-/// Starts the thread; what it works out. It ends with the last other holder of `shared`.
+/// Starts the thread; returns its results. It ends with the last other holder of `shared`.
 ///
 /// # Errors
 /// If the system has no thread.
@@ -33,8 +33,8 @@ pub(crate) fn start(shared: &Arc<Shared>, config: &Config) -> Result<Arc<Ahead>,
     let seed = config.run.seed;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
     let pool = pool.map_err(|error| failed(io::Error::other(error)))?;
-    let work = move || pool.install(|| work(&shared, &capture, seed, &found));
-    Builder::new().name("ahead".into()).spawn(work).map_err(failed)?;
+    let thread = Builder::new().name("ahead".into());
+    thread.spawn(move || pool.install(|| work(&shared, &capture, seed, &found))).map_err(failed)?;
     Ok(ahead)
 }
 
@@ -48,7 +48,7 @@ fn work(shared: &Weak<Shared>, config: &CaptureConfig, seed: u64, ahead: &Ahead)
         drop(shared);
         if snapshot.collecting != collecting {
             collecting = snapshot.collecting;
-            // A state that begins again has another recording under the same name.
+            // A restarted state has another recording under the same name.
             collecting.and_then(|state| states.get_mut(state)).into_iter().for_each(|s| *s = None);
         }
         for (state, known) in states.iter_mut().enumerate().filter(|_| !busy) {
@@ -57,7 +57,7 @@ fn work(shared: &Weak<Shared>, config: &CaptureConfig, seed: u64, ahead: &Ahead)
                 *known = Some(GrowingState::new(&path, state));
             }
             let Some(known) = known else { continue };
-            // Of one that has only begun there is not enough; a run says what one that is closed lacks.
+            // A state just begun has not enough; a run reports the lacks of a closed one.
             if let Ok(Some(grown)) = known.work_ahead(config, seed, ahead) {
                 log::debug!("state {state}: {} of {} views looked at ahead", grown.taken, grown.views);
             }
@@ -68,6 +68,7 @@ fn work(shared: &Weak<Shared>, config: &CaptureConfig, seed: u64, ahead: &Ahead)
 
 /// Where a state is recorded, or was.
 fn recording(snapshot: &Snapshot, state: usize) -> Option<PathBuf> {
-    let growing = || snapshot.session.join(format!("state{state}"));
-    snapshot.recordings[state].clone().or_else(|| (snapshot.collecting == Some(state)).then(growing))
+    let finished = snapshot.recordings[state].clone();
+    let is_growing = snapshot.collecting == Some(state);
+    finished.or_else(|| is_growing.then(|| snapshot.session.join(format!("state{state}"))))
 }

@@ -49,7 +49,7 @@ fn by_model(
             some.par_iter().map(|&(i, j)| matcher.correspondences([&frames[0][i], &frames[1][j]])).collect();
         for (pair, found) in some.iter().zip(found) {
             let found = found.map_err(|e| RunError::stage(STAGE, e))?;
-            matches.extend(on_object(frames, *pair, &found, config.onnx_min_confidence));
+            matches.extend(on_object(frames, pair.0, pair.1, &found, config.onnx_min_confidence));
         }
         done += some.len();
         monitor.report(Event::Count { stage: STAGE.to_owned(), done, total: pairs.len() });

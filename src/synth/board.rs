@@ -2,22 +2,22 @@
 
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, UnitQuaternion, Vector3};
 
-use super::{Material, Object, Solid, SynthConfig, workspace::whole_way};
+use super::{BoundingSphere, Material, Object, Solid, SynthConfig, workspace::whole_way};
 use capture::{BoardLayout, Paper};
 use geometry::Pose;
 
-/// Thickness of the plate that the sheet is glued to, meters. chosen: a usual panel
+/// Thickness of the plate below the sheet, meters. chosen: a usual panel
 const THICK_M: f64 = 0.003;
-/// Between the sheet and all that the object reaches, meters. chosen: nothing touches the sheet
+/// Gap between the sheet and the object's reach, meters. chosen: nothing touches the sheet
 const GAP_M: f64 = 0.02;
-/// Shares of the light that paper and ink send back. chosen: white office paper, and its black print
+/// Shares of the light reflected by paper and ink. chosen: white office paper, and its black print
 const PAPER: f64 = 0.8;
 const INK: f64 = 0.04;
 
 /// A board and where it lies.
 #[derive(Clone, Debug)]
 pub struct Board {
-    /// What is printed on it.
+    /// Its print.
     pub layout: BoardLayout,
     /// From the board's frame to the true world.
     pub world_from_board: Pose,
@@ -38,7 +38,7 @@ impl Board {
         let foot = object.world_from_rest.translation.vector;
         let front = object.world_from_rest.rotation * Vector3::x();
         let front = Vector3::new(front.x, front.y, 0.0).normalize();
-        // Beyond the plane across the front that touches the box of all that the object reaches.
+        // Beyond the plane across the front of the box about the object's reach.
         let half = (upper - lower) * 0.5;
         let away_m = half.x * front.x.abs() + half.y * front.y.abs() + GAP_M + high.y;
         let center = nalgebra::center(&lower, &upper);
@@ -66,17 +66,17 @@ impl Board {
             .map(|[x, y]| self.world_from_board * Point3::new(x, y, 0.0))
     }
 
-    /// A sphere that holds another one and the board.
-    pub(super) fn sphere_with(&self, (center, radius_m): (Point3<f64>, f64)) -> (Point3<f64>, f64) {
-        self.corners().iter().fold((center, radius_m), |(center, radius_m), corner| {
-            let away = corner - center;
-            let over_m = 0.5 * (away.norm() - radius_m);
+    /// A sphere about another one and the board.
+    pub(super) fn sphere_with(&self, mut sphere: BoundingSphere) -> BoundingSphere {
+        for corner in self.corners() {
+            let away = corner - sphere.center;
+            let over_m = 0.5 * (away.norm() - sphere.radius_m);
             if over_m > 0.0 {
-                (center + away.normalize() * over_m, radius_m + over_m)
-            } else {
-                (center, radius_m)
+                sphere.center += away.normalize() * over_m;
+                sphere.radius_m += over_m;
             }
-        })
+        }
+        sphere
     }
 }
 
@@ -103,7 +103,7 @@ mod tests {
                 assert!((corner.z - floor_m - THICK_M).abs() < 1e-12);
                 assert!(reach(&corner) > box_m);
             }
-            let (center, radius_m) = board.sphere_with(object.bounding_sphere());
+            let BoundingSphere { center, radius_m } = board.sphere_with(object.bounding_sphere());
             assert!(board.corners().iter().all(|c| (c - center).norm() < radius_m + 1e-9));
             assert_eq!(Board::of(&object, &SynthConfig::default()).map(|_| ()), None);
         }

@@ -1,8 +1,8 @@
-//! A bounding volume hierarchy over boxes: which of them a ray may meet.
+//! A bounding volume hierarchy over boxes: the boxes in the way of a ray.
 
 use nalgebra::{Point3, Vector3};
 
-/// Boxes that a leaf holds at most.
+/// Most boxes of a leaf.
 const LEAF: usize = 2;
 
 /// An axis-aligned box.
@@ -26,7 +26,7 @@ impl Bounds {
         for k in 0..3 {
             let a = (self.lower[k] - origin[k]) * inverse[k];
             let b = (self.upper[k] - origin[k]) * inverse[k];
-            // A ray in the plane of a side gives NaN, which min and max pass over.
+            // A ray in the plane of a side gives NaN; min and max pass over it.
             near = near.max(a.min(b));
             far = far.min(a.max(b));
         }
@@ -36,7 +36,7 @@ impl Bounds {
 
 struct Node {
     bounds: Bounds,
-    /// Of the boxes in `order`; empty in an inner node, whose first child comes next.
+    /// Of the boxes in `order`; empty in an inner node: its first child comes next.
     start: usize,
     end: usize,
     /// The other child of an inner node.
@@ -79,8 +79,7 @@ impl Bvh {
         self.build(boxes, middle, end);
     }
 
-    /// Calls `visit` with every box that the ray may meet before the farthest hit known, which `visit`
-    /// returns.
+    /// Calls `visit` with every box in the ray's way before the farthest known hit, returned by `visit`.
     pub(crate) fn visit(
         &self,
         origin: &Point3<f64>,

@@ -1,4 +1,4 @@
-//! Cabinets: a carcass of boards whose front is divided into cells, each with something that moves.
+//! Cabinets: a carcass of boards with a front of cells, each with a moving part.
 
 use rand_core::Rng;
 
@@ -46,7 +46,7 @@ pub(super) fn cabinet(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<
     if lid {
         moved.push(add_lid(&carcass, look, &wood, &mut solids, rng));
     }
-    // The openings that stay open are drawn.
+    // Openings without a part are drawn.
     while moved.len() < movers {
         let cell = cells.swap_remove(below(rng, cells.len()));
         let number = moved.len() + 1;
@@ -80,12 +80,11 @@ fn divide(
     let t = c.board;
     cells.push(Cell { y: [-c.side + t, c.side - t], z: [c.bottom + t, c.top - t] });
     while cells.len() < count {
-        let area = |cell: &Cell| cell.width() * cell.height();
-        let largest =
-            (0..cells.len()).max_by(|a, b| area(&cells[*a]).total_cmp(&area(&cells[*b]))).unwrap_or_default();
+        let areas: Vec<f64> = cells.iter().map(|cell| cell.width() * cell.height()).collect();
+        let largest = (0..cells.len()).max_by(|a, b| areas[*a].total_cmp(&areas[*b])).unwrap_or_default();
         let cell = cells.swap_remove(largest);
         let ratio = cell.width() / cell.height();
-        // A long opening is cut across its length, which keeps openings near square.
+        // A long opening is cut across its length: openings stay near square.
         let upright = if (0.7..1.4).contains(&ratio) { chance(rng, 0.5) } else { ratio > 1.0 };
         let [low, high] = if upright { cell.y } else { cell.z };
         let margin = MIN_CELL_M.min(0.4 * (high - low));
@@ -115,7 +114,7 @@ fn legs(c: &Carcass, trim: &Material, solids: &mut Vec<Solid>) {
     }
 }
 
-/// A compartment on top with a lid that is hinged at the back.
+/// A compartment on top with a lid hinged at the back.
 fn add_lid(c: &Carcass, look: &Look, wood: &Material, solids: &mut Vec<Solid>, rng: &mut impl Rng) -> Part {
     let x = c.front;
     let y = c.side;

@@ -1,4 +1,4 @@
-//! What moves in an opening of a cabinet's front: doors, flaps, drawers, sliding panels.
+//! Moving parts of an opening of a cabinet's front: doors, flaps, drawers, sliding panels.
 
 use nalgebra::Vector3;
 use rand_core::Rng;
@@ -11,13 +11,13 @@ use super::{
 use geometry::Pose;
 use numeric::random::{below, chance, range};
 
-/// Air between a moving part and what it must not touch, meters. chosen: that of usual furniture
+/// Air about a moving part, meters. chosen: as in usual furniture
 const GAP_M: f64 = 0.002;
 /// How far a door or flap turns, radians; a shut one leaves a slit. chosen: a slit, and 115 degrees
 const HINGE_LIMITS_RAD: [f64; 2] = [0.02, 2.0];
 /// Narrowest opening for a sliding panel, meters. chosen: narrower panels hardly move
 const MIN_SLIDE_M: f64 = 0.2;
-/// Walls of a drawer, meters. chosen: that of usual furniture
+/// Walls of a drawer, meters. chosen: as in usual furniture
 const WALL_M: f64 = 0.008;
 
 /// A plate at the front of an opening, meters.
@@ -34,7 +34,7 @@ impl Slab {
     }
 }
 
-/// Edge that carries the hinge.
+/// Edge with the hinge.
 #[derive(Clone, Copy, PartialEq)]
 enum Edge {
     Left,
@@ -43,7 +43,7 @@ enum Edge {
     Bottom,
 }
 
-/// The moving part of an opening; what belongs to it and stays is added to `carcass_solids`.
+/// The moving part of an opening; its fixed solids are added to `carcass_solids`.
 pub(super) fn front(
     c: &Carcass,
     cell: Cell,
@@ -55,7 +55,7 @@ pub(super) fn front(
 ) -> Part {
     let material = look.material(rng);
     let inset = chance(rng, 0.4);
-    // An inset plate is flush with the frame; one that overlays it covers half of every board around.
+    // An inset plate is flush with the frame; an overlay covers half of every board around.
     let (x, reach) = if inset {
         ([c.front - 0.8 * c.board, c.front], -GAP_M)
     } else {
@@ -65,7 +65,7 @@ pub(super) fn front(
         Slab { x, y: [cell.y[0] - reach, cell.y[1] + reach], z: [cell.z[0] - reach, cell.z[1] + reach] };
     let wide = cell.width() / cell.height();
     let kind = range(rng, 0.0, 1.0);
-    // A drawer needs an opening that is not tall, a flap one that is clearly wide; the rest have doors.
+    // A drawer needs a low opening, a flap a clearly wide one; the rest have doors.
     if cell.width() > MIN_SLIDE_M && kind < 0.15 {
         sliding(c, cell, number, &material, trim, carcass_solids, rng)
     } else if wide > 0.7 && kind < 0.6 {
@@ -91,7 +91,7 @@ pub(super) fn front(
     }
 }
 
-/// A door or flap that turns about an edge of its outer face.
+/// A door or flap, turning about an edge of its outer face.
 fn hinged(
     slab: Slab,
     edge: Edge,
@@ -172,8 +172,8 @@ fn drawer(
     )
 }
 
-/// A panel flush with the frame that slides across its opening; half of the openings have a fixed panel
-/// behind it.
+/// A panel flush with the frame, sliding across its opening; half of the openings have a fixed panel behind
+/// it.
 fn sliding(
     c: &Carcass,
     cell: Cell,
@@ -194,7 +194,7 @@ fn sliding(
         carcass_solids.push(Solid::between(lower, [back, cell.y[1], cell.z[1]], trim));
     }
     let at = [y[0] + 0.15 * width, 0.5 * (z[0] + z[1])];
-    // A grip that is let in would be seen by nobody: a flat one stands out by 4 mm.
+    // A sunken grip would be seen by nobody: a flat one stands out by 4 mm.
     let grip = Solid::between(
         [c.front, at[0] - 0.008, at[1] - 0.03],
         [c.front + 0.004, at[0] + 0.008, at[1] + 0.03],
@@ -213,7 +213,7 @@ fn sliding(
     )
 }
 
-/// A bar or a knob on a plate whose outer face lies at `x`; `at` is its (y, z).
+/// A bar or a knob on a plate with its outer face at `x`; `at` is its (y, z).
 fn handle(x: f64, at: [f64; 2], upright: bool, span: f64, trim: &Material, rng: &mut impl Rng) -> Solid {
     let out = range(rng, 0.018, 0.03);
     if below(rng, 3) == 0 {

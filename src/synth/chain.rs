@@ -7,7 +7,7 @@ use super::{Part, PartJointKind, Solid, look::Look};
 use geometry::Pose;
 use numeric::random::{chance, range};
 
-/// A lamp: a foot, a post and `parts - 1` links that turn. The links stand upright, side by side, at rest.
+/// A lamp: a foot, a post and `parts - 1` turning links. The links stand upright, side by side, at rest.
 pub(super) fn lamp(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Part> {
     let links = parts - 1;
     look.scale_m = 0.35;
@@ -19,7 +19,7 @@ pub(super) fn lamp(parts: usize, look: &mut Look, rng: &mut impl Rng) -> Vec<Par
         Solid::between([-0.6 * thick, -thick, 0.02], [0.6 * thick, 0.0, post], &foot),
     ];
     let mut all = vec![Part::fixed("foot", base)];
-    // A first link that turns about the post lies level; all others turn about level axes.
+    // A first link about the post lies level; all others turn about level axes.
     let turntable = links > 1 && chance(rng, 0.4);
     let mut x = 0.0;
     let mut z = post - 0.5 * thick;
@@ -124,7 +124,7 @@ pub(super) fn folding_door(parts: usize, look: &mut Look, rng: &mut impl Rng) ->
                 &trim,
             ));
         }
-        // Panels fold forward and back in turn, each about an edge on the side that it folds to.
+        // Panels fold forward and back in turn, each about an edge on the side of its fold.
         let (axis, x) = if forward { (-1.0, 0.5 * thick) } else { (1.0, -0.5 * thick) };
         let limits = if panel == 1 { [0.02, 1.6] } else { [0.05, 2.6] };
         let origin = Vector3::new(x, y0 - 0.5 * gap, 0.0);

@@ -5,9 +5,9 @@ use nalgebra::Vector3;
 use super::{Object, Solid};
 use geometry::Pose;
 
-/// Depth to which solids may touch, meters. chosen: less than any gap
+/// Largest overlap of touching solids, meters. chosen: less than any gap
 const TOUCH_M: f64 = 0.0005;
-/// Steps between the states at which the parts are looked at.
+/// Steps between the states for the test of the parts.
 const STEPS: usize = 6;
 
 /// Whether no part meets another or the floor in either state or between them, every joint moving evenly.
@@ -40,29 +40,31 @@ fn lowest(pose: &Pose, solid: &Solid) -> f64 {
     pose.translation.vector.z - up.abs().dot(&half)
 }
 
-/// Separating axes of two boxes (Gottschalk, Lin and Manocha 1996), each shrunk by half of what may touch.
+/// Separating axes of two boxes (Gottschalk, Lin and Manocha 1996), each shrunk by half of the allowed
+/// overlap.
 fn overlap(pose_a: &Pose, a: &Solid, pose_b: &Pose, b: &Solid) -> bool {
-    let shrink = |s: &Solid| s.shape.half_sides().map(|h| (h - 0.5 * TOUCH_M).max(0.0));
-    let half_a = shrink(a);
-    let half_b = shrink(b);
+    let [half_a, half_b] = [a, b].map(|s| s.shape.half_sides().map(|h| (h - 0.5 * TOUCH_M).max(0.0)));
     let between = pose_b.translation.vector - pose_a.translation.vector;
     // Spheres settle most pairs.
     if between.norm() > half_a.norm() + half_b.norm() {
         return false;
     }
-    let axes = |p: &Pose| [Vector3::x(), Vector3::y(), Vector3::z()].map(|e| p.rotation * e);
-    let axes_a = axes(pose_a);
-    let axes_b = axes(pose_b);
-    let reach = |axes: &[Vector3<f64>; 3], half: &Vector3<f64>, along: &Vector3<f64>| {
-        (0..3).map(|k| half[k] * axes[k].dot(along).abs()).sum::<f64>()
-    };
-    let separated = |along: Vector3<f64>| {
-        // Parallel edges have no product; the axes of the faces stand for them.
-        along.norm_squared() > 1e-12
-            && between.dot(&along).abs() > reach(&axes_a, &half_a, &along) + reach(&axes_b, &half_b, &along)
-    };
+    let [axes_a, axes_b] =
+        [pose_a, pose_b].map(|p| [Vector3::x(), Vector3::y(), Vector3::z()].map(|e| p.rotation * e));
     let crosses = axes_a.iter().flat_map(|u| axes_b.iter().map(move |v| u.cross(v)));
-    !axes_a.iter().chain(&axes_b).copied().chain(crosses).any(separated)
+    for along in axes_a.iter().chain(&axes_b).copied().chain(crosses) {
+        let reach = reach(&axes_a, &half_a, &along) + reach(&axes_b, &half_b, &along);
+        // Parallel edges have no product; the axes of the faces stand for them.
+        if along.norm_squared() > 1e-12 && between.dot(&along).abs() > reach {
+            return false;
+        }
+    }
+    true
+}
+
+/// How far a box reaches along a direction.
+fn reach(axes: &[Vector3<f64>; 3], half: &Vector3<f64>, along: &Vector3<f64>) -> f64 {
+    (0..3).map(|k| half[k] * axes[k].dot(along).abs()).sum::<f64>()
 }
 
 #[cfg(test)]

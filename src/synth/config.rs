@@ -1,4 +1,4 @@
-//! What to make.
+//! Settings of the generator.
 
 use std::str::FromStr;
 
@@ -49,7 +49,7 @@ impl Family {
         }
     }
 
-    /// The family of that name.
+    /// The family by its name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|f| f.name() == name)
@@ -65,7 +65,7 @@ pub struct PoseSpread {
     pub rotation_rad: f64,
 }
 
-/// A text that is no [`PoseSpread`].
+/// A text without a [`PoseSpread`].
 #[derive(Debug, thiserror::Error)]
 #[error("give millimeters and degrees as MM,DEG, e.g. 5,0.5; neither negative")]
 pub struct ParseSpreadError;
@@ -89,14 +89,14 @@ impl FromStr for PoseSpread {
     }
 }
 
-/// What to make and how to film it.
+/// The object and its recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SynthConfig {
     /// Seed of every random choice.
     pub seed: u64,
     /// Rigid parts, the static one included; `None` draws 2 to 6.
     pub parts: Option<usize>,
-    /// Family; `None` draws one that can have so many parts.
+    /// Family; `None` draws one with room for so many parts.
     pub family: Option<Family>,
     /// Handles of the doors, flaps and drawers of cabinets; `None` leaves the plain ones of the family.
     pub handles: Option<HandleStyle>,
@@ -106,8 +106,7 @@ pub struct SynthConfig {
     pub noise: f64,
     /// Root mean square error of the reported camera poses, drawn for every frame by itself.
     pub pose_noise: PoseSpread,
-    /// By how much the world of state 1 is off that of state 0, in a random direction and about a random
-    /// axis.
+    /// Error of state 1's world against state 0's, in a random direction and about a random axis.
     pub drift: PoseSpread,
     /// Factor, 1 at most, on the motion of every joint from state 0 to state 1; the object stays the same.
     pub motion_scale: f64,
@@ -128,7 +127,7 @@ pub struct SynthConfig {
     pub height: usize,
     /// The effects of a camera carried by hand; `None` records cleanly and with masks.
     pub sensor: Option<HandheldSensor>,
-    /// A printed board of tags on the floor before the object, and the paper that it is printed on.
+    /// A printed board of tags on the floor before the object, and its paper.
     pub board: Option<Paper>,
     /// Whether the camera's accelerometer is recorded.
     pub imu: bool,
@@ -160,7 +159,7 @@ impl Default for SynthConfig {
     }
 }
 
-/// A setting out of its range: what it is, and what to give.
+/// A setting out of its range, and its remedy.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SynthConfigError {
     /// More or fewer parts than the family has.
@@ -172,7 +171,7 @@ pub enum SynthConfigError {
         fewest: usize,
         /// Most.
         most: usize,
-        /// What was asked for.
+        /// The given value.
         parts: usize,
     },
     /// Views of a state.
@@ -213,10 +212,9 @@ impl SynthConfig {
     /// Most parts of any family.
     pub const MAX_PARTS: usize = 7;
 
-    /// Refuses settings that no object can be made with.
+    /// Refuses settings without a possible object.
     ///
-    /// # Errors
-    /// A number out of its range; a family that cannot have so many parts.
+    /// # Errors A number out of its range; a family without so many parts.
     pub fn check(&self) -> Result<(), SynthConfigError> {
         if let Some(parts) = self.parts {
             let [fewest, most] = self.family.map_or([2, Self::MAX_PARTS], Family::parts);

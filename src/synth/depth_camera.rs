@@ -1,4 +1,4 @@
-//! What a stereo depth camera makes of a view: noise and steps of disparity, shadows, holes.
+//! A stereo depth camera: noise and steps of disparity, shadows, holes.
 
 use nalgebra::Point3;
 use rand_core::Rng;
@@ -15,15 +15,15 @@ pub struct DepthCamera {
     pub baseline_m: f64,
     /// One standard deviation of the disparity, pixels.
     pub disparity_sigma_px: f64,
-    /// Radius over which the noise is correlated: standard deviation of its smoothing, pixels.
+    /// Radius of the noise's correlation: standard deviation of its smoothing, pixels.
     pub correlation_px: f64,
     /// Step of the disparity, pixels; 0 for none.
     pub disparity_step_px: f64,
-    /// Cosine between ray and normal at which half of the readings fail.
+    /// Cosine between ray and normal with half of the readings lost.
     pub grazing_cosine: f64,
-    /// Share of readings that fail anywhere.
+    /// Share of lost readings anywhere.
     pub dropout: f64,
-    /// Whether what only one imager sees, and pixels on depth edges, have no reading.
+    /// Whether points in view of one imager only, and pixels on depth edges, have no reading.
     pub shadows: bool,
     /// One standard deviation of the color's noise, of 255.
     pub color_sigma: f64,
@@ -34,7 +34,7 @@ pub struct DepthCamera {
 const EDGE_SHARE: f64 = 0.025;
 /// Width of the transition at grazing angles, in cosines. chosen: readings fail within a few degrees
 const GRAZING_WIDTH: f64 = 0.03;
-/// What a shadow ray leaves free at the surface, meters. chosen: above rounding, below any gap
+/// Free start of a shadow ray at the surface, meters. chosen: above rounding, below any gap
 const SHADOW_MARGIN_M: f64 = 1e-4;
 
 impl Default for DepthCamera {
@@ -89,7 +89,7 @@ impl DepthCamera {
         rng: &mut impl Rng,
     ) -> Vec<u16> {
         let pixels = k.width * k.height;
-        // Drawn in order before threads share the pixels, so that their number changes nothing.
+        // Drawn in order before threads share the pixels: their number changes nothing.
         let white: Vec<f64> = (0..pixels).map(|_| random::normal(rng)).collect();
         let holes: Vec<[f64; 2]> = (0..pixels).map(|_| [random::unit(rng), random::unit(rng)]).collect();
         let noise = if self.disparity_sigma_px > 0.0 {
@@ -98,51 +98,68 @@ impl DepthCamera {
             white
         };
         let second_eye = world_from_camera * Point3::new(self.baseline_m, 0.0, 0.0);
-        let reading = |i: usize| {
+        let readings = (0..pixels).into_par_iter().with_min_len(k.width).map(|i| {
             let depth_m = view.depth_m[i];
             let is_lost = view.lacquered[i] || holes[i][0] < self.dropout || errors.is_lost(i);
             if depth_m <= 0.0 || is_lost {
                 return 0;
             }
             let between_m = errors.between_m(i);
-            let fails = 1.0 / (1.0 + ((view.cosine[i] - self.grazing_cosine) / GRAZING_WIDTH * 4.0).exp());
-            if between_m.is_none() && holes[i][1] < fails && self.grazing_cosine >= 0.0 {
-                return 0;
-            }
-            // What the second imager does not see has no disparity.
-            if between_m.is_none() && self.shadows {
-                let seen =
-                    world_from_camera * k.unproject((i % k.width) as f64, (i / k.width) as f64, depth_m);
-                let step = depth_step(&view.depth_m, k, i);
-                if step.is_beyond(EDGE_SHARE * depth_m)
-                    || !scene.is_clear(&seen, &second_eye, SHADOW_MARGIN_M)
-                {
+            if between_m.is_none() {
+                let fails =
+                    1.0 / (1.0 + ((view.cosine[i] - self.grazing_cosine) / GRAZING_WIDTH * 4.0).exp());
+                if holes[i][1] < fails && self.grazing_cosine >= 0.0 {
+                    return 0;
+                }
+                if self.shadows && is_in_shadow(view, scene, k, world_from_camera, &second_eye, i) {
                     return 0;
                 }
             }
-            let focal_m = k.fx * self.baseline_m;
             let read_m = between_m.unwrap_or(depth_m) * errors.factor(i);
-            // Stereo errs in disparity, evenly; in depth the same error grows with the square of the
-            // range.
-            let mut disparity_px =
-                focal_m / read_m + self.disparity_sigma_px * noise[i] + errors.disparity_px(i);
-            if self.disparity_step_px > 0.0 {
-                disparity_px = (disparity_px / self.disparity_step_px).round() * self.disparity_step_px;
-            }
-            let mm = 1000.0 * focal_m / disparity_px;
-            // A disparity at or below zero, and what 16 bits cannot hold, is no reading.
-            if mm > 0.0 && mm < f64::from(u16::MAX) { mm.round() as u16 } else { 0 }
-        };
-        (0..pixels).into_par_iter().with_min_len(k.width).map(reading).collect()
+            let error_px = self.disparity_sigma_px * noise[i];
+            self.reading_mm(read_m, error_px, errors.disparity_px(i), k)
+        });
+        readings.collect()
+    }
+
+    /// Depth by a disparity with errors, millimeters; 0 where it is no reading.
+    fn reading_mm(&self, depth_m: f64, noise_px: f64, error_px: f64, k: &Intrinsics) -> u16 {
+        let focal_m = k.fx * self.baseline_m;
+        // Stereo errs in disparity, evenly; in depth the same error grows with the square of the range.
+        let mut disparity_px = focal_m / depth_m + noise_px + error_px;
+        if self.disparity_step_px > 0.0 {
+            disparity_px = (disparity_px / self.disparity_step_px).round() * self.disparity_step_px;
+        }
+        let mm = 1000.0 * focal_m / disparity_px;
+        // A disparity at or below zero, and a depth beyond 16 bits, is no reading.
+        if mm > 0.0 && mm < f64::from(u16::MAX) { mm.round() as u16 } else { 0 }
     }
 
     /// Colors of a view in sRGB with the camera's noise, row-major.
     #[must_use]
     pub fn rgb(&self, view: &View, rng: &mut impl Rng) -> Vec<[u8; 3]> {
-        let mut channel = |linear: f64| {
-            let encoded = 255.0 * linear.clamp(0.0, 1.0).powf(1.0 / 2.2);
-            (encoded + self.color_sigma * random::normal(rng)).round().clamp(0.0, 255.0) as u8
-        };
-        view.color.iter().map(|c| [channel(c.x), channel(c.y), channel(c.z)]).collect()
+        let mut pixels = Vec::with_capacity(view.color.len());
+        for color in &view.color {
+            pixels.push([color.x, color.y, color.z].map(|linear| {
+                let encoded = 255.0 * linear.clamp(0.0, 1.0).powf(1.0 / 2.2);
+                (encoded + self.color_sigma * random::normal(rng)).round().clamp(0.0, 255.0) as u8
+            }));
+        }
+        pixels
     }
+}
+
+/// Whether a pixel's surface is hidden from the second imager: it has no disparity.
+fn is_in_shadow(
+    view: &View,
+    scene: &Scene,
+    k: &Intrinsics,
+    world_from_camera: &Pose,
+    second_eye: &Point3<f64>,
+    i: usize,
+) -> bool {
+    let depth_m = view.depth_m[i];
+    let seen = world_from_camera * k.unproject((i % k.width) as f64, (i / k.width) as f64, depth_m);
+    depth_step(&view.depth_m, k, i).is_beyond(EDGE_SHARE * depth_m)
+        || !scene.is_clear(&seen, second_eye, SHADOW_MARGIN_M)
 }

@@ -9,7 +9,7 @@ pub struct DepthErrors {
     pub disparity_px: Vec<f64>,
     /// Pixels without a reading.
     pub lost: Vec<bool>,
-    /// Depth that a pixel between two surfaces reads in place of either, meters.
+    /// Reading of a pixel between two surfaces in place of either, meters.
     pub between_m: Vec<Option<f64>>,
 }
 

@@ -9,12 +9,12 @@ pub(super) struct DepthStep {
     pub neighbor: usize,
     /// Meters.
     pub size_m: f64,
-    /// The step that the slope of the surface explains, meters.
+    /// The step by the slope of the surface, meters.
     slope_m: f64,
 }
 
 impl DepthStep {
-    /// Whether two surfaces meet here, farther apart than `least_m` beyond what a slope explains.
+    /// Whether two surfaces meet here, farther apart than `least_m` beyond the step of a slope.
     pub(crate) fn is_beyond(&self, least_m: f64) -> bool {
         self.size_m > least_m + 2.0 * self.slope_m
     }

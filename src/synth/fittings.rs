@@ -1,4 +1,4 @@
-//! Handles are fitted to the plates of doors and drawers, in the sizes that are sold.
+//! Handles are fitted to the plates of doors and drawers, in the sizes on sale.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use rand_core::Rng;
@@ -7,13 +7,13 @@ use super::{Handle, HandleKind, HandleStyle, Material, Part, Shape, Solid};
 use geometry::Pose;
 use numeric::random::{below, chance, range};
 
-/// Share of a plate's side that a handle takes along itself, at most. chosen: handles that look like handles
+/// Largest share of a plate's side along a handle. chosen: usual proportions
 const MOST_ALONG: f64 = 0.6;
-/// Share across itself, at most. chosen: handles that look like handles
+/// Largest share across it. chosen: usual proportions
 const MOST_ACROSS: f64 = 0.35;
-/// How far a post or stem reaches into the plate, meters. chosen: solids overlap, so that no gap is seen
+/// Reach of a post or stem into the plate, meters. chosen: solids overlap without a gap
 const SUNK_M: f64 = 0.001;
-/// Walls of a recess that is deeper than its plate, meters. chosen: thin, as such cups are
+/// Walls of a recess deeper than its plate, meters. chosen: thin, as such cups are
 const CUP_M: f64 = 0.004;
 
 /// Gives the doors, flaps and drawers of a cabinet other handles. Of these parts the plate is the first solid
@@ -37,7 +37,7 @@ pub(super) fn fit(parts: &mut [Part], style: HandleStyle, rng: &mut impl Rng) {
     }
 }
 
-/// The plate that carries a handle, seen from the handle: x along it, y across, z out.
+/// The plate of a handle, seen from the handle: x along it, y across, z out.
 struct Plate {
     /// The middle of its outer face.
     part_from_face: Pose,
@@ -69,7 +69,7 @@ impl Plate {
         })
     }
 
-    /// Factor, 1 at most, on a handle that is too large for the plate.
+    /// Factor, 1 at most, on a handle too large for the plate.
     fn scale(&self, length_m: f64, width_m: f64) -> f64 {
         let fits = |most: f64, half: f64, size: f64| most * 2.0 * half / size;
         fits(MOST_ALONG, self.half.x, length_m).min(fits(MOST_ACROSS, self.half.y, width_m)).min(1.0)
@@ -77,7 +77,7 @@ impl Plate {
 
     /// The frame of a handle of a width, `out` from the face: near the free edge, or in the middle.
     fn frame(&self, width_m: f64, out_m: f64) -> Pose {
-        // Clear of the boards that the edge may cover.
+        // Clear of the boards behind the edge.
         let rim = (0.5 * self.half.y).min(0.03);
         let inward = (0.5 * width_m + rim).max(0.24 * self.half.y);
         self.part_from_face * Pose::translation(0.0, self.free * (self.half.y - inward), out_m)
@@ -117,7 +117,7 @@ impl Plate {
     fn knob(&self, solids: &mut Vec<Solid>, material: &Material, rng: &mut impl Rng) -> Handle {
         let diameter_m = range(rng, 0.025, 0.035);
         let diameter_m = diameter_m * self.scale(diameter_m, diameter_m);
-        // Half of it is stem, so that fingers reach behind the head.
+        // Half of it is stem: fingers reach behind the head.
         let stem = 0.5 * diameter_m;
         let head = 0.4 * diameter_m;
         let part_from_handle = self.frame(diameter_m, stem + 0.5 * head);
@@ -128,18 +128,15 @@ impl Plate {
         Handle { kind: HandleKind::Knob { diameter_m, height_m: stem + head }, part_from_handle }
     }
 
-    /// Makes the plate one of boxes about the recess, whose floor is of another material.
+    /// Makes the plate one of boxes about the recess, with a floor of another material.
     fn recess(&self, solids: &mut Vec<Solid>, trim: &Material, rng: &mut impl Rng) -> Handle {
         let s = self.scale(0.1, 0.025);
         let [length_m, width_m, depth_m] = [s * 0.1, s * 0.025, s * range(rng, 0.012, 0.018)];
         let part_from_handle = self.frame(width_m, 0.0);
         let from_face = (self.part_from_face.inverse() * part_from_handle).translation.vector;
         // All in the frame of the recess.
-        let between = |lower: [f64; 3], upper: [f64; 3], material: &Material| {
-            let mut solid = Solid::between(lower, upper, material);
-            solid.part_from_solid = part_from_handle * solid.part_from_solid;
-            solid
-        };
+        let between =
+            |lower, upper, material| Solid::between(lower, upper, material).moved(&part_from_handle);
         let lower = -self.half - from_face;
         let upper = self.half - from_face;
         let a = 0.5 * length_m;

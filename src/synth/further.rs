@@ -5,10 +5,10 @@ use rand_core::Rng;
 use super::{Object, SynthConfig, clearance};
 use numeric::random::{self, stage_rng};
 
-/// Positions that are tried for every state.
+/// Tried positions of every state.
 const TRIES: usize = 200;
 /// Least distance of a position from those of the states before, as a share of the joint's range.
-/// chosen: states that differ clearly
+/// chosen: clearly different states
 const APART: f64 = 0.08;
 
 /// No further positions were found.
@@ -49,7 +49,7 @@ fn drawn_positions(object: &Object, states: &[Object], rng: &mut impl Rng) -> Op
         let mut filmed = states.iter().filter_map(|s| s.parts[k].joint.map(|j| j.positions[1])).chain(first);
         let [low, high] = joint.limits;
         joint.positions[1] = random::range(rng, low, high);
-        // A state near one that was filmed shows nothing new.
+        // A state near a filmed one shows nothing new.
         if filmed.any(|q| (q - joint.positions[1]).abs() < APART * (high - low)) {
             return None;
         }

@@ -12,15 +12,15 @@ use super::{
 use geometry::Pose;
 use numeric::random::{self, stage_rng};
 
-/// Shapes that are tried.
+/// Most tried shapes.
 const SHAPES: u64 = 100;
-/// Positions of the joints that are tried with each shape.
+/// Tried positions of the joints with each shape.
 const POSITIONS: usize = 60;
 /// Size of a patch over the radius of the object.
 /// chosen: patches of 5 to 15 cm on a cabinet, a pane of an oven's door or a display.
 const PATCH: f64 = 0.3;
 /// Largest distance of the object's foot from the world's origin along x and y, meters.
-/// chosen: worlds whose origin is not the object
+/// chosen: worlds with an origin off the object
 const FOOT_M: f64 = 0.3;
 
 /// No object of a family was found.
@@ -35,17 +35,16 @@ pub struct NoShape {
     seed: u64,
 }
 
-/// Makes the object of a configuration that [`SynthConfig::check`] accepts.
+/// Makes the object of a configuration accepted by [`SynthConfig::check`].
 ///
-/// # Errors
-/// Where no shape was found whose parts keep clear of each other and can be seen.
+/// # Errors Where no shape was found with visible parts clear of each other.
 pub fn generate(config: &SynthConfig) -> Result<Object, NoShape> {
     let rng = &mut stage_rng(config.seed, "synth/object", 0);
     let [fewest, most] = config.family.map_or([2, 6], Family::parts);
     let parts = config.parts.unwrap_or_else(|| fewest + random::below(rng, most - fewest + 1));
     let family = config.family.unwrap_or_else(|| any_family(parts, rng));
     let textured = config.textured.unwrap_or_else(|| random::chance(rng, 0.75));
-    // Turned and moved, so that no program may rely on the world's axes.
+    // Turned and moved: no program may rely on the world's axes.
     let yaw = random::range(rng, 0.0, TAU);
     let foot = Vector3::new(random::range(rng, -FOOT_M, FOOT_M), random::range(rng, -FOOT_M, FOOT_M), 0.0);
     for shape in 0..SHAPES {
@@ -68,9 +67,9 @@ pub fn generate(config: &SynthConfig) -> Result<Object, NoShape> {
             for joint in object.parts.iter_mut().filter_map(|p| p.joint.as_mut()) {
                 joint.positions = positions(joint, rng);
             }
-            // Clearance first: visibility casts rays, which cost far more.
+            // Clearance first: visibility casts rays, at far greater cost.
             if clearance::is_free(&object) && observable::is_observable(&object, config, rng) {
-                // Only after the checks, so that lacquer, scale and skew leave the object itself as it is.
+                // Only after the checks: lacquer, scale and skew leave the object itself as it is.
                 let object = lacquered(object, config);
                 return Ok(skewed(scaled(object, config.motion_scale), config));
             }
@@ -79,8 +78,7 @@ pub fn generate(config: &SynthConfig) -> Result<Object, NoShape> {
     Err(NoShape { family: family.name(), parts, seed: config.seed })
 }
 
-/// The object with joints that go only a share of their way; what was clear on the whole way is clear on part
-/// of it.
+/// The object with a share of its joints' ways; parts clear on the whole way are clear on part of it.
 fn scaled(mut object: Object, share: f64) -> Object {
     for [from, to] in object.parts.iter_mut().filter_map(|p| p.joint.as_mut()).map(|j| &mut j.positions) {
         *to = *from + share * (*to - *from);
@@ -101,7 +99,7 @@ fn skewed(mut object: Object, config: &SynthConfig) -> Object {
 /// The object with a share of every part lacquered, each in patches of its own.
 fn lacquered(mut object: Object, config: &SynthConfig) -> Object {
     if config.lacquer > 0.0 {
-        let patch_m = PATCH * object.bounding_sphere().1;
+        let patch_m = PATCH * object.bounding_sphere().radius_m;
         for (k, part) in object.parts.iter_mut().enumerate() {
             let rng = &mut stage_rng(config.seed, "synth/lacquer", k as u64);
             let lacquer = Lacquer::covering(config.lacquer, patch_m, rng);
@@ -111,10 +109,10 @@ fn lacquered(mut object: Object, config: &SynthConfig) -> Object {
     object
 }
 
-/// A family that can have so many parts; cabinets have half of the share where there is a choice.
+/// A family with room for so many parts; cabinets have half of the share where there is a choice.
 fn any_family(parts: usize, rng: &mut impl Rng) -> Family {
-    let able = |f: &Family| (f.parts()[0]..=f.parts()[1]).contains(&parts);
-    let others: Vec<Family> = Family::ALL.into_iter().filter(|f| *f != Family::Cabinet && able(f)).collect();
+    let mut others: Vec<Family> = Family::ALL.into_iter().filter(|f| *f != Family::Cabinet).collect();
+    others.retain(|f| (f.parts()[0]..=f.parts()[1]).contains(&parts));
     if others.is_empty() || random::chance(rng, 0.5) {
         Family::Cabinet
     } else {
@@ -122,7 +120,7 @@ fn any_family(parts: usize, rng: &mut impl Rng) -> Family {
     }
 }
 
-/// Two positions within the limits that are far enough apart to be a motion.
+/// Two positions within the limits, far enough apart for a motion.
 fn positions(joint: &PartJoint, rng: &mut impl Rng) -> [f64; 2] {
     let [low, high] = joint.limits;
     let span = high - low;

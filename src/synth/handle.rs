@@ -2,7 +2,7 @@
 
 use geometry::Pose;
 
-/// Which handles doors and drawers get in place of the plain ones of their family.
+/// Handles of doors and drawers in place of the plain ones of their family.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HandleStyle {
     /// Bars on two posts.
@@ -18,7 +18,7 @@ pub enum HandleStyle {
 }
 
 impl HandleStyle {
-    /// The style of that name on the command line.
+    /// The style by its name on the command line.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Some(match name {
@@ -32,7 +32,7 @@ impl HandleStyle {
     }
 }
 
-/// What a handle is, meters.
+/// Type and sizes of a handle, meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum HandleKind {
     /// A bar along x, centered on its frame.
@@ -77,8 +77,8 @@ impl HandleKind {
 /// A handle and where it is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Handle {
-    /// What it is.
+    /// Its type and sizes.
     pub kind: HandleKind,
-    /// Its frame in that of its part: x along it, z out of the plate.
+    /// Its frame in its part's: x along it, z out of the plate.
     pub part_from_handle: Pose,
 }

@@ -1,7 +1,7 @@
 //! The accelerometer in the housing of a camera.
 //!
-//! Noise and bias are those of the data sheet of the BMI055 (Bosch Sensortec), which sits in the RealSense
-//! D435i, D455 and L515. Scale errors and axes that are not square are left out.
+//! Noise and bias are those of the data sheet of the BMI055 (Bosch Sensortec), built into the RealSense
+//! D435i, D455 and L515. Scale errors and skewed axes are left out.
 
 use nalgebra::{Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
@@ -11,7 +11,7 @@ use numeric::random::{self, stage_rng};
 
 /// Acceleration of free fall, m/s². derived: the standard value
 const GRAVITY: f64 = 9.806_65;
-/// Readings a second: what realsense2_camera asks of it by default. derived: that default
+/// Readings a second: the default of realsense2_camera. derived: that default
 const RATE_HZ: f64 = 250.0;
 /// Density of the noise, m/s² a root hertz: 150 µg. derived: the data sheet of the BMI055
 const NOISE: f64 = 150e-6 * GRAVITY;
@@ -23,7 +23,7 @@ const BIAS: f64 = 0.07 * GRAVITY;
 pub struct ImuReading {
     /// Time after the first view, nanoseconds; before it negative.
     pub after_nanos: i64,
-    /// What was read, m/s², in the sensor's axes.
+    /// Reading, m/s², in the sensor's axes.
     pub acceleration: Vector3<f64>,
 }
 
@@ -41,12 +41,13 @@ pub fn imu_bias(config: &SynthConfig) -> Vector3<f64> {
     Vector3::from_fn(|_, _| random::range(rng, -BIAS, BIAS))
 }
 
-/// Readings all along the path of a take, whose `views` views are `period_nanos` apart; each is the mean over
-/// the time to its neighbors.
+/// Readings all along the path of a take with `views` views, `period_nanos` apart; each is the mean over the
+/// time to its neighbors.
 pub(super) fn readings(
     path: &CameraPath,
     take: usize,
-    (views, period_nanos): (usize, i64),
+    views: usize,
+    period_nanos: i64,
     config: &SynthConfig,
 ) -> Vec<ImuReading> {
     let rng = &mut stage_rng(config.seed, &format!("synth/state{take}/imu"), 0);
@@ -82,7 +83,7 @@ mod tests {
     fn readings_are_those_of_the_data_sheet_about_gravity() {
         let config = SynthConfig { seed: 5, ..SynthConfig::default() };
         let path = CameraPath::new(Point3::origin(), 0.5, 0.3, 0.4, &mut stage_rng(3, "path", 0));
-        let found = readings(&path, 1, (150, 66_666_667), &config);
+        let found = readings(&path, 1, 150, 66_666_667, &config);
         assert!(found.len().abs_diff(2500) < 5, "{}", found.len());
         let bias = imu_bias(&config);
         assert!(bias.amax() <= BIAS && bias.norm() > 0.01);

@@ -1,5 +1,5 @@
-//! Dark lacquer in patches on a part: color shows what is painted under it, the pattern of a depth camera
-//! does not come back.
+//! Dark lacquer in patches on a part: color shows the paint under it, the pattern of a depth camera does not
+//! come back.
 
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
@@ -7,27 +7,28 @@ use rand_core::Rng;
 use super::lattice_noise::value_noise;
 use numeric::random;
 
-/// Places by which the share is measured.
+/// Number of places for the measure of the share.
 const PLACES: usize = 4096;
-/// Share of the light that comes back through lacquer. chosen: black lacquer
+/// Share of the light back through lacquer. chosen: black lacquer
 const DARKENING: f64 = 0.2;
 
 /// Where a part is lacquered.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lacquer {
-    /// Distance between nodes of the noise that patches are cut from, meters.
+    /// Distance between nodes of the noise behind the patches, meters.
     patch_m: f64,
-    /// Noise from which on there is lacquer.
+    /// Least noise with lacquer.
     from: f64,
     seed: u32,
 }
 
 impl Lacquer {
-    /// Patches that take a share of all places.
+    /// Patches on a share of all places.
     pub(super) fn covering(share: f64, patch_m: f64, rng: &mut impl Rng) -> Self {
         let seed = random::below(rng, 1 << 30) as u32;
-        let place = |_| value_noise(&Vector3::from_fn(|_, _| random::range(rng, 0.0, 1e3)), seed);
-        let mut noise: Vec<f64> = (0..PLACES).map(place).collect();
+        let mut noise: Vec<f64> = (0..PLACES)
+            .map(|_| value_noise(&Vector3::from_fn(|_, _| random::range(rng, 0.0, 1e3)), seed))
+            .collect();
         noise.sort_by(f64::total_cmp);
         let from = noise[(((1.0 - share) * PLACES as f64) as usize).min(PLACES - 1)];
         Self { patch_m, from, seed }

@@ -5,15 +5,14 @@ use nalgebra::Vector3;
 /// Smooth noise in `[-1, 1]` with one random value a node of the integer lattice.
 pub(super) fn value_noise(p: &Vector3<f64>, seed: u32) -> f64 {
     let cell = p.map(f64::floor);
-    // Slopes vanish at the nodes, so that the lattice does not show.
+    // Slopes vanish at the nodes: the lattice does not show.
     let t = (p - cell).map(|f| f * f * (3.0 - 2.0 * f));
-    let node = |i: usize| {
-        let at = Vector3::from_fn(|k, _| (cell[k] as i64 + (i >> k & 1) as i64) as u32);
-        hash(at, seed)
-    };
+    let nodes: [f64; 8] = std::array::from_fn(|i| {
+        hash(Vector3::from_fn(|k, _| (cell[k] as i64 + (i >> k & 1) as i64) as u32), seed)
+    });
     let lerp = |a: f64, b: f64, t: f64| a + (b - a) * t;
-    let x = |i: usize| lerp(node(i), node(i + 1), t.x);
-    lerp(lerp(x(0), x(2), t.y), lerp(x(4), x(6), t.y), t.z)
+    let edges = [0, 2, 4, 6].map(|i| lerp(nodes[i], nodes[i + 1], t.x));
+    lerp(lerp(edges[0], edges[1], t.y), lerp(edges[2], edges[3], t.y), t.z)
 }
 
 /// A value in `[-1, 1]` for a lattice node (the mixing steps are those of MurmurHash3's finaliser).

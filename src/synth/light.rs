@@ -1,4 +1,4 @@
-//! What lights a scene.
+//! The light of a scene.
 
 use nalgebra::{Point3, Vector3};
 
@@ -13,7 +13,7 @@ pub struct Light {
     pub lamp: Vector3<f64>,
     /// Factor on each color.
     pub tint: Vector3<f64>,
-    /// Bulbs that surfaces of the object mirror.
+    /// Bulbs mirrored by surfaces of the object.
     pub bulbs: Vec<Point3<f64>>,
     /// Linear brightness of their mirror images in the object; 0 leaves the object matt.
     pub shine: f64,
@@ -26,21 +26,22 @@ impl Light {
         Self { lamp, tint: Vector3::repeat(1.0), bulbs: Vec::new(), shine: 0.0 }
     }
 
-    /// Light that a matt surface of unit normal `normal` sends on.
+    /// Light reflected by a matt surface of unit normal `normal`.
     pub(super) fn diffuse(&self, normal: &Vector3<f64>) -> Vector3<f64> {
-        // The shares add up to 1, so that white stays white where all of it shines.
+        // The shares add up to 1: white stays white where all of it shines.
         self.tint * (0.55 + 0.15 * normal.z + 0.3 * normal.dot(&self.lamp).max(0.0))
     }
 
     /// How near a surface point comes to mirroring a bulb to the eye, in `[0, 1]`.
     pub(super) fn gloss(&self, eye: &Point3<f64>, point: &Point3<f64>, normal: &Vector3<f64>) -> f64 {
-        let lobe = |bulb: &Point3<f64>| {
+        let mut gloss = 0.0_f64;
+        for bulb in &self.bulbs {
             let [to_eye, to_bulb] = [eye - point, bulb - point].map(|v| v.normalize());
-            if normal.dot(&to_bulb) <= 0.0 || normal.dot(&to_eye) <= 0.0 {
-                return 0.0;
+            if normal.dot(&to_bulb) > 0.0 && normal.dot(&to_eye) > 0.0 {
+                let cosine = (to_eye + to_bulb).normalize().dot(normal).max(0.0);
+                gloss = gloss.max(cosine.powf(LOBE_EXPONENT));
             }
-            (to_eye + to_bulb).normalize().dot(normal).max(0.0).powf(LOBE_EXPONENT)
-        };
-        self.bulbs.iter().map(lobe).fold(0.0, f64::max)
+        }
+        gloss
     }
 }

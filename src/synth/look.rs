@@ -10,7 +10,7 @@ use numeric::random;
 pub(super) struct Look {
     /// Textured or plain.
     pub textured: bool,
-    /// Length to which the texture is scaled, meters.
+    /// Length of the texture's scale, meters.
     pub scale_m: f64,
 }
 

@@ -4,12 +4,12 @@ use nalgebra::{Point3, Vector3};
 
 use super::{Lacquer, lattice_noise::value_noise};
 
-/// What a surface looks like.
+/// The look of a surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// Color, linear in `[0, 1]`.
     pub base: Vector3<f64>,
-    /// Second color that the texture runs to; equal to `base` on a plain surface.
+    /// Second color of the texture; equal to `base` on a plain surface.
     pub second: Vector3<f64>,
     /// Longest wavelength of the texture along each axis of the part, meters; `None` is plain.
     pub wavelength_m: Option<Vector3<f64>>,
@@ -21,7 +21,7 @@ pub struct Material {
 
 /// Octaves of the texture, each of half the wavelength of the one before.
 const OCTAVES: u32 = 6;
-/// Amplitude of an octave against the one before. chosen: textures with much that is small
+/// Amplitude of an octave against the one before. chosen: textures with much fine structure
 const FALL: f64 = 0.8;
 
 impl Material {
@@ -37,8 +37,7 @@ impl Material {
         self.lacquer.is_some_and(|lacquer| lacquer.covers(point))
     }
 
-    /// Color at a point of the part's frame; octaves that a pixel of `footprint_m` cannot resolve are left
-    /// out.
+    /// Color at a point of the part's frame; octaves too fine for a pixel of `footprint_m` are left out.
     #[must_use]
     pub fn color(&self, point: &Point3<f64>, footprint_m: f64) -> Vector3<f64> {
         let own = self.own_color(point, footprint_m);

@@ -35,7 +35,7 @@ impl PartJointKind {
 /// The joint between a part and its parent. Positions are radians, or meters for a prismatic joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PartJoint {
-    /// Part that carries it.
+    /// Its carrier.
     pub parent: usize,
     /// How it moves.
     pub kind: PartJointKind,
@@ -67,16 +67,16 @@ impl PartJoint {
 pub struct Part {
     /// Name, letters, digits and `_`.
     pub name: String,
-    /// `None` for the static part, which stands first.
+    /// `None` for the static part, the first one.
     pub joint: Option<PartJoint>,
-    /// What it consists of.
+    /// Its solids.
     pub solids: Vec<Solid>,
     /// Its handle, where handles were asked for.
     pub handle: Option<Handle>,
 }
 
 impl Part {
-    /// A part that moves on part `parent`; `axis` in the rest frame, positions still open.
+    /// A moving part on part `parent`; `axis` in the rest frame, positions still open.
     pub(super) fn moving(
         name: String,
         parent: usize,
@@ -115,11 +115,11 @@ pub struct Object {
 }
 
 impl Object {
-    /// Whether one of two parts carries the other so that they overlap: links of a chain at their pins, caps
-    /// over their necks. Parts of a cabinet do not.
+    /// Whether one of two parts carries the other, with an overlap: links of a chain at their pins, caps over
+    /// their necks. Parts of a cabinet do not.
     pub(super) fn are_pinned(&self, a: usize, b: usize) -> bool {
-        let parent = |part: usize| self.parts[part].joint.map(|j| j.parent);
-        self.family != Family::Cabinet.name() && (parent(a) == Some(b) || parent(b) == Some(a))
+        let parents = [a, b].map(|part| self.parts[part].joint.map(|j| j.parent));
+        self.family != Family::Cabinet.name() && (parents[0] == Some(b) || parents[1] == Some(a))
     }
 
     /// Motion of every part in the rest frame with each joint at `share` of its way from state 0 to state 1.
@@ -166,9 +166,9 @@ impl Object {
         poses.iter().enumerate().map(|(part, pose)| self.mesh(part).transformed(pose)).collect()
     }
 
-    /// Center and radius of a sphere in the world that holds the object in both states, meters.
+    /// A sphere about the object in both states.
     #[must_use]
-    pub fn bounding_sphere(&self) -> (Point3<f64>, f64) {
+    pub fn bounding_sphere(&self) -> BoundingSphere {
         let mut points: Vec<Point3<f64>> = Vec::new();
         for state in 0..2 {
             for (k, pose) in self.world_from_parts(state).iter().enumerate() {
@@ -177,6 +177,15 @@ impl Object {
         }
         let (lower, upper) = bounding_box(points.iter().copied()).unwrap_or_default();
         let center = nalgebra::center(&lower, &upper);
-        (center, points.iter().map(|p| (p - center).norm()).fold(0.0, f64::max))
+        BoundingSphere { center, radius_m: points.iter().map(|p| (p - center).norm()).fold(0.0, f64::max) }
     }
+}
+
+/// A sphere in the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoundingSphere {
+    /// Its center, meters.
+    pub center: Point3<f64>,
+    /// Its radius, meters.
+    pub radius_m: f64,
 }

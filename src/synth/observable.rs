@@ -1,4 +1,4 @@
-//! Whether both recordings can show that a part moved.
+//! Whether both recordings can show a part's motion.
 
 use nalgebra::Point3;
 use rand_core::Rng;
@@ -6,20 +6,20 @@ use rand_core::Rng;
 use super::{Object, Scene, SynthConfig, recording, truth};
 use surface::sample_surface;
 
-/// Views of each state that are looked at.
+/// Tested views of each state.
 const VIEWS: usize = 15;
 /// Points drawn on each part.
 const POINTS: usize = 300;
-/// Share of a part's surface that must be seen in both states. chosen: less shows no part
+/// Least share of a part's surface seen in both states. chosen: less shows no part
 const MIN_SHARE: f64 = 0.1;
 
-/// Whether of every part some of the same surface is seen in both states: of one that shows another side in
-/// each, nothing can be said from the recordings.
+/// Whether both states see some of the same surface of every part: a part with another side in each cannot be
+/// found from the recordings.
 pub(super) fn is_observable(object: &Object, config: &SynthConfig, rng: &mut impl Rng) -> bool {
     let k = recording::intrinsics(config);
     let (floor, _) = recording::surroundings(config.seed);
     let poses = [0, 1].map(|state| object.world_from_parts(state));
-    // No floor: it hides nothing of what stands on it.
+    // No floor: it hides nothing of the things on it.
     let scenes = [0, 1].map(|state| Scene::new(object, state, &floor, 0.0));
     let cameras = [0, 1].map(|state| {
         let path = recording::camera_path(object, state, config);

@@ -1,4 +1,4 @@
-//! A hand-held camera that sweeps over the front of an object.
+//! A hand-held camera on a sweep over the front of an object.
 
 use std::f64::consts::TAU;
 
@@ -12,14 +12,35 @@ use numeric::random;
 const HALF_SWEEP_RAD: f64 = 1.75;
 /// Lowest and highest elevation of the sweep, radians. chosen: 11 and 60 degrees
 const ELEVATION_RAD: [f64; 2] = [0.2, 1.05];
-/// Share of the half field of view that the object's sphere fills. chosen: a rim is left
+/// Share of the half field of view filled by the object's sphere. chosen: a rim is left
 const FILL: f64 = 0.95;
-/// Nearest distance to the sphere's center, meters, besides 1.5 radii: where stereo still measures.
-/// chosen: that of usual stereo cameras
+/// Nearest distance to the sphere's center, meters, besides 1.5 radii: still within the range of stereo.
+/// chosen: as of usual stereo cameras
 const MIN_DISTANCE_M: f64 = 0.4;
 
-/// A wave in time: amplitude, frequency and phase.
-type Wave = (f64, f64, f64);
+/// A wave over the time `[0, 1]`.
+#[derive(Clone, Copy, Debug)]
+struct Wave {
+    amplitude: f64,
+    /// Turns in all.
+    frequency: f64,
+    phase_rad: f64,
+}
+
+impl Wave {
+    /// Of seven tenths of an amplitude to all of it.
+    fn drawn(amplitude: f64, [low, high]: [f64; 2], rng: &mut impl Rng) -> Self {
+        Self {
+            amplitude: amplitude * random::range(rng, 0.7, 1.0),
+            frequency: random::range(rng, low, high),
+            phase_rad: random::range(rng, 0.0, TAU),
+        }
+    }
+
+    fn value_at(&self, time: f64) -> f64 {
+        self.amplitude * (TAU * self.frequency * time + self.phase_rad).sin()
+    }
+}
 
 /// A smooth path of a camera, over the time `[0, 1]`.
 #[derive(Clone, Debug)]
@@ -37,7 +58,7 @@ pub struct CameraPath {
 }
 
 impl CameraPath {
-    /// A sweep about `center` for an object of `radius_m` whose front faces the azimuth `front_rad`;
+    /// A sweep about `center` for an object of `radius_m` with its front at the azimuth `front_rad`;
     /// `half_view_rad` is half the smaller field of view.
     #[must_use]
     pub fn new(
@@ -49,14 +70,8 @@ impl CameraPath {
     ) -> Self {
         // Where the object's sphere fits the smaller field of view.
         let distance_m = (radius_m / (FILL * half_view_rad).sin()).max(MIN_DISTANCE_M).max(1.5 * radius_m);
-        let mut wave = |amplitude: f64, low: f64, high: f64| {
-            (
-                amplitude * random::range(rng, 0.7, 1.0),
-                random::range(rng, low, high),
-                random::range(rng, 0.0, TAU),
-            )
-        };
-        // A slow wave and a fast one; their amplitudes add up to 1, which keeps the sweep in its bounds.
+        let mut wave = |amplitude, low, high| Wave::drawn(amplitude, [low, high], rng);
+        // A slow wave and a fast one; their amplitudes add up to 1: the sweep stays in its bounds.
         let elevation = [wave(0.7, 1.5, 3.0), wave(0.3, 4.0, 7.0)];
         let azimuth = wave(0.08, 2.0, 5.0);
         let range = wave(0.06, 1.0, 4.0);
@@ -69,23 +84,23 @@ impl CameraPath {
     /// `world_from_camera` (optical frame) at a time in `[0, 1]`.
     #[must_use]
     pub fn pose(&self, time: f64) -> Pose {
-        let at = |(amplitude, frequency, phase): Wave| amplitude * (TAU * frequency * time + phase).sin();
-        let azimuth = self.front_rad + self.start * HALF_SWEEP_RAD * (2.0 * time - 1.0) + at(self.azimuth);
+        let azimuth =
+            self.front_rad + self.start * HALF_SWEEP_RAD * (2.0 * time - 1.0) + self.azimuth.value_at(time);
         let [low, high] = ELEVATION_RAD;
-        let elevation =
-            0.5 * (low + high) + 0.5 * (high - low) * (at(self.elevation[0]) + at(self.elevation[1]));
+        let waves = self.elevation[0].value_at(time) + self.elevation[1].value_at(time);
+        let elevation = 0.5 * (low + high) + 0.5 * (high - low) * waves;
         let outward =
             Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin());
-        let mut eye = self.center + outward * (self.distance_m * (1.0 + at(self.range)));
+        let mut eye = self.center + outward * (self.distance_m * (1.0 + self.range.value_at(time)));
         // A low view of a flat thing must not sink into the floor.
         eye.z = eye.z.max(self.center.z + 0.1 * self.radius_m);
-        let target = self.center + Vector3::from(self.look.map(at)) * self.radius_m;
+        let target = self.center + Vector3::from(self.look.map(|wave| wave.value_at(time))) * self.radius_m;
         let forward = (target - eye).try_normalize(1e-12).unwrap_or(-outward);
         // A level horizon first; the roll comes on top.
         let right = forward.cross(&Vector3::z()).try_normalize(1e-12).unwrap_or_else(Vector3::x);
         let axes = Matrix3::from_columns(&[right, forward.cross(&right), forward]);
         let upright = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
-        let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), at(self.roll));
+        let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.roll.value_at(time));
         Pose::from_parts(eye.coords.into(), upright * roll)
     }
 }

@@ -3,8 +3,8 @@
 use nalgebra::{Point3, Unit, Vector3};
 
 use super::{
-    Board, CameraPath, DepthCamera, HandheldCamera, HandheldSensor, Material, Object, Scene, SeenSample,
-    Solid, SynthConfig, TakePoses, View,
+    Board, BoundingSphere, CameraPath, DepthCamera, HandheldCamera, HandheldSensor, Material, Object, Scene,
+    SeenSample, Solid, SynthConfig, TakePoses, View,
     imu::{ImuReading, readings},
     seen_points,
     workspace::whole_way,
@@ -25,7 +25,7 @@ const PERIOD_NANOS: i64 = 200_000_000;
 /// Mean speed of a camera carried by hand, meters a second: the hand-held sequences fr1/xyz and fr1/desk of
 /// Sturm et al. 2012 have 0.24 and 0.41. chosen: between these two
 const HAND_SPEED: f64 = 0.35;
-/// Pieces that the camera's way is measured by.
+/// Pieces for the length of the camera's way.
 const WAY_PIECES: usize = 1000;
 
 /// One view of a state.
@@ -51,7 +51,7 @@ pub struct SynthFrame {
 }
 
 impl SynthFrame {
-    /// Poses are reported this long before and after each view, nanoseconds, so that the one at the view is
+    /// Poses are reported this long before and after each view, nanoseconds: the one at the view is
     /// interpolated.
     pub const POSE_OFFSET_NANOS: i64 = 1_000_000;
 }
@@ -67,9 +67,9 @@ pub struct SynthState {
     pub period_nanos: i64,
     /// Where the true world stands in the world of the recording; identity without drift.
     pub recorded_from_world: Pose,
-    /// True surface points that the views saw, in the true world.
+    /// True surface points seen by the views, in the true world.
     pub seen: Vec<SeenSample>,
-    /// What the camera's accelerometer read; nothing where none was asked for.
+    /// Readings of the camera's accelerometer; empty without one.
     pub imu: Vec<ImuReading>,
     /// Errors of the sensor's poses; those of the first view of state 0 are none.
     pub poses: TakePoses,
@@ -89,14 +89,15 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
     let intrinsics = intrinsics(config);
     let sphere = object.bounding_sphere();
     let path = camera_path(object, take, config);
-    // The floor and what stands on it are the same in all states.
+    // The floor and the things on it are the same in all states.
     let (floor, lamp) = surroundings(config.seed);
     let camera = handheld_camera(config);
-    // Around all that the object reaches in any state, so that nothing stands in its way.
+    // Around the object's reach in any state: nothing stands in its way.
     let board = Board::of(object, config);
     let room = room(object, board.as_ref());
     let clutter = camera.clutter(&room, object.world_from_rest.translation.vector.z);
-    let still = Scene::new(object, state, &floor, (FLOOR_RADII * sphere.1).max(MIN_FLOOR_M)).with(&clutter);
+    let still =
+        Scene::new(object, state, &floor, (FLOOR_RADII * sphere.radius_m).max(MIN_FLOOR_M)).with(&clutter);
     let still = board.as_ref().map_or_else(|| still.with(&[]), |board| still.with_board(board));
     let depth_camera = DepthCamera::scaled(config.noise);
     let (views, period_nanos) = pace(&path, config);
@@ -113,9 +114,10 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
     // The first take defines the world.
     let offset = if take == 0 { Pose::identity() } else { drift(config) };
     let recorded_from_world = offset * poses.relocalization;
-    let frame = |i: usize| {
+    let mut frames = Vec::with_capacity(views);
+    for i in 0..views {
         let world_from_camera = cameras[i];
-        let light = camera.light((take, i), &lamp, scene(i), &world_from_camera, &sphere);
+        let light = camera.light(take, i, &lamp, scene(i), &world_from_camera, &sphere);
         let mut view = View::cast(scene(i), &intrinsics, &world_from_camera, &light);
         let errors = camera.depth_errors(take, i, &view, &intrinsics);
         let depth_rng = &mut rng("depth", i);
@@ -130,7 +132,7 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
             let at = side * SynthFrame::POSE_OFFSET_NANOS as f64 - 1e9 * camera.lag_s;
             recorded_from_world * poses.drift[i] * path.pose(time(i, at)) * error
         });
-        SynthFrame {
+        frames.push(SynthFrame {
             rgb: depth_camera.rgb(&view, &mut rng("color", i)),
             depth_mm,
             mask: config.sensor.is_none().then(|| view.part.iter().map(Option::is_some).collect()),
@@ -139,13 +141,12 @@ pub fn film(object: &Object, state: usize, take: usize, config: &SynthConfig) ->
             velocity,
             gain: camera.gain(take, i),
             has_hand: !hands[i].is_empty(),
-        }
-    };
-    let frames: Vec<SynthFrame> = (0..views).map(frame).collect();
-    // Scenes with their hands: what a hand hides was not seen.
+        });
+    }
+    // Scenes with their hands: surface behind a hand was not seen.
     let eyes: Vec<(&Scene, Pose)> = (0..views).map(|i| (scene(i), cameras[i])).collect();
     let seen = seen_points(object, state, &intrinsics, &eyes, SURFACE_POINTS, &mut rng("seen", 0));
-    let imu = if config.imu { readings(&path, take, (views, period_nanos), config) } else { Vec::new() };
+    let imu = if config.imu { readings(&path, take, views, period_nanos, config) } else { Vec::new() };
     SynthState { intrinsics, frames, period_nanos, recorded_from_world, seen, imu, poses }
 }
 
@@ -157,7 +158,7 @@ pub fn handheld_camera(config: &SynthConfig) -> HandheldCamera {
 }
 
 /// Number of views and time between them, nanoseconds. Those of a sensor or of a rate let a hand carry the
-/// camera; a clean recording knows no effect that time has.
+/// camera; a clean recording has no effects of time.
 fn pace(path: &CameraPath, config: &SynthConfig) -> (usize, i64) {
     if config.sensor.is_none() && config.rate_hz.is_none() {
         return (config.views, PERIOD_NANOS);
@@ -171,7 +172,7 @@ fn pace(path: &CameraPath, config: &SynthConfig) -> (usize, i64) {
     }
 }
 
-/// Velocity of the camera in its own frame, on a path that takes `seconds`.
+/// Velocity of the camera in its own frame, on a path of `seconds`.
 fn velocity(path: &CameraPath, time: f64, seconds: f64) -> [Vector3<f64>; 2] {
     /// chosen: a difference quotient far above rounding
     const STEP: f64 = 1e-5;
@@ -188,7 +189,7 @@ pub(super) fn intrinsics(config: &SynthConfig) -> Intrinsics {
         height: config.height,
         fx: focal,
         fy: focal,
-        // Off the middle, so that a program which assumes the middle is found out.
+        // Off the middle: a program with that assumption is found out.
         cx: 0.5 * config.width as f64 + 2.7,
         cy: 0.5 * config.height as f64 - 3.2,
     }
@@ -199,14 +200,14 @@ pub(super) fn camera_path(object: &Object, state: usize, config: &SynthConfig) -
     let k = intrinsics(config);
     let sphere = object.bounding_sphere();
     let board = Board::of(object, config);
-    let (center, radius_m) = board.map_or(sphere, |board| board.sphere_with(sphere));
+    let BoundingSphere { center, radius_m } = board.map_or(sphere, |board| board.sphere_with(sphere));
     let forward = object.world_from_rest.rotation * Vector3::x();
     let half_view_rad = (0.5 * k.width.min(k.height) as f64 / k.fx).atan();
     let rng = &mut stage_rng(config.seed, &format!("synth/state{state}/path"), 0);
     CameraPath::new(center, radius_m, forward.y.atan2(forward.x), half_view_rad, rng)
 }
 
-/// The box that an object and a board need.
+/// The box about an object and a board.
 fn room(object: &Object, board: Option<&Board>) -> [Point3<f64>; 2] {
     let corners = board.map(Board::corners);
     corners.iter().flatten().fold(whole_way(object), |[lower, upper], p| {
@@ -235,8 +236,8 @@ fn error(config: &SynthConfig, rng: &mut impl rand_core::Rng) -> Pose {
     Pose::new(random::isotropic(rng, spread.translation_m), random::isotropic(rng, spread.rotation_rad))
 }
 
-/// How far the world of state 1 is off: the whole amount, in a random direction and about a random axis
-/// through the object's foot, which is near the world's origin.
+/// Error of state 1's world: the whole amount, in a random direction and about a random axis through the
+/// object's foot, near the world's origin.
 fn drift(config: &SynthConfig) -> Pose {
     let rng = &mut stage_rng(config.seed, "synth/drift", 0);
     let shift = random::direction(rng).into_inner() * config.drift.translation_m;

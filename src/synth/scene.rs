@@ -8,18 +8,18 @@ use super::{
 };
 use geometry::Pose;
 
-/// What a ray meets first.
+/// The first hit of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sight {
     /// Multiple of the ray's direction.
     pub at: f64,
     /// Outward unit normal in the world.
     pub normal: Vector3<f64>,
-    /// Part seen; `None` for the floor and for what stands around.
+    /// Part seen; `None` for the floor and for things around.
     pub part: Option<usize>,
     /// Solid seen, counted over the whole scene; the number of solids for the floor.
     pub solid: usize,
-    /// The point in the frame of its part; in the world for what belongs to none.
+    /// The point in the frame of its part; in the world without one.
     pub point_in_part: Point3<f64>,
 }
 
@@ -41,7 +41,7 @@ pub struct Scene<'a> {
     floor_z_m: f64,
     floor_center: Point3<f64>,
     floor_radius_m: f64,
-    /// A board that is printed, and the number of its solid.
+    /// A printed board, and the number of its solid.
     print: Option<(usize, &'a Board)>,
 }
 
@@ -76,13 +76,13 @@ impl<'a> Scene<'a> {
         Self { print, ..self.with(std::slice::from_ref(&board.solid)) }
     }
 
-    /// Whether a surface has a print on it, which is finer than a pixel.
+    /// Whether a surface has a print on it, finer than a pixel.
     #[must_use]
     pub fn is_printed(&self, sight: &Sight) -> bool {
         self.print.is_some_and(|(solid, _)| solid == sight.solid)
     }
 
-    /// The scene with solids that belong to no part, in the frame of the world.
+    /// The scene with solids without a part, in the frame of the world.
     #[must_use]
     pub fn with(&self, solids: &'a [Solid]) -> Self {
         let around = solids.iter().map(|s| Placed::new(None, s, &Pose::identity()));
@@ -142,7 +142,7 @@ impl<'a> Scene<'a> {
         self.sight(&(from + step * margin_m), &step, length_m - margin_m).is_none()
     }
 
-    /// What the eye gets from a point of the world that a sight saw.
+    /// Light to the eye from a seen point of the world.
     #[must_use]
     pub fn shade(
         &self,
@@ -171,12 +171,12 @@ impl<'a> Scene<'a> {
 /// Luminance of linear red, green and blue (ITU-R BT.709). derived: that recommendation
 const LUMINANCE: Vector3<f64> = Vector3::new(0.2126, 0.7152, 0.0722);
 
-/// What a camera gets from a surface.
+/// Light from a surface to a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shade {
     /// Linear color; a highlight may exceed 1.
     pub color: Vector3<f64>,
-    /// Share of white light that the matt surface sends back, in `[0, 1]`.
+    /// Share of white light reflected by the matt surface, in `[0, 1]`.
     pub reflectance: f64,
     /// How near it comes to mirroring a bulb, in `[0, 1]`.
     pub gloss: f64,
@@ -209,7 +209,7 @@ fn bounds(placed: &Placed) -> Bounds {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{SynthConfig, generate};
+    use crate::{BoundingSphere, SynthConfig, generate};
     use numeric::random::{self, stage_rng};
 
     #[test]
@@ -218,7 +218,7 @@ mod tests {
         let object = generate(&config).unwrap();
         let floor = Material::plain(Vector3::repeat(0.5));
         let scene = Scene::new(&object, 0, &floor, 5.0);
-        let (center, radius_m) = object.bounding_sphere();
+        let BoundingSphere { center, radius_m } = object.bounding_sphere();
         let rng = &mut stage_rng(1, "rays", 0);
         let mut hits = 0;
         for _ in 0..2000 {

@@ -10,20 +10,23 @@ pub(super) fn smooth(white: &[f64], width: usize, height: usize, sigma_px: f64) 
     // Divided by the root of the sum of squares, white noise keeps its variance.
     let norm = kernel.iter().map(|w| w * w).sum::<f64>().sqrt();
     kernel.iter_mut().for_each(|w| *w /= norm);
-    // The border repeats by reflection, which keeps the variance near one.
-    let reflect = |at: isize, n: usize| {
-        (if at < 0 { -at } else { at }).min(2 * (n as isize - 1) - at).unsigned_abs().min(n - 1)
-    };
-    let along = |from: &[f64], at: &(dyn Fn(usize, isize) -> usize + Sync)| -> Vec<f64> {
-        (0..from.len())
-            .into_par_iter()
-            .with_min_len(width)
-            .map(|i| (-reach..=reach).zip(&kernel).map(|(d, w)| w * from[at(i, d)]).sum())
-            .collect()
-    };
     // A Gaussian over rows, then over columns, is one over the image.
-    let rows = along(white, &|i, d| i / width * width + reflect((i % width) as isize + d, width));
-    along(&rows, &|i, d| reflect((i / width) as isize + d, height) * width + i % width)
+    let pixels = (0..white.len()).into_par_iter().with_min_len(width);
+    let rows = pixels.clone().map(|i| {
+        let columns = (-reach..=reach).map(|d| reflected((i % width) as isize + d, width));
+        columns.zip(&kernel).map(|(column, w)| w * white[i / width * width + column]).sum::<f64>()
+    });
+    let rows: Vec<f64> = rows.collect();
+    let image = pixels.map(|i| {
+        let beside = (-reach..=reach).map(|d| reflected((i / width) as isize + d, height));
+        beside.zip(&kernel).map(|(row, w)| w * rows[row * width + i % width]).sum::<f64>()
+    });
+    image.collect()
+}
+
+/// Index by reflection at the border: the variance stays near one.
+fn reflected(at: isize, n: usize) -> usize {
+    (if at < 0 { -at } else { at }).min(2 * (n as isize - 1) - at).unsigned_abs().min(n - 1)
 }
 
 #[cfg(test)]

@@ -23,7 +23,7 @@ pub enum Shape {
         /// Half the height, meters.
         half_m: f64,
     },
-    /// What lies within a radius of a piece of the z axis.
+    /// The points within a radius of a piece of the z axis.
     Capsule {
         /// Meters.
         radius_m: f64,
@@ -35,11 +35,11 @@ pub enum Shape {
 /// A shape of a part, in the frame of the part.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solid {
-    /// What it is.
+    /// Its shape.
     pub shape: Shape,
     /// Where it stands.
     pub part_from_solid: Pose,
-    /// What it looks like.
+    /// Its look.
     pub material: Material,
 }
 
@@ -66,7 +66,12 @@ impl Solid {
         }
     }
 
-    /// What lies within a radius of the line between two points of the part's frame, meters.
+    /// The same moved in the part's frame.
+    pub(super) fn moved(self, by: &Pose) -> Self {
+        Self { part_from_solid: by * self.part_from_solid, ..self }
+    }
+
+    /// The points within a radius of the line between two points of the part's frame, meters.
     #[must_use]
     pub fn capsule(radius_m: f64, from: Point3<f64>, to: Point3<f64>, material: &Material) -> Self {
         let along = to - from;
@@ -88,7 +93,7 @@ impl Solid {
 }
 
 impl Shape {
-    /// Half sides of the smallest box about the origin that holds it, meters.
+    /// Half sides of the smallest box about the origin around it, meters.
     #[must_use]
     pub fn half_sides(&self) -> Vector3<f64> {
         match *self {
@@ -98,7 +103,7 @@ impl Shape {
         }
     }
 
-    /// First point beyond `least` at which a ray in the shape's frame enters it; none where it starts inside.
+    /// First entry of a ray in the shape's frame beyond `least`; `None` where it starts inside.
     #[must_use]
     pub fn hit(&self, origin: &Point3<f64>, ray: &Vector3<f64>, least: f64) -> Option<Hit> {
         match *self {
@@ -133,7 +138,7 @@ fn cuboid(origin: &Point3<f64>, ray: &Vector3<f64>, half: &Vector3<f64>) -> Opti
             }
             continue;
         }
-        // The sign of the ray says which side comes first.
+        // The sign of the ray gives the first side.
         let enter = (-half[k].copysign(ray[k]) - origin[k]) / ray[k];
         let leave = (half[k].copysign(ray[k]) - origin[k]) / ray[k];
         if enter > near {
@@ -191,38 +196,44 @@ fn cylinder(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64
 /// The surface point nearest to the ray's start is where the ray enters the sphere about the nearest point of
 /// the axis: the side of the cylinder between the ends, a ball at each.
 fn capsule(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64) -> Option<Hit> {
-    let squared = ray.xy().norm_squared();
-    let side = || {
-        let b = origin.xy().coords.dot(&ray.xy());
-        let root = b * b - squared * (origin.xy().coords.norm_squared() - radius_m * radius_m);
-        let at = (-b - root.max(0.0).sqrt()) / squared;
-        let p = origin + ray * at;
-        (root >= 0.0 && squared > 0.0 && p.z.abs() <= half_m)
-            .then(|| Hit { at, normal: Vector3::new(p.x, p.y, 0.0) / radius_m })
-    };
-    let ball = |z: f64| {
-        let from = origin - Vector3::z() * z;
-        let a = ray.norm_squared();
-        let b = from.coords.dot(ray);
-        let root = b * b - a * (from.coords.norm_squared() - radius_m * radius_m);
-        let at = (-b - root.max(0.0).sqrt()) / a;
-        let p = from + ray * at;
-        // The inner half of a ball lies within the capsule.
-        (root >= 0.0 && p.z * z.signum() >= 0.0).then(|| Hit { at, normal: p.coords / radius_m })
-    };
-    let hits = [side(), ball(half_m), ball(-half_m)];
+    let hits = [
+        cylinder_side(origin, ray, radius_m, half_m),
+        outer_half_ball(origin, ray, radius_m, half_m),
+        outer_half_ball(origin, ray, radius_m, -half_m),
+    ];
     hits.into_iter().flatten().min_by(|a, b| a.at.total_cmp(&b.at))
+}
+
+fn cylinder_side(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, half_m: f64) -> Option<Hit> {
+    let squared = ray.xy().norm_squared();
+    let b = origin.xy().coords.dot(&ray.xy());
+    let root = b * b - squared * (origin.xy().coords.norm_squared() - radius_m * radius_m);
+    let at = (-b - root.max(0.0).sqrt()) / squared;
+    let p = origin + ray * at;
+    (root >= 0.0 && squared > 0.0 && p.z.abs() <= half_m)
+        .then(|| Hit { at, normal: Vector3::new(p.x, p.y, 0.0) / radius_m })
+}
+
+/// The ball at one end of a capsule; its inner half lies within the capsule.
+fn outer_half_ball(origin: &Point3<f64>, ray: &Vector3<f64>, radius_m: f64, z: f64) -> Option<Hit> {
+    let from = origin - Vector3::z() * z;
+    let a = ray.norm_squared();
+    let b = from.coords.dot(ray);
+    let root = b * b - a * (from.coords.norm_squared() - radius_m * radius_m);
+    let at = (-b - root.max(0.0).sqrt()) / a;
+    let p = from + ray * at;
+    (root >= 0.0 && p.z * z.signum() >= 0.0).then(|| Hit { at, normal: p.coords / radius_m })
 }
 
 fn cuboid_mesh(half: &Vector3<f64>) -> TriangleMesh {
     // Bit k of a corner's number is its side along axis k.
-    let corner = |i: usize| {
-        Point3::from(Vector3::from_fn(|k, _| if i >> k & 1 == 1 { half[k] } else { -half[k] })).cast()
-    };
+    let corners = (0..8)
+        .map(|i| Vector3::from_fn(|k, _| if i >> k & 1 == 1 { half[k] } else { -half[k] }))
+        .map(|corner| Point3::from(corner).cast());
     let quads: [[u32; 4]; 6] =
         [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
     let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    TriangleMesh { vertices: (0..8).map(corner).collect(), triangles, colors: Vec::new() }
+    TriangleMesh { vertices: corners.collect(), triangles, colors: Vec::new() }
 }
 
 fn cylinder_mesh(radius_m: f64, half_m: f64) -> TriangleMesh {

@@ -1,4 +1,4 @@
-//! Surface points that the cameras saw, from the true surface.
+//! Surface points seen by the cameras, from the true surface.
 
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
@@ -17,7 +17,7 @@ pub struct SeenSample {
     pub part: usize,
 }
 
-/// Views that must have seen a point.
+/// Least views of a point.
 const MIN_VIEWS: usize = 3;
 /// A view at a smaller cosine between ray and normal does not count. chosen: 78 degrees
 const MIN_COSINE: f64 = 0.2;
@@ -40,8 +40,8 @@ pub(super) fn sees(
         && scene.is_clear(&(point + normal * MARGIN_M), &eye, 0.0)
 }
 
-/// The points, of `count` drawn uniformly from the surface of all parts, that at least three of the cameras,
-/// each with the scene before it, saw at no grazing angle in a state.
+/// Points seen by at least three of the cameras, each with its scene, at no grazing angle in a state, of
+/// `count` drawn uniformly from the surface of all parts.
 #[must_use]
 pub fn seen_points(
     object: &Object,
@@ -61,10 +61,9 @@ pub fn seen_points(
         let found = samples.points.par_iter().zip(&samples.normals).with_min_len(256).filter_map(|(p, n)| {
             let point = poses[part] * p.cast::<f64>();
             let normal = poses[part] * n.cast::<f64>();
-            let sees = |(scene, camera): &&(&Scene, Pose)| sees(scene, k, camera, &point, &normal);
             // Counting ends at enough views, since each costs a ray.
-            (cameras.iter().filter(sees).take(MIN_VIEWS).count() == MIN_VIEWS)
-                .then_some(SeenSample { point, part })
+            let seeing = cameras.iter().filter(|(scene, camera)| sees(scene, k, camera, &point, &normal));
+            (seeing.take(MIN_VIEWS).count() == MIN_VIEWS).then_some(SeenSample { point, part })
         });
         seen.extend(found.collect::<Vec<_>>());
     }

@@ -1,4 +1,4 @@
-//! What a perfect camera sees.
+//! The view of a perfect camera.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -11,13 +11,13 @@ use geometry::{Intrinsics, Pose};
 
 /// Color samples along each side of a pixel on an edge.
 const EDGE_SAMPLES: usize = 3;
-/// ... and of one on a print, whose edges are measured to hundredths of a pixel.
+/// ... and of one on a print, with edges measured to hundredths of a pixel.
 const PRINT_SAMPLES: usize = 8;
 /// Color where no surface is near, 8 bits. chosen: dark gray
 const NOTHING: f64 = 0.15;
 /// No surface is seen beyond this, meters. chosen: beyond any room
 const FARTHEST_M: f64 = 20.0;
-/// Smallest cosine between ray and normal that widens a pixel's footprint. chosen: 84 degrees
+/// Smallest cosine between ray and normal for a pixel's footprint. chosen: 84 degrees
 const LEAST_COSINE: f64 = 0.1;
 
 /// A view without noise; all lists are row-major, one value a pixel.
@@ -25,7 +25,7 @@ const LEAST_COSINE: f64 = 0.1;
 pub struct View {
     /// Linear color; a highlight may exceed 1.
     pub color: Vec<Vector3<f64>>,
-    /// Share of white light that the surface sends back, in `[0, 1]`; 0 where there is no surface.
+    /// Share of white light reflected by the surface, in `[0, 1]`; 0 where there is no surface.
     pub reflectance: Vec<f64>,
     /// How near the surface comes to mirroring a bulb, in `[0, 1]`.
     pub gloss: Vec<f64>,
@@ -35,7 +35,7 @@ pub struct View {
     pub depth_m: Vec<f64>,
     /// Cosine between the ray and the surface's normal; 0 where there is no surface.
     pub cosine: Vec<f64>,
-    /// Part seen; `None` for the floor, for what stands around and for nothing.
+    /// Part seen; `None` for the floor, for things around and for nothing.
     pub part: Vec<Option<u16>>,
 }
 
@@ -89,7 +89,7 @@ impl Rays<'_> {
         self.scene.sight(&self.eye, &self.ray(at), FARTHEST_M)
     }
 
-    /// What a sample sees of which there are so many along a side of a pixel.
+    /// The light of one sample, of so many along a side of a pixel.
     fn shade(&self, sight: Option<Sight>, at: [f64; 2], samples: usize) -> Shade {
         let Some(sight) = sight else {
             return Shade {
@@ -110,7 +110,7 @@ impl Rays<'_> {
     fn pixel_shade(&self, sights: &[Option<Sight>], pixel: usize) -> Shade {
         let [u, v] = self.center(pixel);
         let shade = self.shade(sights[pixel], [u, v], 1);
-        // Within a surface the texture was left without waves that the pixel cannot resolve.
+        // Within a surface the texture has no waves too fine for the pixel.
         let side = match sights[pixel].as_ref().is_some_and(|s| self.scene.is_printed(s)) {
             true => PRINT_SAMPLES,
             false if self.is_on_edge(sights, pixel) => EDGE_SAMPLES,
@@ -145,8 +145,8 @@ fn cosine(ray: &Vector3<f64>, sight: &Sight) -> f64 {
     ray.dot(&sight.normal).abs() / ray.norm()
 }
 
-/// The solid that is seen, and about how it faces.
+/// The seen solid, and its rounded facing.
 fn surface(sight: &Option<Sight>) -> Option<(usize, Vector3<i32>)> {
-    // Rounded, so that a round side is no edge between most of its pixels.
+    // Rounded: a round side is no edge between most of its pixels.
     sight.map(|s| (s.solid, s.normal.map(|n| (n * 8.0).round() as i32)))
 }

@@ -1,18 +1,18 @@
-//! The box that a user would give as `--workspace`.
+//! The box for `--workspace`.
 
 use nalgebra::{Point3, Vector3};
 
 use super::Object;
 use geometry::bounding_box;
 
-/// Room that is left around the object, meters. chosen: more than errors of depth
+/// Room around the object, meters. chosen: more than errors of depth
 const MARGIN_M: f64 = 0.03;
-/// Height of the box's lower side above the floor, meters: above what the noise of the floor reaches.
+/// Height of the box's lower side above the floor, meters: above the noise of the floor.
 /// chosen: more than that noise
 const ABOVE_FLOOR_M: f64 = 0.006;
 
-/// Lower and upper corner of a box in the true world that holds the objects in both of their states, but for
-/// what lies next to the floor.
+/// Lower and upper corner of a box in the true world about the objects in both of their states, but for the
+/// space next to the floor.
 #[must_use]
 pub fn workspace(objects: &[&Object]) -> [Point3<f64>; 2] {
     let mut points: Vec<Point3<f64>> = Vec::new();
@@ -28,19 +28,21 @@ pub fn workspace(objects: &[&Object]) -> [Point3<f64>; 2] {
     [Point3::new(lower.x, lower.y, floor_z_m + ABOVE_FLOOR_M), upper + margin]
 }
 
-/// The box that an object needs, whatever its state: all joints at either limit or half way.
+/// The box about an object in any state: all joints at either limit or half way.
 pub(super) fn whole_way(object: &Object) -> [Point3<f64>; 2] {
-    let at = |share: f64| {
-        let mut moved = object.clone();
-        for joint in moved.parts.iter_mut().filter_map(|p| p.joint.as_mut()) {
-            let [low, high] = joint.limits;
-            joint.positions = [low + share * (high - low); 2];
-        }
-        moved
-    };
     // An arc may reach furthest between its limits.
-    let [low, half, high] = [0.0, 0.5, 1.0].map(at);
+    let [low, half, high] = [0.0, 0.5, 1.0].map(|share| at_share_of_limits(object, share));
     workspace(&[&low, &half, &high])
+}
+
+/// An object with all joints at one share of the way between their limits.
+fn at_share_of_limits(object: &Object, share: f64) -> Object {
+    let mut moved = object.clone();
+    for joint in moved.parts.iter_mut().filter_map(|p| p.joint.as_mut()) {
+        let [low, high] = joint.limits;
+        joint.positions = [low + share * (high - low); 2];
+    }
+    moved
 }
 
 #[cfg(test)]

@@ -42,7 +42,7 @@ fn matches_of_a_model_are_kept_on_the_object_only() {
         found(on, [3.0, h as f32], 0.9),
         found(on, [2.0, 5.0], 0.8),
     ];
-    let matches = on_object([&frames, &frames], (0, 0), &all, 0.3);
+    let matches = on_object([&frames, &frames], 0, 0, &all, 0.3);
     let of = |pixel0, pixel1| PixelMatch { frame0: 0, pixel0, frame1: 0, pixel1 };
     assert_eq!(matches, [of([1.0, 1.0], on), of(on, [2.0, 5.0])]);
 }

@@ -12,7 +12,7 @@ const STRIDE: usize = 2;
 /// Readings of a view, at least.
 const LEAST_READINGS: usize = 60;
 /// Cosine between ray and normal below which a stereo camera errs.
-/// chosen: 75 deg, beyond which few stereo cameras read well
+/// chosen: 75 deg; beyond it few stereo cameras read well
 const GRAZING: f64 = 0.26;
 
 /// Depth readings over the distance of the board in a view, their median; none where few fall on it.

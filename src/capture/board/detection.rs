@@ -17,13 +17,13 @@ pub struct SeenTag {
     pub corners: [Point2<f64>; 4],
 }
 
-/// Bits of a tag that may be wrong: of those that a board has, any two differ in eleven.
+/// Bits of a tag that may be wrong: any two tags of a board differ in eleven.
 const WRONG_BITS: usize = 1;
 /// Images with a smaller side show no board, pixels.
 /// derived: two tags of three pixels a cell
 const LEAST_SIDE: usize = 48;
 
-/// Tags of an image, by their numbers; one that is seen twice is none.
+/// Tags of an image, by their numbers; tags seen twice are left out.
 pub(super) fn detect(gray: &Gray) -> Vec<SeenTag> {
     thread_local! {
         // Its tables are made once a thread.
@@ -43,18 +43,20 @@ pub(super) fn detect(gray: &Gray) -> Vec<SeenTag> {
     };
     image.as_slice_mut().copy_from_slice(&gray.bytes());
     let found = DETECTOR.with_borrow_mut(|d| d.as_mut().map(|d| d.detect(&image)));
-    let seen = |d: &apriltag::Detection| {
-        let corners = d.corners();
-        Some(SeenTag {
-            tag: u16::try_from(d.id()).ok()?,
-            // The detector begins with the lower left one, the other way round, and counts from the corner of
-            // the first pixel.
-            corners: [3, 2, 1, 0].map(|k| Point2::from(corners[k].map(|v| v - 0.5))),
-        })
-    };
-    let mut tags: Vec<SeenTag> = found.unwrap_or_default().iter().filter_map(seen).collect();
+    let mut tags: Vec<SeenTag> = found.unwrap_or_default().iter().filter_map(seen_tag).collect();
     tags.sort_by_key(|t| t.tag);
     let twice: Vec<u16> = tags.windows(2).filter(|w| w[0].tag == w[1].tag).map(|w| w[0].tag).collect();
     tags.retain(|t| !twice.contains(&t.tag));
     tags
+}
+
+/// `None` for a number beyond 16 bits.
+fn seen_tag(detection: &apriltag::Detection) -> Option<SeenTag> {
+    let corners = detection.corners();
+    Some(SeenTag {
+        tag: u16::try_from(detection.id()).ok()?,
+        // The detector begins with the lower left one, the other way round, and counts from the corner of
+        // the first pixel.
+        corners: [3, 2, 1, 0].map(|k| Point2::from(corners[k].map(|v| v - 0.5))),
+    })
 }

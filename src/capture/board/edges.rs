@@ -5,25 +5,25 @@ use nalgebra::{Point2, Vector2};
 use super::{detection::SeenTag, gray::Gray, tag::CELLS};
 use numeric::statistics::median;
 
-/// Share of an edge next to each corner that is not measured: there the other edge blurs it.
+/// Unmeasured share of an edge next to each corner: there the other edge blurs it.
 /// derived: a cell
 const CORNER_SHARE: f64 = 1.0 / CELLS as f64;
-/// Step across an edge, pixels. chosen: a fifth of the blur, so that no edge falls between two readings
+/// Step across an edge, pixels. chosen: a fifth of the blur: no edge falls between two readings
 const STEP_PX: f64 = 0.25;
-/// Half the width over which an edge is blurred, pixels.
-/// chosen: half a pixel that gathers light, and linear interpolation over one to either side, less its tail
+/// Half the width of an edge's blur, pixels.
+/// chosen: half a pixel of gathered light, and linear interpolation over one to either side, less its tail
 const BLUR_PX: f64 = 1.25;
 /// Reach to either side of an edge, pixels: less than its blur leaves some of it out, more only adds noise.
-/// What is black and what is white there is a cell wide, and its far side is blurred, too: where a cell is
-/// narrower than twice the blur, the edge is known no better than by what the reach goes too far.
+/// Black and white are a cell wide there, and its far side is blurred, too: where a cell is narrower than
+/// twice the blur, the edge is known no better than by the excess of the reach.
 /// chosen: 3 pixels are twice the blur and more
 const REACH_PX: [f64; 2] = [BLUR_PX, 3.0];
 /// Least difference of brightness between the sides of an edge.
 /// chosen: five times the noise of a camera, of 255
 const LEAST_STEP: f64 = 10.0 / 255.0;
-/// Places that an edge is measured at, at least.
+/// Least number of measured places of an edge.
 const LEAST_PLACES: usize = 5;
-/// Places a pixel apart share half of what they read.
+/// Places a pixel apart share half of their readings.
 /// chosen: linear interpolation over two pixels along and across
 const INDEPENDENT: f64 = 0.5;
 /// An edge is known no better than this, pixels: lens models leave as much.
@@ -35,7 +35,7 @@ const GATE: f64 = 3.0;
 /// Rounds, each about the line of the one before.
 const ROUNDS: usize = 3;
 
-/// A place that lies on an edge of a tag.
+/// A place on an edge of a tag.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct EdgePoint {
     pub tag: u16,
@@ -46,7 +46,7 @@ pub(super) struct EdgePoint {
     pub sigma_px: f64,
 }
 
-/// Two places on each edge of a tag that err independently: where its least squares line does.
+/// Two places on each edge of a tag with independent errors: those of its least squares line.
 pub(super) fn edge_points(gray: &Gray, seen: &SeenTag) -> Vec<EdgePoint> {
     let mut all = Vec::new();
     for edge in 0..4 {
@@ -68,12 +68,12 @@ fn area_px(corners: &[Point2<f64>; 4]) -> f64 {
     0.5 * (c - a).perp(&(d - b)).abs()
 }
 
-/// Two places of the line along which it gets brighter to the left of the way between two points.
+/// Two places of the line of rising brightness to the left of the way between two points.
 fn line(gray: &Gray, from: Point2<f64>, to: Point2<f64>, reach_px: f64) -> Option<([Point2<f64>; 2], f64)> {
     let way = to - from;
     let length = way.norm();
     let along = way / length.max(1e-9);
-    // Corners run clockwise as seen: what is left of the way is outside.
+    // Corners run clockwise as seen: the outside lies left of the way.
     let outward = Vector2::new(along.y, -along.x);
     let first = CORNER_SHARE * length;
     let count = (length - 2.0 * first).floor().max(0.0) as usize + 1;

@@ -11,35 +11,35 @@ use super::{
 use crate::{RgbdFrame, SensorCalibration};
 use geometry::Pose;
 
-/// A board in the world, and the views that show it.
+/// A board in the world, and the views of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardInWorld {
     /// Where it lies.
     pub world_from_board: Pose,
-    /// The states in which it lies there and is seen.
+    /// Whether it lies there and is seen, by state.
     pub in_states: Vec<bool>,
     /// Whether its length is believed.
     pub trusted: bool,
-    /// What the views of every state see of it, by their stamps, nanoseconds.
+    /// Sightings by the views of every state, by their stamps, nanoseconds.
     pub sightings: Vec<BTreeMap<i64, BoardSighting>>,
 }
 
 /// How frames were placed on a board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardCorrection {
-    /// Views that agree.
+    /// Agreeing views.
     pub views: usize,
     /// By how much the world moved at the board, meters.
     pub moved_m: f64,
-    /// By what lengths were multiplied, and the standard deviation of that.
+    /// Factor of all lengths, and its standard deviation.
     pub scale: [f64; 2],
-    /// Standard deviations of a point on the board, and of one that is half a meter away, meters.
+    /// Standard deviations of a point on the board, and of one half a meter away, meters.
     pub sigma_m: [f64; 2],
 }
 
 impl BoardInWorld {
-    /// Moves frames, whose poses and sensor were corrected, onto the board: all states as one, since what
-    /// stands still has brought them together. `None`, and nothing moved, where too few show it.
+    /// Moves frames, with poses and sensor corrected, onto the board: all states as one, since still surfaces
+    /// have brought them together. `None`, and nothing moved, where too few show it.
     #[must_use]
     pub fn place_again(
         &self,

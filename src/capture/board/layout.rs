@@ -4,7 +4,7 @@ use nalgebra::Point2;
 
 use super::tag::{CELLS, TagCells, cells};
 
-/// A sheet that a board is printed on.
+/// A sheet for a printed board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Paper {
     /// 210 x 297 mm.
@@ -29,7 +29,7 @@ impl Paper {
         }
     }
 
-    /// The paper of that name.
+    /// The paper by its name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|p| p.name() == name)
@@ -60,7 +60,7 @@ pub struct BoardLayout {
     pub sheet_m: [f64; 2],
     /// Side of a tag's black border.
     pub tag_m: f64,
-    /// White between neighboring tags, more than a cell, which is what a tag needs around it.
+    /// White between neighboring tags, more than the cell needed around a tag.
     pub gap_m: f64,
     /// From the upper edge of the sheet to the uppermost tags.
     top_m: f64,
@@ -82,7 +82,7 @@ impl BoardLayout {
         Self { paper, sheet_m, tag_m, gap_m, top_m, first, cells }
     }
 
-    /// The board that a tag stands on.
+    /// The board of a tag.
     #[must_use]
     pub fn with_tag(tag: u16) -> Option<Self> {
         Paper::ALL.into_iter().map(Self::of).find(|l| l.place(tag).is_some())
@@ -94,8 +94,8 @@ impl BoardLayout {
         (0..TAGS as u16).map(move |k| first + k)
     }
 
-    /// Corners of a tag's black border, from the upper left one on clockwise as the sheet is read; none of a
-    /// tag that is not on it.
+    /// Corners of a tag's black border, from the upper left one on clockwise as the sheet is read; `None` for
+    /// a tag of another board.
     #[must_use]
     pub fn corners(&self, tag: u16) -> Option<[Point2<f64>; 4]> {
         let place = self.place(tag)?;
@@ -123,7 +123,7 @@ impl BoardLayout {
         [COLUMNS, ROWS].map(|n| 0.5 * (n as f64 * (self.tag_m + self.gap_m) - self.gap_m))
     }
 
-    /// Which of a tag's cells are black: rows from above, the border included.
+    /// Whether each of a tag's cells is black: rows from above, the border included.
     #[must_use]
     pub fn cells(&self, tag: u16) -> Option<&TagCells> {
         self.place(tag).map(|place| &self.cells[place])

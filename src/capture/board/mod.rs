@@ -1,8 +1,8 @@
 //! A printed board of tags in view: it gives a recording scale, world and up. See docs/method.md 2.15.
 //!
 //! Tags are read by a detector (AprilTag 36h11); their edges are then measured to hundredths of a pixel, and
-//! the camera's pose is the one under which the edges of all tags lie where they are seen, wherever ink
-//! spread to. Many views together say where a tracked map lies on the board, and how long it is.
+//! the camera's pose puts the edges of all tags on the measured ones, with one unknown for the spread of ink.
+//! Many views together give the place of a tracked map on the board, and its length.
 
 mod depth;
 mod detection;

@@ -7,35 +7,35 @@ use crate::poses::{drift::adjoint, pose_noise::PoseNoise};
 use geometry::{Intrinsics, Pose, shift_and_turn};
 use numeric::statistics::{CHI_SQUARE_MEDIAN_6, SIGMAS_PER_MAD, median};
 
-/// Views that must show the board.
+/// Least number of views of the board.
 /// derived: three poses leave nothing open and one to be doubted
 const LEAST_VIEWS: usize = 4;
-/// Poses in a map err by that against the rest of it, each by itself; what they err together, blocks show.
+/// Independent errors of poses in a map, against the rest of it; blocks show their common errors.
 /// measured: eval/tracking, root mean square of most recordings
 const TRACKED: PoseNoise = PoseNoise { translation_m: 0.001, rotation_rad: 0.001 };
-/// The error of depth about a board differs from that of the whole by this share, one standard deviation.
+/// Difference between the errors of depth about a board and of the whole, a share, one standard deviation.
 /// derived: a warp of 0.4 % of the range, a tenth of its independent regions seen
 const DEPTH_SHARE: f64 = 0.0013;
-/// Length of a board that depth does not read, and its standard deviation.
-/// derived: the scale that is expected of a depth sensor (docs/method.md 2.11)
+/// Length of a board without depth, and its standard deviation.
+/// derived: the expected scale of a depth sensor (docs/method.md 2.11)
 pub const UNREAD_BOARD: [f64; 2] = [1.0, 0.005];
 /// Rounds of Gauss-Newton at most.
 const ROUNDS: usize = 20;
-/// Squared length of six residuals in standard deviations at which a view counts a quarter (Geman and McClure
-/// 1985).
+/// Squared length of six residuals, in standard deviations, of a view with a quarter of its weight (Geman and
+/// McClure 1985).
 /// derived: 0.3 % of a chi-square distribution of six degrees
 const DOUBTED: f64 = 20.0;
-/// A view whose squared length is more than so many times that does not agree.
-/// chosen: well beyond the length at which a view counts a quarter
+/// A view with a squared length of more than so many times that does not agree.
+/// chosen: well beyond the length of a quarter of the weight
 const DISAGREES: f64 = 2.0;
-/// Starts that are tried: some views may be wrong.
+/// Tried starts: some views may be wrong.
 const STARTS: usize = 12;
-/// Parts of a recording that are left out in turn.
-/// derived: more than the six unknowns, and each longer than what a drift lasts
+/// Parts of a recording, left out in turn.
+/// derived: more than the six unknowns, and each longer than a drift
 const BLOCKS: usize = 8;
 
-/// Turn of the color camera against depth about x and y, radians, as it is known from elsewhere: a board
-/// cannot show it, since a map that is bent a little looks the same.
+/// Turn of the color camera against depth about x and y, radians, as known from elsewhere: a board cannot
+/// show it, since a slightly bent map looks the same.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ColorTurn {
     /// Expected.
@@ -45,11 +45,11 @@ pub struct ColorTurn {
 }
 
 impl ColorTurn {
-    /// Of a sensor that was not calibrated.
+    /// Of a sensor without a calibration.
     /// derived: as for the calibration of the sensor (docs/method.md 2.11)
     pub const EXPECTED: Self = Self { mean_rad: [0.0; 2], sigma_rad: [0.003; 2] };
 
-    /// Of one whose color shows things off by so many pixels, with standard deviations.
+    /// Of a sensor with a color shift, pixels, and its standard deviations.
     #[must_use]
     pub fn of_shift([[u, v], [sigma_u, sigma_v]]: [[f64; 2]; 2], k: &Intrinsics) -> Self {
         Self { mean_rad: [v / k.fy, -u / k.fx], sigma_rad: [sigma_v / k.fy, sigma_u / k.fx] }
@@ -61,9 +61,9 @@ impl ColorTurn {
 pub struct BoardPlace {
     /// From the map at the length of the board to the board.
     pub board_from_map: Pose,
-    /// Views that show the board.
+    /// Views of the board.
     pub views: usize,
-    /// Of those, views that agree.
+    /// Of those, the agreeing ones.
     pub agreeing: usize,
     /// Median distance of the edges of tags from where they should be, pixels.
     pub edges_px: f64,
@@ -71,23 +71,23 @@ pub struct BoardPlace {
     pub covariance: Matrix6<f64>,
 }
 
-/// A view that shows the board: the camera's pose in the map, and what it sees.
+/// A view of the board: the camera's pose in the map, and its sighting.
 #[derive(Clone, Copy)]
 pub struct BoardInView<'a> {
     /// Of the depth camera.
     pub map_from_camera: Pose,
-    /// What it sees.
+    /// Its sighting of the board.
     pub sighting: &'a BoardSighting,
 }
 
-/// A pose with its place that many times as far from the origin.
+/// A pose with its distance from the origin multiplied by `scale`.
 #[must_use]
 pub fn stretched(pose: &Pose, scale: f64) -> Pose {
     Pose::from_parts((pose.translation.vector * scale).into(), pose.rotation)
 }
 
-/// Lengths on boards over those that depth reads there, and their deviation, by the ratios of views; none
-/// where too few have one.
+/// Lengths on boards over those by depth, and their deviation, by the ratios of views; none where too few
+/// have one.
 #[must_use]
 pub fn board_scale(ratios: &[f64]) -> Option<[f64; 2]> {
     let middle = median(ratios.to_vec())?;
@@ -101,21 +101,21 @@ impl BoardPlace {
     /// chosen: about the distance of an object from its board
     pub const AWAY_M: f64 = 0.5;
 
-    /// The place by all views that show a board, in the order of time; `scale` is the length of the board
-    /// over that of the map, and its standard deviation. `None` where too few views agree.
+    /// The place by all views of a board, in the order of time; `scale` is the length of the board over that
+    /// of the map, and its standard deviation. `None` where too few views agree.
     #[must_use]
     pub fn of(views: &[BoardInView<'_>], scale: [f64; 2], color: &ColorTurn) -> Option<Self> {
         if views.len() < LEAST_VIEWS {
             return None;
         }
-        let problem = Problem { views, scale: scale[0], turn: color.mean_rad };
+        let problem = PlaceProblem { views, scale: scale[0], turn: color.mean_rad };
         let step = (views.len() / STARTS).max(1);
         let fits = views.iter().step_by(step).map(|v| problem.fit(problem.by_one(v)));
         let best = fits.flatten().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
         if best.agreeing < LEAST_VIEWS {
             return None;
         }
-        // What is not to be found here: the length, and the turn of color.
+        // Not found here: the length, and the turn of color.
         let open = -(best.information.cholesky()?.solve(&best.by_known));
         let known = Vector3::new(scale[1] / scale[0], color.sigma_rad[0], color.sigma_rad[1]);
         let own = problem.by_blocks(&best)
@@ -132,22 +132,23 @@ impl BoardPlace {
         })
     }
 
-    /// Standard deviation of where a point lies that is so far from the board's middle, meters: at the middle
-    /// and in the worst direction.
+    /// Standard deviation of the place of a point at a distance from the board's middle, meters: at the
+    /// middle and in the worst direction.
     #[must_use]
     pub fn sigma_m(&self, away_m: f64) -> f64 {
-        let block = |k: usize| self.covariance.fixed_view::<3, 3>(k, k).symmetric_eigenvalues().max();
-        block(0).max(0.0).sqrt().hypot(away_m * block(3).max(0.0).sqrt())
+        let [shift_m, turn_rad] = [0, 3]
+            .map(|k| self.covariance.fixed_view::<3, 3>(k, k).symmetric_eigenvalues().max().max(0.0).sqrt());
+        shift_m.hypot(away_m * turn_rad)
     }
 }
 
-struct Problem<'a> {
+struct PlaceProblem<'a> {
     views: &'a [BoardInView<'a>],
     scale: f64,
     turn: [f64; 2],
 }
 
-struct Fit {
+struct PlaceFit {
     board_from_map: Pose,
     information: Matrix6<f64>,
     /// How the gradient changes with the logarithm of the length and the turn of color.
@@ -158,14 +159,14 @@ struct Fit {
 
 /// Of a view: where the board puts a color camera against where the map does, in the camera's frame; the
 /// derivatives by a motion of the map, and by the logarithm of the length and the turn; the information.
-struct Residual {
+struct ViewResidual {
     off: Vector6<f64>,
     by_map: Matrix6<f64>,
     by_known: Matrix6x3<f64>,
     information: Matrix6<f64>,
 }
 
-impl Problem<'_> {
+impl PlaceProblem<'_> {
     fn color_in_map(&self, view: &BoardInView<'_>) -> Pose {
         let turn = Vector3::new(self.turn[0], self.turn[1], 0.0);
         stretched(&view.map_from_camera, self.scale) * Pose::new(Vector3::zeros(), turn)
@@ -175,7 +176,7 @@ impl Problem<'_> {
         view.sighting.board_from_camera * self.color_in_map(view).inverse()
     }
 
-    fn fit(&self, board_from_map: Pose) -> Option<Fit> {
+    fn fit(&self, board_from_map: Pose) -> Option<PlaceFit> {
         let mut at = board_from_map;
         for _ in 0..ROUNDS {
             let (fit, gradient) = self.sums(&at)?;
@@ -189,13 +190,13 @@ impl Problem<'_> {
     }
 
     /// Normal equations about a place: the gradient by a motion of the map, and all else.
-    fn sums(&self, board_from_map: &Pose) -> Option<(Fit, Vector6<f64>)> {
-        let all: Vec<Residual> =
+    fn sums(&self, board_from_map: &Pose) -> Option<(PlaceFit, Vector6<f64>)> {
+        let all: Vec<ViewResidual> =
             self.views.iter().map(|v| self.residual(board_from_map, v)).collect::<Option<_>>()?;
         let squares: Vec<f64> = all.iter().map(|r| r.off.dot(&(r.information * r.off))).collect();
         let variance = (median(squares.clone())? / CHI_SQUARE_MEDIAN_6).max(1.0);
         let mut gradient = Vector6::zeros();
-        let mut fit = Fit {
+        let mut fit = PlaceFit {
             board_from_map: *board_from_map,
             information: Matrix6::zeros(),
             by_known: Matrix6x3::zeros(),
@@ -208,15 +209,15 @@ impl Problem<'_> {
             fit.information += weighted * r.by_map;
             fit.by_known += weighted * r.by_known;
             gradient += weighted * r.off;
-            // Not by the deviation that is found here, so that fits can be compared.
+            // Without the deviation found here: fits can be compared.
             fit.cost += square / (DOUBTED + square);
             fit.agreeing += usize::from(doubt <= DISAGREES);
         }
         Some((fit, gradient))
     }
 
-    /// What a view adds to the sum of docs/method.md (2.29).
-    fn residual(&self, board_from_map: &Pose, view: &BoardInView<'_>) -> Option<Residual> {
+    /// The term of a view in the sum of docs/method.md (2.29).
+    fn residual(&self, board_from_map: &Pose, view: &BoardInView<'_>) -> Option<ViewResidual> {
         let map_from_color = self.color_in_map(view);
         let off =
             shift_and_turn(&((board_from_map * map_from_color).inverse() * view.sighting.board_from_camera));
@@ -229,25 +230,30 @@ impl Problem<'_> {
         });
         let covariance = view.sighting.covariance + Matrix6::from_diagonal(&tracked);
         let information = covariance.cholesky()?.inverse();
-        Some(Residual { off, by_map: -adjoint(&map_from_color.inverse()), by_known, information })
+        Some(ViewResidual { off, by_map: -adjoint(&map_from_color.inverse()), by_known, information })
     }
 
     /// Covariance of a place by how it changes where parts of the recording are left out in turn: errors of
     /// neighboring views are alike (block jackknife: Kuensch 1989).
-    fn by_blocks(&self, best: &Fit) -> Matrix6<f64> {
+    fn by_blocks(&self, best: &PlaceFit) -> Matrix6<f64> {
         let blocks = BLOCKS.min(self.views.len());
-        let without = |block: usize| {
-            let left_out = |k: usize| k * blocks / self.views.len() == block;
-            let views: Vec<BoardInView<'_>> =
-                (0..self.views.len()).filter(|k| !left_out(*k)).map(|k| self.views[k]).collect();
-            let fit = Problem { views: &views, ..*self }.fit(best.board_from_map)?;
-            Some(shift_and_turn(&(best.board_from_map.inverse() * fit.board_from_map)))
-        };
-        let moved: Vec<Vector6<f64>> = (0..blocks).filter_map(without).collect();
+        let moved: Vec<Vector6<f64>> =
+            (0..blocks).filter_map(|block| self.change_without_block(best, block, blocks)).collect();
         let count = moved.len().max(1) as f64;
         let mean = moved.iter().sum::<Vector6<f64>>() / count;
         let sum: Matrix6<f64> = moved.iter().map(|m| (m - mean) * (m - mean).transpose()).sum();
         sum * ((count - 1.0) / count)
+    }
+
+    /// Shift, meters, and turn, radians, of the place fitted without one block of views; `None` where the fit
+    /// fails.
+    fn change_without_block(&self, best: &PlaceFit, block: usize, blocks: usize) -> Option<Vector6<f64>> {
+        let views: Vec<BoardInView<'_>> = (0..self.views.len())
+            .filter(|k| k * blocks / self.views.len() != block)
+            .map(|k| self.views[k])
+            .collect();
+        let fit = PlaceProblem { views: &views, ..*self }.fit(best.board_from_map)?;
+        Some(shift_and_turn(&(best.board_from_map.inverse() * fit.board_from_map)))
     }
 }
 

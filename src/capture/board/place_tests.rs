@@ -135,7 +135,7 @@ fn derivatives_are_those_of_the_residual() {
     let some = made(3, 5);
     let off = |step: &SMatrix<f64, 9, 1>, (pose, sighting): &(Pose, BoardSighting)| {
         let view = BoardInView { map_from_camera: *pose, sighting };
-        let problem = Problem {
+        let problem = PlaceProblem {
             views: &[],
             scale: SCALE_TRUTH * step[6].exp(),
             turn: [TURN_TRUTH[0] + step[7], TURN_TRUTH[1] + step[8]],

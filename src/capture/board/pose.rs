@@ -1,4 +1,4 @@
-//! The pose of a camera that sees a board, by the edges of its tags. See docs/method.md 2.15.
+//! The pose of a camera in view of a board, by the edges of its tags. See docs/method.md 2.15.
 
 use nalgebra::{Matrix2x3, Matrix6, Point2, Point3, SMatrix, SVector, Vector2, Vector3};
 
@@ -13,17 +13,17 @@ use numeric::statistics::{SIGMAS_PER_MAD, median};
 
 /// By how much ink spreads and bright areas bloom: edges of all tags lie off by as many pixels, one standard
 /// deviation.
-/// chosen: half a pixel of blur, read in brightness that is not linear
+/// chosen: half a pixel of blur, read in nonlinear brightness
 const INK_PX: f64 = 0.3;
 /// Rounds of Gauss-Newton at most.
 const ROUNDS: usize = 20;
-/// Rounds end when nothing moves further than this, meters (radians times one meter).
-/// chosen: a thousandth of what the frame is to be known to
+/// Rounds end with a smaller motion, meters (radians times one meter).
+/// chosen: a thousandth of the wanted error of the frame
 pub(super) const STEP_M: f64 = 1e-6;
-/// Length of a residual in standard deviations at which it counts a quarter (Geman and McClure 1985).
+/// Length, in standard deviations, of a residual with a quarter of its weight (Geman and McClure 1985).
 /// chosen: 0.3 % of a normal distribution
 const DOUBTED: f64 = 3.0;
-/// A tag whose edges lie further off is another one of the same number, or bent, pixels.
+/// Distance of edges, pixels: beyond, the tag is another one of the same number, or bent.
 /// chosen: beyond any blur and any error of a usual lens model
 const OTHER_PX: f64 = 1.5;
 /// Edges are off by no more than this in a start, pixels: the first rounds doubt residuals beyond it.
@@ -38,13 +38,13 @@ pub(super) struct BoardPose {
     pub covariance: Matrix6<f64>,
     /// By how much the edges lie outside where they are printed, pixels.
     pub ink_px: f64,
-    /// Root mean square distance of the edges of the tags that agree.
+    /// Root mean square distance of the edges of agreeing tags.
     pub rms_px: f64,
-    /// The tags that agree.
+    /// The agreeing tags.
     pub tags: Vec<u16>,
 }
 
-/// Edges of tags that a camera sees.
+/// Edges of tags, as seen by a camera.
 pub(super) struct BoardView<'a> {
     pub intrinsics: &'a Intrinsics,
     pub layout: &'a BoardLayout,
@@ -54,26 +54,22 @@ pub(super) struct BoardView<'a> {
 /// Unknowns: motion of the camera in its own frame, spread of the ink.
 type Step = SVector<f64, 7>;
 
-struct Fit {
+struct ViewFit {
     board_from_camera: Pose,
     ink_px: f64,
     information: SMatrix<f64, 7, 7>,
     /// Robust standard deviation of the residuals in expected ones, at least 1.
     scale: f64,
-    /// What remains of it all, every residual bounded.
+    /// Sum of the bounded residuals.
     cost: f64,
 }
 
 impl BoardView<'_> {
-    /// The pose under which most edges lie where they are seen; `tags` give starts.
+    /// The pose with the most edges at their measured places; `tags` give starts.
     pub fn pose(&self, tags: &[SeenTag]) -> Option<BoardPose> {
-        let corners = |seen: &SeenTag| {
-            let on_board = self.layout.corners(seen.tag).into_iter().flatten();
-            on_board.zip(seen.corners).collect::<Vec<_>>()
-        };
         // All tags, or each alone, should the others be wrong.
-        let all: Vec<_> = tags.iter().flat_map(corners).collect();
-        let starts = std::iter::once(all).chain(tags.iter().map(corners));
+        let all: Vec<_> = tags.iter().flat_map(|tag| self.corner_pairs(tag)).collect();
+        let starts = std::iter::once(all).chain(tags.iter().map(|tag| self.corner_pairs(tag)));
         let fits = starts.filter_map(|p| self.fit(&pose_by_homography(self.intrinsics, &p)?.inverse()));
         let mut best = fits.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
         let over = turned_over(&best.board_from_camera.inverse()).and_then(|p| self.fit(&p.inverse()));
@@ -83,17 +79,26 @@ impl BoardView<'_> {
         self.found(&best)
     }
 
-    fn found(&self, fit: &Fit) -> Option<BoardPose> {
-        let off = |p: &EdgePoint| {
-            let camera_from_board = fit.board_from_camera.inverse();
-            self.residual(&camera_from_board, fit.ink_px, p).map_or(f64::INFINITY, |(r, _)| r.abs())
-        };
-        let agrees = |tag: u16| self.points.iter().filter(|p| p.tag == tag).all(|p| off(p) < OTHER_PX);
+    /// Corners of a tag on the board, each with its pixel.
+    fn corner_pairs(&self, seen: &SeenTag) -> Vec<(Point2<f64>, Point2<f64>)> {
+        self.layout.corners(seen.tag).into_iter().flatten().zip(seen.corners).collect()
+    }
+
+    /// Distance of an edge point from its place under a fit, pixels; infinite where it projects nowhere.
+    fn distance_px(&self, fit: &ViewFit, point: &EdgePoint) -> f64 {
+        let camera_from_board = fit.board_from_camera.inverse();
+        self.residual(&camera_from_board, fit.ink_px, point).map_or(f64::INFINITY, |(r, _)| r.abs())
+    }
+
+    fn found(&self, fit: &ViewFit) -> Option<BoardPose> {
         let mut tags: Vec<u16> = self.points.iter().map(|p| p.tag).collect();
         tags.dedup();
-        tags.retain(|t| agrees(*t));
-        let squares: Vec<f64> =
-            self.points.iter().filter(|p| tags.contains(&p.tag)).map(|p| off(p).powi(2)).collect();
+        tags.retain(|tag| {
+            let mut points = self.points.iter().filter(|p| p.tag == *tag);
+            points.all(|p| self.distance_px(fit, p) < OTHER_PX)
+        });
+        let of_tags = self.points.iter().filter(|p| tags.contains(&p.tag));
+        let squares: Vec<f64> = of_tags.map(|p| self.distance_px(fit, p).powi(2)).collect();
         let covariance = fit.information.cholesky()?.inverse() * fit.scale.powi(2);
         Some(BoardPose {
             board_from_camera: fit.board_from_camera,
@@ -105,8 +110,8 @@ impl BoardView<'_> {
     }
 
     /// Gauss-Newton from a pose.
-    fn fit(&self, start: &Pose) -> Option<Fit> {
-        let mut fit = Fit {
+    fn fit(&self, start: &Pose) -> Option<ViewFit> {
+        let mut fit = ViewFit {
             board_from_camera: *start,
             ink_px: 0.0,
             information: SMatrix::zeros(),
@@ -132,7 +137,7 @@ impl BoardView<'_> {
     }
 
     /// Normal equations about a fit; fills in its information, scale and cost.
-    fn sums(&self, fit: &mut Fit, loose_px: f64) -> Option<Step> {
+    fn sums(&self, fit: &mut ViewFit, loose_px: f64) -> Option<Step> {
         let camera_from_board = fit.board_from_camera.inverse();
         let residuals: Vec<Option<(f64, Step)>> =
             self.points.iter().map(|p| self.residual(&camera_from_board, fit.ink_px, p)).collect();
@@ -154,7 +159,7 @@ impl BoardView<'_> {
             let weight = (1.0 + doubt).powi(-2) * point.sigma_px.powi(-2);
             information += slope * slope.transpose() * weight;
             gradient += slope * (*r * weight);
-            // In pixels that do not depend on the fit, so that fits can be compared.
+            // In pixels, without the fit: fits can be compared.
             let bounded = (r / OTHER_PX).powi(2);
             fit.cost += DOUBTED.powi(2) * bounded / (1.0 + bounded);
         }
@@ -162,8 +167,8 @@ impl BoardView<'_> {
         Some(gradient)
     }
 
-    /// How far a measured place lies outside the edge that the board should show there, pixels, and the
-    /// derivatives by the unknowns. See docs/method.md (2.28).
+    /// Distance of a measured place to the outside of the expected edge, pixels, and the derivatives by the
+    /// unknowns. See docs/method.md (2.28).
     fn residual(&self, camera_from_board: &Pose, ink_px: f64, point: &EdgePoint) -> Option<(f64, Step)> {
         let corners = self.layout.corners(point.tag)?;
         let ends = [corners[point.edge], corners[(point.edge + 1) % 4]];
@@ -174,7 +179,7 @@ impl BoardView<'_> {
         let along = (b - a).try_normalize(1e-9)?;
         let outward = Vector2::new(along.y, -along.x);
         let residual = outward.dot(&(point.at - a)) - ink_px;
-        // The place of the edge that is seen next to the measured one: there it slides along itself.
+        // The place of the edge next to the measured one: there it slides along itself.
         let k = self.intrinsics;
         let center = Vector2::new(k.cx, k.cy);
         let level = Vector3::new(k.fx * along.x, k.fy * along.y, along.dot(&(center - point.at.coords)));
@@ -187,7 +192,7 @@ impl BoardView<'_> {
         let by_point =
             Matrix2x3::new(k.fx / z, 0.0, -k.fx * seen.x / (z * z), 0.0, k.fy / z, -k.fy * seen.y / (z * z));
         let by_point = by_point.transpose() * outward;
-        // A point before a camera that moves by t and turns by w moves by -t + p x w.
+        // Before a camera moved by t and turned by w, a point moves by -t + p x w.
         let turn = seen.coords.cross(&by_point);
         let [t, w] = [by_point, turn];
         Some((residual, Step::from([t.x, t.y, t.z, w.x, w.y, w.z, -1.0])))

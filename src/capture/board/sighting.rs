@@ -15,19 +15,19 @@ use super::{
 use crate::RgbdFrame;
 use geometry::Pose;
 
-/// Tags that must agree: one alone may be any tag of its number, and its tilt is hardly known.
+/// Least number of agreeing tags: one alone may be any tag of its number, and its tilt is hardly known.
 const LEAST_TAGS: usize = 2;
 
 /// A board in a view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardSighting {
-    /// The sheet that it is printed on.
+    /// The sheet with its print.
     pub paper: Paper,
     /// Pose of the color camera on the board, as if it were printed at true scale.
     pub board_from_camera: Pose,
     /// Covariance of a motion of the camera in its own frame: shift, meters, and turn, radians.
     pub covariance: Matrix6<f64>,
-    /// Tags whose edges agree.
+    /// Tags with agreeing edges.
     pub tags: usize,
     /// Root mean square distance of their edges from where they should be, pixels.
     pub rms_px: f64,
@@ -43,7 +43,7 @@ impl BoardSighting {
     }
 }
 
-/// The board that a frame shows; none where fewer than two of its tags are read and agree.
+/// The board of a frame; `None` where fewer than two of its tags are read and agree.
 #[must_use]
 pub fn find_board(frame: &RgbdFrame) -> Option<BoardSighting> {
     let gray = Gray::of(frame);
@@ -53,7 +53,7 @@ pub fn find_board(frame: &RgbdFrame) -> Option<BoardSighting> {
             by_paper.entry(layout.paper).or_default().push(seen);
         }
     }
-    // One board a view: that with most tags; of equals the first.
+    // One board a view, the one with most tags; of equals the first.
     let (paper, tags) = by_paper.into_iter().rev().max_by_key(|(_, tags)| tags.len())?;
     let layout = BoardLayout::of(paper);
     let points: Vec<EdgePoint> = tags.iter().flat_map(|t| edge_points(&gray, t)).collect();

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Point2, SMatrix, UnitQuaternion, Vector3};
 
 use geometry::{Intrinsics, Pose};
 
-/// The pose of a camera that sees points of the plane z = 0, by the homography between them (direct linear
+/// The pose of a camera by points of the plane z = 0, by the homography between them (direct linear
 /// transformation: Hartley and Zisserman 2004, section 4.1); none where they do not determine it.
 pub(super) fn pose_by_homography(
     intrinsics: &Intrinsics,
@@ -13,7 +13,7 @@ pub(super) fn pose_by_homography(
     if points.len() < 4 {
         return None;
     }
-    // Lengths of the plane in those of what is seen of it, for numbers of one size.
+    // Lengths of the plane relative to its seen part, for numbers of one size.
     let n = points.len() as f64;
     let middle = points.iter().map(|(p, _)| p.coords).sum::<nalgebra::Vector2<f64>>() / n;
     let size = points.iter().map(|(p, _)| (p.coords - middle).norm()).sum::<f64>() / n;
@@ -54,8 +54,8 @@ pub(super) fn pose_by_homography(
     Some(Pose::from_parts(origin.into(), rotation))
 }
 
-/// The other pose in which a small plane looks nearly alike: its normal turned to the other side of the ray
-/// to it (Schweighofer and Pinz 2006).
+/// The other pose of a nearly equal view of a small plane: its normal turned to the other side of the ray to
+/// it (Schweighofer and Pinz 2006).
 pub(super) fn turned_over(camera_from_board: &Pose) -> Option<Pose> {
     let ray = camera_from_board.translation.vector.try_normalize(1e-12)?;
     let normal = camera_from_board.rotation * Vector3::z();

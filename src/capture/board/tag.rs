@@ -2,15 +2,14 @@
 
 /// Cells along a side of a tag, the black border included.
 pub(super) const CELLS: usize = 8;
-/// Cells along a side of what a tag codes.
+/// Cells along a side of a tag's code.
 const INSIDE: usize = CELLS - 2;
 
-/// Which cells of a tag are black: rows from above.
+/// Whether the cells of a tag are black: rows from above.
 pub type TagCells = [[bool; CELLS]; CELLS];
 
-/// The cells of a tag with a code of 36 bits, the first of which is the highest. A quarter of them is the
-/// upper side of every ring, from the outside in; the other quarters are turned clockwise. A bit that is set
-/// is white.
+/// The cells of a tag with a code of 36 bits, the highest first. A quarter of them is the upper side of every
+/// ring, from the outside in; the other quarters are turned clockwise. A set bit is white.
 pub(super) fn cells(code: u64) -> TagCells {
     let mut cells = [[true; CELLS]; CELLS];
     let quarter = INSIDE * INSIDE / 4;

@@ -10,7 +10,7 @@ use geometry::{Intrinsics, Pose};
 pub const INTRINSICS: Intrinsics =
     Intrinsics { width: 640, height: 480, fx: 577.0, fy: 575.0, cx: 321.7, cy: 237.3 };
 
-/// A camera that looks at a point of the board from so far, tilted by some radians from straight above
+/// A camera turned to a point of the board from a distance, tilted by some radians from straight above
 /// towards a direction, and rolled.
 pub fn looking_at(point: Point2<f64>, away_m: f64, [tilt, towards, roll]: [f64; 3]) -> Pose {
     let target = Vector3::new(point.x, point.y, 0.0);
@@ -27,7 +27,7 @@ pub fn looking_at(point: Point2<f64>, away_m: f64, [tilt, towards, roll]: [f64; 
 /// Samples along each side of a pixel.
 const SAMPLES: usize = 8;
 
-/// What a camera sees of a board on a gray floor: brightness as a camera encodes it, and depth.
+/// The view of a board on a gray floor: brightness as a camera encodes it, and depth.
 pub fn drawn(layout: &BoardLayout, board_from_camera: &Pose) -> RgbdFrame {
     let k = INTRINSICS;
     let on_board = |u: f64, v: f64| {

@@ -7,13 +7,13 @@ use std::{
     ops::Range,
 };
 
-use crate::features::scale_space::Plane;
+use crate::features::scale_space::FloatImage;
 use numeric::vectorized;
 
 /// Numbers in a descriptor: 4 x 4 cells of 8 gradient directions.
 pub const DESCRIPTOR_LENGTH: usize = 128;
-/// Length of every descriptor as a vector; derived: its square is 2^24, so that single floats hold inner
-/// products exactly.
+/// Length of every descriptor as a vector; derived: its square is 2^24: single floats hold inner products
+/// exactly.
 pub const DESCRIPTOR_NORM: f32 = 4096.0;
 
 /// A unit vector scaled by [`DESCRIPTOR_NORM`] and rounded.
@@ -28,18 +28,18 @@ const SIDE: usize = CELLS + 2;
 /// Directions in a cell.
 const DIRECTIONS: usize = 8;
 
-/// Gradient magnitude and direction (radians in `[0, 2 pi)`, counter-clockwise with y down) of pixels: of
-/// the stretches of rows that were asked for, as most lie near no feature.
+/// Gradient magnitude and direction (radians in `[0, 2 pi)`, counter-clockwise with y down) of pixels: of the
+/// requested stretches of rows, as most lie near no feature.
 pub struct Gradients<'a, K> {
-    image: &'a Plane,
+    image: &'a FloatImage,
     keep: K,
     magnitudes: Vec<f32>,
     directions: Vec<f32>,
-    /// Columns of every row that are known.
+    /// Known columns of every row.
     known: Vec<Range<usize>>,
 }
 
-/// Pixels that are worked on at once.
+/// Pixels in one step.
 const LANES: usize = 16;
 
 /// A stretch of a row about a point: by how much it lies below, and per lane magnitude less by a Gaussian,
@@ -53,7 +53,7 @@ struct Stretch {
 
 impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
     /// Central differences; pixels where `keep` says no, and the border, have magnitude 0.
-    pub fn of(image: &'a Plane, keep: K) -> Self {
+    pub fn of(image: &'a FloatImage, keep: K) -> Self {
         let pixels = image.width * image.height;
         // Memory of zeros costs nothing where nobody looks.
         let magnitudes = vec![0.0; pixels];
@@ -67,7 +67,7 @@ impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
         if start < end && start <= columns.start && columns.end <= end {
             return;
         }
-        let Plane { width, height, .. } = *self.image;
+        let FloatImage { width, height, .. } = *self.image;
         let all = if start < end { start.min(columns.start)..end.max(columns.end) } else { columns };
         self.known[y] = all.clone();
         let inner = all.start.max(1)..all.end.min(width - 1);
@@ -99,17 +99,14 @@ impl<'a, K: Fn(usize, usize) -> bool> Gradients<'a, K> {
         columns: impl Fn(f32) -> [f32; 2],
         mut visit: impl FnMut(&Stretch),
     ) {
-        let range = |c: f32, [first, last]: [f32; 2], n: usize| {
-            ((c + first).ceil().max(0.0) as usize)
-                ..((c + last).floor().max(-1.0) + 1.0).min(n as f32) as usize
-        };
-        // The Gaussian of a row by that of a column: few exponentials.
+        // The Gaussian is a product of one for the row and one for the column: few exponentials.
         let share = |offset: f32| (-offset * offset / (2.0 * sigma * sigma)).exp();
-        let whole = range(x, [-radius, radius], self.image.width);
+        let whole = pixels_between(x - radius, x + radius, self.image.width);
         let of_columns: Vec<f32> = whole.clone().map(|px| share(px as f32 - x)).collect();
-        for py in range(y, [-radius, radius], self.image.height) {
+        for py in pixels_between(y - radius, y + radius, self.image.height) {
             let below = py as f32 - y;
-            let row = range(x, columns(below), self.image.width);
+            let [first, last] = columns(below);
+            let row = pixels_between(x + first, x + last, self.image.width);
             let row = row.start.max(whole.start)..row.end.min(whole.end);
             if row.is_empty() {
                 continue;
@@ -214,7 +211,7 @@ pub fn orientations(
     turns[0] += turns[ORIENTATIONS];
     turns[1] += turns[ORIENTATIONS + 1];
     let mut histogram: [f32; ORIENTATIONS] = std::array::from_fn(|i| turns[i]);
-    // Smoothed, so that noise makes no second peak beside the first.
+    // Smoothed: noise makes no second peak beside the first.
     for _ in 0..2 {
         let h = histogram;
         for i in 0..ORIENTATIONS {
@@ -239,6 +236,28 @@ pub fn orientations(
     peaks.into_iter().take(3).map(|p| p.1).collect()
 }
 
+/// Pixels of `n` between two coordinates.
+#[inline(always)]
+fn pixels_between(first: f32, last: f32, n: usize) -> Range<usize> {
+    (first.ceil().max(0.0) as usize)..(last.floor().max(-1.0) + 1.0).min(n as f32) as usize
+}
+
+/// Least and greatest offset `dx` in the row at `dy` of the turned square: `|cos dx + sin dy|` and
+/// `|-sin dx + cos dy|` are below its reach.
+fn columns_of_square([sin, cos]: [f32; 2], reach: f32, dy: f32) -> [f32; 2] {
+    let a = offsets_within(reach, cos, sin * dy);
+    let b = offsets_within(reach, -sin, cos * dy);
+    [a[0].max(b[0]), a[1].min(b[1])]
+}
+
+/// Bounds of the `x` with `|slope x + middle|` below a reach.
+fn offsets_within(reach: f32, slope: f32, middle: f32) -> [f32; 2] {
+    let slope = if slope.abs() < 1e-6 { 1e-6 } else { slope };
+    let a = (-reach - middle) / slope;
+    let b = (reach - middle) / slope;
+    [a.min(b), a.max(b)]
+}
+
 /// The descriptor of the square of side 12 `scale_px` about a point, turned by `angle_rad`; `None` without
 /// gradients.
 pub fn describe(
@@ -252,22 +271,14 @@ pub fn describe(
     let (sin, cos) = angle_rad.sin_cos();
     let half = 0.5 * CELLS as f32;
     let reach = cell_px * (half + 0.5);
-    // Of a row only what the turned square covers: |cos dx + sin dy| and |-sin dx + cos dy| below the reach.
-    let columns = |dy: f32| {
-        let between = |slope: f32, middle: f32| {
-            let slope = if slope.abs() < 1e-6 { 1e-6 } else { slope };
-            let a = (-reach - middle) / slope;
-            let b = (reach - middle) / slope;
-            [a.min(b), a.max(b)]
-        };
-        let a = between(cos, sin * dy);
-        let b = between(-sin, cos * dy);
-        [a[0].max(b[0]), a[1].min(b[1])]
-    };
     let mut cells: Cells = [[[0.0; DIRECTIONS + 2]; SIDE * SIDE]; 2];
-    gradients.around([x, y], SQRT_2 * reach, half * cell_px, columns, |stretch| {
-        add(&mut cells, stretch, [sin, cos], [cell_px, angle_rad]);
-    });
+    gradients.around(
+        [x, y],
+        SQRT_2 * reach,
+        half * cell_px,
+        |dy| columns_of_square([sin, cos], reach, dy),
+        |stretch| add(&mut cells, stretch, [sin, cos], [cell_px, angle_rad]),
+    );
     let mut values = [0.0f32; DESCRIPTOR_LENGTH];
     for j in 0..CELLS {
         for i in 0..CELLS {
@@ -283,13 +294,13 @@ pub fn describe(
     hellinger(&mut values)
 }
 
-/// Histograms of the cells, row by row, with a border of cells that is not used; twice, as pixels beside
-/// each other would wait for one another's sums.
+/// Histograms of the cells, row by row, with an unused border of cells; twice, as neighboring pixels would
+/// wait for one another's sums.
 type Cells = [[[f32; DIRECTIONS + 2]; SIDE * SIDE]; 2];
 
 vectorized! {
-    /// Adds a stretch of pixels. `turn` is the sine and cosine of the angle from which directions are
-    /// counted, `cell` the length of a cell, pixels, and that angle.
+    /// Adds a stretch of pixels. `turn` is the sine and cosine of the angle of direction 0, `cell` the length
+    /// of a cell, pixels, and the angle itself.
     fn add(cells: &mut Cells, stretch: &Stretch, turn: [f32; 2], cell: [f32; 2]) = add_stretch
 }
 
@@ -323,7 +334,7 @@ fn add_stretch(cells: &mut Cells, stretch: &Stretch, [sin, cos]: [f32; 2], [cell
         let weight = stretch.weights[k];
         let bin = bins[k] as usize;
         let cells = &mut cells[k % 2];
-        // Spread over the eight nearest bins, so that a small shift changes the descriptor little.
+        // Spread over the eight nearest bins: a small shift changes the descriptor little.
         let [above, below] = [weight * (1.0 - below[k]), weight * below[k]];
         let left = 1.0 - right[k];
         let right = right[k];
@@ -342,10 +353,10 @@ fn hellinger(values: &mut [f32; DESCRIPTOR_LENGTH]) -> Option<Descriptor> {
     if norm < 1e-6 {
         return None;
     }
-    // A strong edge, which light changes most, must not decide the descriptor alone (Lowe's section 6.1).
+    // A strong edge, most changed by light, must not decide the descriptor alone (Lowe's section 6.1).
     values.iter_mut().for_each(|v| *v = (*v / norm).min(0.2));
     let sum = values.iter().sum::<f32>();
-    // Square roots of what sums to 1 have length 1: docs/method.md (4.1).
+    // Square roots of values of sum 1 have length 1: docs/method.md (4.1).
     Some(values.map(|v| ((v / sum).sqrt() * DESCRIPTOR_NORM).round() as i16))
 }
 
@@ -365,10 +376,10 @@ mod tests {
     }
 
     /// A smooth pattern sampled about a center, turned by `angle` and scaled.
-    fn pattern(angle: f32, scale: f32) -> Plane {
+    fn pattern(angle: f32, scale: f32) -> FloatImage {
         let w = 121;
         let h = 121;
-        let mut p = Plane::zeros(w, h);
+        let mut p = FloatImage::zeros(w, h);
         for y in 0..h {
             for x in 0..w {
                 let dx = (x as f32 - 60.0) / scale;
@@ -410,7 +421,7 @@ mod tests {
         let mut a = Gradients::of(&image, |_, _| true);
         let d = describe(&mut a, 50.0, 60.0, 2.0, 0.1).unwrap();
         assert!((similarity(&d, &d) - 1.0).abs() < 2e-3);
-        let image = Plane::zeros(50, 50);
+        let image = FloatImage::zeros(50, 50);
         let mut plain = Gradients::of(&image, |_, _| true);
         assert!(describe(&mut plain, 25.0, 25.0, 2.0, 0.0).is_none());
         assert!(orientations(&mut plain, 25.0, 25.0, 2.0).is_empty());

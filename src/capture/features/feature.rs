@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::features::{
     descriptor::{Descriptor, Gradients, describe, orientations},
     luma::luma,
-    scale_space::{Octave, Plane, octaves},
+    scale_space::{FloatImage, Octave, octaves},
 };
 use crate::frame::RgbdFrame;
 use numeric::vectorized;
@@ -17,13 +17,13 @@ use numeric::vectorized;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FeatureConfig {
-    /// Whether the image is doubled first, which finds features down to 1 pixel of blur.
+    /// Whether the image is doubled first, for features down to 1 pixel of blur.
     pub upsample: bool,
     /// Scales in an octave.
     pub scales: usize,
     /// Blur of the first image of an octave, pixels.
     pub sigma_px: f32,
-    /// Weakest difference of Gaussians that counts, for gray values in `[0, 1]`.
+    /// Least difference of Gaussians, for gray values in `[0, 1]`.
     pub contrast: f32,
     /// Largest ratio of principal curvatures; higher is an edge.
     pub edge_ratio: f32,
@@ -52,7 +52,7 @@ impl Default for FeatureConfig {
 pub struct Feature {
     /// Sub-pixel position (u, v), pixels.
     pub pixel: [f32; 2],
-    /// Blur at which it is an extremum, pixels.
+    /// Blur at its extremum, pixels.
     pub scale_px: f32,
     /// Dominant gradient direction, radians from u towards v.
     pub angle_rad: f32,
@@ -62,7 +62,7 @@ pub struct Feature {
     pub descriptor: Descriptor,
 }
 
-/// Pixels around the object that are kept for blurring.
+/// Pixels kept around the object for blurring.
 const MARGIN_PX: usize = 20;
 
 /// Features on the object in one frame, strongest first.
@@ -83,21 +83,29 @@ pub(super) fn image_features(frame: &RgbdFrame, config: &FeatureConfig) -> Vec<F
     let height = frame.intrinsics.height;
     let values: Vec<f32> = frame.rgb.iter().map(|rgb| luma(*rgb)).collect();
     let everywhere = vec![true; values.len()];
-    detect(&Crop::whole(Plane { width, height, values }, everywhere, config), config)
+    detect(&Crop::whole(FloatImage { width, height, values }, everywhere, config), config)
 }
 
-/// The part of a frame that is searched.
+/// The searched part of a frame.
 struct Crop {
     /// Its brightness.
-    image: Plane,
+    image: FloatImage,
     /// Its pixels on the object.
     object: Vec<bool>,
-    /// Those at which features may be.
+    /// Its pixels with possible features.
     inner: Vec<bool>,
     corner: [usize; 2],
 }
 
 impl Crop {
+    /// Whether one of its masks holds the pixel nearest to a point. Steps of octaves are powers of two: no
+    /// sum is rounded.
+    fn marks(&self, mask: &[bool], u: f32, v: f32) -> bool {
+        let x = (u + 0.5) as usize;
+        let y = (v + 0.5) as usize;
+        x < self.image.width && y < self.image.height && mask[y * self.image.width + x]
+    }
+
     /// Only the object is searched: most frames show it in a small part. `None` without an object.
     fn of(frame: &RgbdFrame, config: &FeatureConfig) -> Option<Self> {
         let w = frame.intrinsics.width;
@@ -111,12 +119,12 @@ impl Crop {
         let rows = (top..=bottom).map(|y| y * w + left..y * w + right + 1);
         let values = rows.clone().flat_map(|row| &frame.rgb[row]).map(|rgb| luma(*rgb)).collect();
         let object = rows.flat_map(|row| object[row].iter().copied()).collect();
-        let image = Plane { width: right + 1 - left, height: bottom + 1 - top, values };
+        let image = FloatImage { width: right + 1 - left, height: bottom + 1 - top, values };
         Some(Self { corner: [left, top], ..Self::whole(image, object, config) })
     }
 
     /// A whole image.
-    fn whole(image: Plane, object: Vec<bool>, config: &FeatureConfig) -> Self {
+    fn whole(image: FloatImage, object: Vec<bool>, config: &FeatureConfig) -> Self {
         let inner = eroded(&object, image.width, config.mask_erosion_px);
         Self { image, object, inner, corner: [0; 2] }
     }
@@ -133,10 +141,10 @@ fn bounds(mask: &[bool], width: usize) -> Option<[usize; 4]> {
     )
 }
 
-/// Pixels whose whole `(2 radius + 1)` square is set.
+/// Pixels of a set with their whole `(2 radius + 1)` square.
 fn eroded(mask: &[bool], width: usize, radius: usize) -> Vec<bool> {
-    // How many pixels before each one, it included, are set without a gap: along its row, then of those
-    // along which enough are, along its column.
+    // How many pixels before each one, it included, are set without a gap: along its row, then of the long
+    // enough ones, along its column.
     let mut out = vec![false; mask.len()];
     let mut below = vec![0usize; width];
     for (y, row) in mask.chunks_exact(width).enumerate() {
@@ -156,10 +164,17 @@ fn eroded(mask: &[bool], width: usize, radius: usize) -> Vec<bool> {
     out
 }
 
+/// Number of an image of the scale space.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct ImageNumber {
+    octave: usize,
+    level: usize,
+}
+
 /// An extremum of the differences.
 struct Extremum {
-    /// Octave, and level of the pixel at which it was found: the image that describes it.
-    found: (usize, usize),
+    /// The image of its pixel, and for its descriptor.
+    found: ImageNumber,
     /// Pixels of the octave.
     x: f32,
     /// Pixels of the octave.
@@ -171,25 +186,17 @@ struct Extremum {
 
 /// Features of a crop, strongest first, in its pixels.
 fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
-    let w = crop.image.width;
-    let h = crop.image.height;
-    // The nearest pixel; steps are powers of two, so that no sum is rounded.
-    let inside = |set: &[bool], u: f32, v: f32| {
-        let x = (u + 0.5) as usize;
-        let y = (v + 0.5) as usize;
-        x < w && y < h && set[y * w + x]
-    };
     let octaves = octaves(&crop.image, config.scales, config.sigma_px, config.upsample);
     let mut extrema = Vec::new();
     for (o, octave) in octaves.iter().enumerate() {
         let step = octave.step;
         for level in 1..=config.scales {
-            let inside = |x: usize, y: usize| inside(&crop.inner, x as f32 * step, y as f32 * step);
-            extrema.extend(self::extrema(octave, (o, level), config, inside));
+            extrema.extend(self::extrema(octave, ImageNumber { octave: o, level }, config, |x, y| {
+                crop.marks(&crop.inner, x as f32 * step, y as f32 * step)
+            }));
         }
     }
-    // Strongest first, so that no more are described than are asked for; of equal ones that which was found
-    // first.
+    // Strongest first: no more are described than requested; of equal ones the first found.
     extrema.sort_by(|a, b| b.response.abs().total_cmp(&a.response.abs()));
     let mut gradients = BTreeMap::new();
     let mut found = Vec::new();
@@ -197,13 +204,14 @@ fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
         if found.len() >= config.limit {
             break;
         }
-        let octave = &octaves[e.found.0];
+        let octave = &octaves[e.found.octave];
         let step = octave.step;
-        // Gradients stop at the whole mask, features at the eroded one: what is behind the object changes
-        // with the view and must not enter a descriptor.
+        // Gradients stop at the whole mask, features at the eroded one: the background changes with the view
+        // and must not enter a descriptor.
         let gradients = gradients.entry(e.found).or_insert_with(|| {
-            let keep = move |x: usize, y: usize| inside(&crop.object, x as f32 * step, y as f32 * step);
-            Gradients::of(&octave.gaussians[e.found.1], keep)
+            Gradients::of(&octave.gaussians[e.found.level], move |x, y| {
+                crop.marks(&crop.object, x as f32 * step, y as f32 * step)
+            })
         });
         let scale = config.sigma_px * 2f32.powf(e.level / config.scales as f32);
         for angle_rad in orientations(gradients, e.x, e.y, scale) {
@@ -223,12 +231,12 @@ fn detect(crop: &Crop, config: &FeatureConfig) -> Vec<Feature> {
 /// Refined extrema of one level of the differences of an octave with a number.
 fn extrema(
     octave: &Octave,
-    of: (usize, usize),
+    of: ImageNumber,
     config: &FeatureConfig,
     inside: impl Fn(usize, usize) -> bool,
 ) -> Vec<Extremum> {
     let d = &octave.differences;
-    let level = of.1;
+    let level = of.level;
     let w = d[level].width;
     let h = d[level].height;
     let mut found = Vec::new();
@@ -236,7 +244,7 @@ fn extrema(
     for y in 1..h - 1 {
         let rows = [y - 1, y, y + 1].map(|y| &d[level].values[y * w..(y + 1) * w]);
         candidates.clear();
-        // Half, because the refined value may be larger than that at the pixel.
+        // Half, because the refined value may be larger than the pixel's.
         stands_out(rows, 0.5 * config.contrast, &mut candidates);
         for &x in &candidates {
             if is_extremum(d, level, x, y, rows[1][x]) && inside(x, y) {
@@ -248,28 +256,38 @@ fn extrema(
 }
 
 vectorized! {
-    /// Appends the x of those pixels of the middle one of three rows that are larger than `least`, and above
-    /// or below the four beside them.
+    /// Appends the x of pixels in the middle one of three rows: larger than `least`, and above or below the
+    /// four beside them.
     fn stands_out(rows: [&[f32]; 3], least: f32, candidates: &mut Vec<usize>) = stand_out
+}
+
+/// Pixels compared at once.
+const LANES: usize = 32;
+
+/// `count` values of a row from `first` on; 0 behind them.
+#[inline(always)]
+fn lanes_at(row: &[f32], first: usize, count: usize) -> [f32; LANES] {
+    let part = &row[first..first + count];
+    <[f32; LANES]>::try_from(part).unwrap_or_else(|_| {
+        // The end of a row.
+        let mut lanes = [0.0; LANES];
+        lanes[..count].copy_from_slice(part);
+        lanes
+    })
 }
 
 #[inline(always)]
 fn stand_out([above, row, below]: [&[f32]; 3], least: f32, candidates: &mut Vec<usize>) {
-    const LANES: usize = 32;
     let n = row.len();
     for first in (1..n.saturating_sub(1)).step_by(LANES) {
         let count = LANES.min(n - 1 - first);
-        let part = |row: &[f32], shift: usize| -> [f32; LANES] {
-            let part = &row[first + shift - 1..first + shift - 1 + count];
-            <[f32; LANES]>::try_from(part).unwrap_or_else(|_| {
-                // The end of a row.
-                let mut lanes = [0.0; LANES];
-                lanes[..count].copy_from_slice(part);
-                lanes
-            })
-        };
-        let middle = part(row, 1);
-        let others = [part(row, 0), part(row, 2), part(above, 1), part(below, 1)];
+        let middle = lanes_at(row, first, count);
+        let others = [
+            lanes_at(row, first - 1, count),
+            lanes_at(row, first + 1, count),
+            lanes_at(above, first, count),
+            lanes_at(below, first, count),
+        ];
         let mut stands = [0u8; LANES];
         for k in 0..LANES {
             let value = middle[k];
@@ -285,7 +303,7 @@ fn stand_out([above, row, below]: [&[f32]; 3], least: f32, candidates: &mut Vec<
 }
 
 /// Whether a pixel is above or below all 26 neighbors in space and scale.
-fn is_extremum(d: &[Plane], level: usize, x: usize, y: usize, value: f32) -> bool {
+fn is_extremum(d: &[FloatImage], level: usize, x: usize, y: usize, value: f32) -> bool {
     let sign = value.signum();
     // Its own level first: most pixels fail there.
     [level, level - 1, level + 1].into_iter().all(|level| {
@@ -297,26 +315,26 @@ fn is_extremum(d: &[Plane], level: usize, x: usize, y: usize, value: f32) -> boo
     })
 }
 
-/// Samples that are looked at on the way to an extremum.
+/// Most samples on the way to an extremum.
 const MOST_STEPS: usize = 5;
-/// An offset of more than half a sample means that the extremum belongs to a neighbor; a little more is
-/// tolerated, so that no extremum jumps between two forever.
+/// Beyond half a sample the extremum belongs to a neighbor; a little more is tolerated: no extremum jumps
+/// between two forever.
 /// chosen: half a sample, and a tenth of one more
 const FARTHEST: f32 = 0.6;
 
 /// The extremum near a pixel, by the quadratic through the values around it; `None` for weak ones, edges and
 /// drift.
 fn refined(
-    d: &[Plane],
-    found: (usize, usize),
+    d: &[FloatImage],
+    found: ImageNumber,
     [mut x, mut y]: [usize; 2],
     config: &FeatureConfig,
 ) -> Option<Extremum> {
-    let mut level = found.1;
+    let mut level = found.level;
     let w = d[level].width;
     let h = d[level].height;
     for _ in 0..MOST_STEPS {
-        let (gradient, hessian, value) = Around::of(d, level, x, y).quadratic();
+        let Quadratic { gradient, hessian, value } = Around::of(d, level, x, y).quadratic();
         let offset = -hessian.lu().solve(&gradient)?;
         if offset.amax() <= FARTHEST {
             let response = value + 0.5 * gradient.dot(&offset);
@@ -338,22 +356,31 @@ fn refined(
             });
         }
         // One sample at a time, since the quadratic holds no farther.
-        let moved = |c: usize, o: f32, low: usize, high: usize| {
-            let m = c as i64 + o.round().clamp(-1.0, 1.0) as i64;
-            (m >= low as i64 && m <= high as i64).then_some(m as usize)
-        };
-        x = moved(x, offset[0], 1, w - 2)?;
-        y = moved(y, offset[1], 1, h - 2)?;
-        level = moved(level, offset[2], 1, config.scales)?;
+        x = next_sample(x, offset[0], w - 2)?;
+        y = next_sample(y, offset[1], h - 2)?;
+        level = next_sample(level, offset[2], config.scales)?;
     }
     None
+}
+
+/// The sample nearest to an offset, at most one away; `None` outside 1 to `last`.
+fn next_sample(sample: usize, offset: f32, last: usize) -> Option<usize> {
+    let next = sample as i64 + offset.round().clamp(-1.0, 1.0) as i64;
+    (next >= 1 && next <= last as i64).then_some(next as usize)
+}
+
+/// Quadratic through the values around a sample.
+struct Quadratic {
+    gradient: Vector3<f32>,
+    hessian: Matrix3<f32>,
+    value: f32,
 }
 
 /// The values around a sample of the differences: by level, then row, then column.
 struct Around([f32; 27]);
 
 impl Around {
-    fn of(differences: &[Plane], level: usize, x: usize, y: usize) -> Self {
+    fn of(differences: &[FloatImage], level: usize, x: usize, y: usize) -> Self {
         let mut values = [0.0; 27];
         for (row, three) in values.chunks_exact_mut(3).enumerate() {
             let plane = &differences[level - 1 + row / 3];
@@ -381,7 +408,7 @@ impl Around {
     }
 
     /// Gradient, Hessian and value by (x, y, level); derivatives are central.
-    fn quadratic(&self) -> (Vector3<f32>, Matrix3<f32>, f32) {
+    fn quadratic(&self) -> Quadratic {
         let ex = Vector3::x();
         let ey = Vector3::y();
         let el = Vector3::z();
@@ -393,7 +420,7 @@ impl Around {
         let ll = self.second(el);
         let hessian = Matrix3::new(xx, xy, xl, xy, yy, yl, xl, yl, ll);
         let gradient = Vector3::new(self.first(ex), self.first(ey), self.first(el));
-        (gradient, hessian, self.at(Vector3::zeros()))
+        Quadratic { gradient, hessian, value: self.at(Vector3::zeros()) }
     }
 }
 
@@ -402,8 +429,8 @@ mod tests {
     use super::*;
 
     /// Gaussian blobs at sub-pixel positions.
-    fn blobs(width: usize, height: usize, centers: &[([f32; 2], f32)]) -> Plane {
-        let mut p = Plane::zeros(width, height);
+    fn blobs(width: usize, height: usize, centers: &[([f32; 2], f32)]) -> FloatImage {
+        let mut p = FloatImage::zeros(width, height);
         for i in 0..width * height {
             let x = (i % width) as f32;
             let y = (i / width) as f32;
@@ -438,7 +465,7 @@ mod tests {
 
     #[test]
     fn an_edge_and_the_outside_of_the_mask_have_no_features() {
-        let mut edge = Plane::zeros(96, 96);
+        let mut edge = FloatImage::zeros(96, 96);
         (0..96 * 96).for_each(|i| edge.values[i] = if i % 96 > 47 { 0.9 } else { 0.1 });
         let config = FeatureConfig::default();
         let found = detect(&Crop::whole(edge, vec![true; 96 * 96], &config), &config);

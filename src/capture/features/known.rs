@@ -1,5 +1,5 @@
-//! Features of whole images, by what the images hold: an image that was looked at while its recording grew is
-//! not looked at again by the run.
+//! Features of whole images, kept by the images' contents: images of a growing recording are not searched
+//! again by the run.
 
 use std::sync::Arc;
 

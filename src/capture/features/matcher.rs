@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -18,13 +19,13 @@ use crate::frame::RgbdFrame;
 pub struct MatchConfig {
     /// Features of a frame.
     pub features: FeatureConfig,
-    /// Frames of the other state that every frame is matched with: those seen from nearest by.
+    /// Frames of the other state matched with every frame: those seen from nearest by.
     pub neighbors: usize,
     /// A match is kept where its descriptor distance is below this share of the distance to the second best.
     pub ratio: f32,
-    /// ONNX file of a model that matches pairs of images, in place of the built-in features.
+    /// ONNX file of a matching model for pairs of images, in place of the built-in features.
     pub onnx: Option<PathBuf>,
-    /// Longer side of the images for a model that takes any size, pixels.
+    /// Longer side of the images for a model of any size, pixels.
     pub onnx_max_side_px: usize,
     /// Matches below this confidence are dropped; a model without confidences gives 1.
     pub onnx_min_confidence: f32,
@@ -46,37 +47,26 @@ impl Default for MatchConfig {
 /// A match as a model finds it in two frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correspondence {
-    /// Pixels (u, v) of the frame of state 0 and of that of state 1.
+    /// Pixels (u, v) of the frame of state 0 and of the frame of state 1.
     pub pixels: [[f32; 2]; 2],
     /// How sure the model is, 0 to 1.
     pub confidence: f32,
 }
 
-/// Matches of a pair of frames whose confidence suffices and whose ends both lie on the object, in order of
-/// their pixels.
+/// Matches of a pair of frames with enough confidence and both ends on the object, in order of their pixels.
 #[must_use]
 pub fn on_object(
     states: [&[RgbdFrame]; 2],
-    (frame0, frame1): (usize, usize),
+    frame0: usize,
+    frame1: usize,
     found: &[Correspondence],
     min_confidence: f32,
 ) -> Vec<PixelMatch> {
-    let object = |frame: &RgbdFrame, [u, v]: [f32; 2]| {
-        let k = &frame.intrinsics;
-        // A negative number or NaN becomes pixel 0 here; models' pixels were checked against their frames
-        // before.
-        let u = u.round() as usize;
-        let v = v.round() as usize;
-        u < k.width && v < k.height && frame.is_object(v * k.width + u)
-    };
-    let kept = |c: &&Correspondence| {
-        c.confidence >= min_confidence
-            && object(&states[0][frame0], c.pixels[0])
-            && object(&states[1][frame1], c.pixels[1])
-    };
     let mut matches: Vec<PixelMatch> = found
         .iter()
-        .filter(kept)
+        .filter(|c| c.confidence >= min_confidence)
+        .filter(|c| is_on_object(&states[0][frame0], c.pixels[0]))
+        .filter(|c| is_on_object(&states[1][frame1], c.pixels[1]))
         .map(|c| PixelMatch { frame0, pixel0: c.pixels[0], frame1, pixel1: c.pixels[1] })
         .collect();
     // Models give their matches in an order of their own.
@@ -86,15 +76,24 @@ pub fn on_object(
     matches
 }
 
+/// Whether the nearest pixel shows the object. A negative number or NaN becomes pixel 0: models' pixels were
+/// checked against their frames before.
+fn is_on_object(frame: &RgbdFrame, [u, v]: [f32; 2]) -> bool {
+    let k = &frame.intrinsics;
+    let u = u.round() as usize;
+    let v = v.round() as usize;
+    u < k.width && v < k.height && frame.is_object(v * k.width + u)
+}
+
 /// Matches between the frames of state 0 and those of state 1: every frame with the frames of the other state
-/// that look from nearest by, best in both directions and clearly better than the second best in both.
-/// Swapping the states swaps the ends of the matches and changes nothing else but their order.
+/// seen from nearest by, best in both directions and clearly better than the second best in both. Swapping
+/// the states swaps the ends of the matches and changes nothing else but their order.
 #[must_use]
 pub fn match_states(states: [&[RgbdFrame]; 2], config: &MatchConfig) -> Vec<PixelMatch> {
-    let of_state = |frames: &[RgbdFrame]| -> Vec<Vec<Feature>> {
-        frames.par_iter().map(|f| features(f, &config.features)).collect()
-    };
-    let (found0, found1) = rayon::join(|| of_state(states[0]), || of_state(states[1]));
+    let (found0, found1) = rayon::join(
+        || features_of_frames(states[0], &config.features),
+        || features_of_frames(states[1], &config.features),
+    );
     let matched: Vec<Vec<PixelMatch>> = frame_pairs(states, config.neighbors)
         .into_par_iter()
         .map(|(frame0, frame1)| {
@@ -109,28 +108,23 @@ pub fn match_states(states: [&[RgbdFrame]; 2], config: &MatchConfig) -> Vec<Pixe
     matched.into_iter().flatten().collect()
 }
 
-/// Pairs of frames of the two states of which one is among the `neighbors` nearest of the other, in order.
+fn features_of_frames(frames: &[RgbdFrame], config: &FeatureConfig) -> Vec<Vec<Feature>> {
+    frames.par_iter().map(|f| features(f, config)).collect()
+}
+
+/// Pairs of frames of the two states, one among the `neighbors` nearest of the other, in order.
 #[must_use]
 pub fn frame_pairs(states: [&[RgbdFrame]; 2], neighbors: usize) -> Vec<(usize, usize)> {
-    let all = || states.iter().flat_map(|s| s.iter());
-    let count = all().count().max(1) as f64;
-    let center =
-        all().map(|f| f.world_from_camera.translation.vector).sum::<nalgebra::Vector3<f64>>() / count;
-    let radius = (all().map(|f| (f.world_from_camera.translation.vector - center).norm()).sum::<f64>()
-        / count)
-        .max(1e-6);
-    // Distance of the centers in mean radii plus the length between the unit optical axes.
-    let distance = |a: &RgbdFrame, b: &RgbdFrame| {
-        let p = &a.world_from_camera;
-        let q = &b.world_from_camera;
-        let axes = (p.rotation * nalgebra::Vector3::z() - q.rotation * nalgebra::Vector3::z()).norm();
-        (p.translation.vector - q.translation.vector).norm() / radius + axes
-    };
+    let all: Vec<&RgbdFrame> = states.iter().flat_map(|s| s.iter()).collect();
+    let count = all.len().max(1) as f64;
+    let center = all.iter().map(|f| f.world_from_camera.translation.vector).sum::<Vector3<f64>>() / count;
+    let distances = all.iter().map(|f| (f.world_from_camera.translation.vector - center).norm());
+    let radius_m = (distances.sum::<f64>() / count).max(1e-6);
     let mut pairs = Vec::new();
     for (side, (from, to)) in [(states[0], states[1]), (states[1], states[0])].into_iter().enumerate() {
         for (i, a) in from.iter().enumerate() {
             let mut order: Vec<(f64, usize)> =
-                to.iter().enumerate().map(|(j, b)| (distance(a, b), j)).collect();
+                to.iter().enumerate().map(|(j, b)| (view_distance(a, b, radius_m), j)).collect();
             order.sort_by(|p, q| p.0.total_cmp(&q.0).then(p.1.cmp(&q.1)));
             pairs.extend(order.iter().take(neighbors).map(|&(_, j)| if side == 0 { (i, j) } else { (j, i) }));
         }
@@ -138,4 +132,12 @@ pub fn frame_pairs(states: [&[RgbdFrame]; 2], neighbors: usize) -> Vec<(usize, u
     pairs.sort_unstable();
     pairs.dedup();
     pairs
+}
+
+/// Distance of the camera centers in mean radii plus the length between the unit optical axes.
+fn view_distance(a: &RgbdFrame, b: &RgbdFrame, radius_m: f64) -> f64 {
+    let p = &a.world_from_camera;
+    let q = &b.world_from_camera;
+    let axes = (p.rotation * Vector3::z() - q.rotation * Vector3::z()).norm();
+    (p.translation.vector - q.translation.vector).norm() / radius_m + axes
 }

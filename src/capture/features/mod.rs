@@ -1,4 +1,4 @@
-//! Image features of frames, and which of two frames show the same.
+//! Image features of frames, and matches between two frames.
 
 mod descriptor;
 mod feature;

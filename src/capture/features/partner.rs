@@ -1,4 +1,4 @@
-//! Which features of two images are each other's best partners, by the inner products of their descriptors.
+//! Mutual best partners among the features of two images, by the inner products of their descriptors.
 
 use crate::features::{
     descriptor::{DESCRIPTOR_NORM, dot},
@@ -17,6 +17,18 @@ struct BestTwo {
     top: i32,
     /// Inner product of the best one at another place; 0 where there is none.
     second: i32,
+}
+
+impl BestTwo {
+    /// The best one, if it passes the ratio test.
+    fn clear_best(&self, ratio: f32) -> Option<usize> {
+        (squared_distance(self.top) < ratio * ratio * squared_distance(self.second)).then_some(self.best)
+    }
+}
+
+/// Squared distance of unit vectors by their inner product: 2 - 2 cosine.
+fn squared_distance(product: i32) -> f32 {
+    (2.0 - 2.0 * product as f32 / (DESCRIPTOR_NORM * DESCRIPTOR_NORM)).max(0.0)
 }
 
 /// The best partner of a feature by its inner products with all of them; `None` without any.
@@ -44,7 +56,7 @@ fn products_of(a: &[Feature], b: &[Feature], products: &mut [i32]) {
     }
 }
 
-/// Indices of features that are each other's best match and pass the ratio test in both directions.
+/// Indices of mutual best matches with a passed ratio test in both directions.
 pub(crate) fn mutual_matches(a: &[Feature], b: &[Feature], ratio: f32) -> Vec<(usize, usize)> {
     if a.is_empty() || b.is_empty() {
         return Vec::new();
@@ -52,21 +64,14 @@ pub(crate) fn mutual_matches(a: &[Feature], b: &[Feature], ratio: f32) -> Vec<(u
     let mut products = vec![0; a.len() * b.len()];
     inner_products(a, b, &mut products);
     let mut column = vec![0; a.len()];
-    let forward = |i: usize| best_two(&products[i * b.len()..(i + 1) * b.len()], b);
-    let mut backward = |j: usize| {
-        column.iter_mut().enumerate().for_each(|(r, c)| *c = products[r * b.len() + j]);
-        best_two(&column, a)
-    };
-    // Squared distance of unit vectors: 2 - 2 cosine.
-    let squared = |product: i32| (2.0 - 2.0 * product as f32 / (DESCRIPTOR_NORM * DESCRIPTOR_NORM)).max(0.0);
-    let clear =
-        |found: BestTwo| (squared(found.top) < ratio * ratio * squared(found.second)).then_some(found.best);
     let mut matches = Vec::new();
-    for (i, j) in (0..a.len()).filter_map(|i| Some((i, forward(i).and_then(clear)?))) {
-        if let Some(back) = backward(j).and_then(clear)
-            // A feature with several orientations stands in the list once for each of them.
-            && (back == i || a[back].pixel == a[i].pixel)
-        {
+    for i in 0..a.len() {
+        let row = &products[i * b.len()..(i + 1) * b.len()];
+        let Some(j) = best_two(row, b).and_then(|found| found.clear_best(ratio)) else { continue };
+        column.iter_mut().enumerate().for_each(|(r, c)| *c = products[r * b.len() + j]);
+        let Some(back) = best_two(&column, a).and_then(|found| found.clear_best(ratio)) else { continue };
+        // A feature with several orientations stands in the list once for each of them.
+        if back == i || a[back].pixel == a[i].pixel {
             matches.push((i, j));
         }
     }

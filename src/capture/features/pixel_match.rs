@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A pixel of one frame that shows the same surface point as a pixel of a frame of the other state.
+/// A pixel of one frame and a pixel of a frame of the other state with the same surface point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PixelMatch {
     /// Index of the frame in `states[0]` and its pixel (u right, v down).

@@ -5,7 +5,7 @@ use numeric::vectorized;
 
 /// A grayscale image, row-major.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Plane {
+pub struct FloatImage {
     /// Width in pixels.
     pub width: usize,
     /// Height in pixels.
@@ -14,7 +14,7 @@ pub struct Plane {
     pub values: Vec<f32>,
 }
 
-impl Plane {
+impl FloatImage {
     /// An image of zeros.
     pub fn zeros(width: usize, height: usize) -> Self {
         Self { width, height, values: vec![0.0; width * height] }
@@ -26,7 +26,7 @@ impl Plane {
         self.values[y * self.width + x]
     }
 
-    /// Twice the size by linear interpolation; pixel `(x, y)` becomes pixel `(2 x, 2 y)` unchanged, so that
+    /// Twice the size by linear interpolation; pixel `(x, y)` becomes pixel `(2 x, 2 y)` unchanged:
     /// coordinates halve exactly.
     pub fn doubled(&self) -> Self {
         let w = self.width;
@@ -75,11 +75,11 @@ impl Plane {
 
 vectorized! {
     /// Convolves an image with a kernel along rows, then along columns.
-    fn blur(image: &Plane, kernel: &[f32], rows: &mut Plane, out: &mut Plane) = convolve
+    fn blur(image: &FloatImage, kernel: &[f32], rows: &mut FloatImage, out: &mut FloatImage) = convolve
 }
 
 #[inline(always)]
-fn convolve(image: &Plane, kernel: &[f32], rows: &mut Plane, out: &mut Plane) {
+fn convolve(image: &FloatImage, kernel: &[f32], rows: &mut FloatImage, out: &mut FloatImage) {
     let r = kernel.len() - 1;
     let w = image.width;
     let h = image.height;
@@ -135,21 +135,20 @@ fn half_kernel(sigma_px: f32) -> Vec<f32> {
 /// One octave: `scales + 3` Gaussian images and the `scales + 2` differences of neighbors.
 pub struct Octave {
     /// Gaussian images; image `i` has blur `sigma * 2^(i / scales)` in pixels of this octave.
-    pub gaussians: Vec<Plane>,
+    pub gaussians: Vec<FloatImage>,
     /// `differences[i] = gaussians[i + 1] - gaussians[i]`.
-    pub differences: Vec<Plane>,
+    pub differences: Vec<FloatImage>,
     /// Pixels of the input image per pixel of this octave.
     pub step: f32,
 }
 
 /// Smallest side of an octave, pixels.
 const SMALLEST: usize = 12;
-/// Blur that a camera image is taken to have, pixels; derived: the least that prevents aliasing (Lowe 2004,
-/// section 3.3).
+/// Assumed blur of a camera image, pixels; derived: the least without aliasing (Lowe 2004, section 3.3).
 const CAMERA_BLUR_PX: f32 = 0.5;
 
 /// All octaves of an image, finest first; `upsample` doubles the image before the first.
-pub fn octaves(image: &Plane, scales: usize, sigma_px: f32, upsample: bool) -> Vec<Octave> {
+pub fn octaves(image: &FloatImage, scales: usize, sigma_px: f32, upsample: bool) -> Vec<Octave> {
     let mut step = if upsample { 0.5 } else { 1.0 };
     let start = if upsample { image.doubled() } else { image.clone() };
     let blur = CAMERA_BLUR_PX / step;
@@ -165,7 +164,7 @@ pub fn octaves(image: &Plane, scales: usize, sigma_px: f32, upsample: bool) -> V
             gaussians.push(gaussians[i - 1].blurred(added));
         }
         let differences = gaussians.windows(2).map(|g| g[1].minus(&g[0])).collect();
-        // This one has twice the blur of the first, so halved it has that of the first.
+        // This one has twice the blur of the first, so halved it has the same blur.
         base = gaussians[scales].halved();
         all.push(Octave { gaussians, differences, step });
         step *= 2.0;
@@ -179,7 +178,7 @@ mod tests {
 
     #[test]
     fn blurring_keeps_the_sum_and_adds_the_variance() {
-        let mut p = Plane::zeros(61, 61);
+        let mut p = FloatImage::zeros(61, 61);
         p.values[30 * 61 + 30] = 1.0;
         let b = p.blurred(1.5).blurred(2.0);
         let sum: f32 = b.values.iter().sum();
@@ -190,7 +189,7 @@ mod tests {
 
     #[test]
     fn a_ramp_survives_doubling_blurring_and_halving_away_from_the_border() {
-        let mut p = Plane::zeros(40, 32);
+        let mut p = FloatImage::zeros(40, 32);
         (0..40 * 32).for_each(|i| p.values[i] = (i % 40) as f32 * 0.01 + (i / 40) as f32 * 0.02);
         let d = p.doubled();
         assert!((d.at(21, 10) - (0.105 + 0.1)).abs() < 1e-6);

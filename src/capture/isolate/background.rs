@@ -1,4 +1,4 @@
-//! Planes that the object stands on or before, and the box that it lies in.
+//! Planes below or behind the object, and the box about it.
 
 use nalgebra::Point3;
 
@@ -10,7 +10,7 @@ pub fn in_box(workspace: Option<[[f64; 3]; 2]>, p: &Point3<f64>) -> bool {
     workspace.is_none_or(|[lower, upper]| (0..3).all(|k| p[k] >= lower[k] && p[k] <= upper[k]))
 }
 
-/// What is taken for background.
+/// Planes taken for background.
 pub struct Background<'a> {
     pub planes: Vec<Plane>,
     pub config: &'a CaptureConfig,

@@ -1,9 +1,9 @@
-//! What is in one state and not in another, and what is in some frames of a state only.
+//! Contents of one state and not of another, and contents of a part of a state's frames.
 //!
-//! A frame that reads a depth well behind a cell has looked through it; one that reads about the cell's own
-//! depth has seen it there. What frames of another state looked through has changed: the object did that, or
-//! something that somebody moved. What frames of its own state looked through more often than they saw it
-//! was on its way: a hand, a person.
+//! A frame with a depth well behind a cell has looked through it; one with about the cell's own depth has
+//! seen it there. A cell looked through by frames of another state has changed: the object did, or a moved
+//! thing. A cell more often looked through than seen by frames of its own state was on its way: a hand, a
+//! person.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -11,13 +11,13 @@ use rayon::prelude::*;
 use super::voxels::{Cell, CellSet, center, clusters, frames_needed};
 use crate::{NoiseConfig, RgbdFrame, poses::pose_noise::PoseNoise};
 
-/// Standard deviations of a reading beyond which two frames tell it from a cell.
+/// Standard deviations between a cell and readings of something else.
 /// chosen: two frames by chance, 0.05 % one-sided
 const GATE_SIGMAS: f64 = 2.0;
 /// A cell has changed if it was looked through this many times as often as it was seen there.
 /// derived: readings at depth edges take either side about as often
 pub const CLEARLY: usize = 4;
-/// Fewest changed cells that hang together and count.
+/// Fewest changed cells of a patch.
 /// derived: a patch of three by three, less one; a line of cells along an edge is one too, so counts are
 /// compared
 pub const LEAST_PATCH: usize = 8;
@@ -29,38 +29,43 @@ struct Sight {
     through: usize,
 }
 
-/// Cells of each state that are there to stay: not those that its own frames looked through more often than
-/// they saw them.
+/// Resting cells of each state: seen by its own frames at least as often as looked through.
 pub fn at_rest(
     cells: &[Vec<Cell>],
     states: &[Vec<RgbdFrame>],
     size_m: f64,
     noise: &NoiseConfig,
 ) -> Vec<Vec<Cell>> {
-    let rests = |(cells, frames): (&Vec<Cell>, &Vec<RgbdFrame>)| -> Vec<Cell> {
-        let stays = |c: &&Cell| {
+    let mut at_rest = Vec::with_capacity(states.len());
+    for (cells, frames) in cells.iter().zip(states) {
+        let stay = cells.par_iter().filter(|c| {
             let sight = sight(&center(c, size_m), frames, size_m, noise);
             sight.through < frames_needed(frames.len()) || sight.through <= sight.there
-        };
-        cells.par_iter().filter(stays).copied().collect()
-    };
-    cells.iter().zip(states).map(rests).collect()
+        });
+        at_rest.push(stay.copied().collect());
+    }
+    at_rest
 }
 
-/// Cells of all states that frames of another state looked through, in patches.
+/// Cells of all states looked through by frames of another state, in patches.
 pub fn changed(cells: &[Vec<Cell>], states: &[Vec<RgbdFrame>], size_m: f64, noise: &NoiseConfig) -> CellSet {
-    let of_state = |own: usize| -> Vec<Cell> {
-        let is_gone = |c: &&Cell| {
+    let mut changed = CellSet::default();
+    for (own, cells) in cells.iter().enumerate() {
+        let gone = cells.par_iter().filter(|c| {
             let point = center(c, size_m);
-            (0..states.len()).filter(|other| *other != own).any(|other| {
-                let sight = sight(&point, &states[other], size_m, noise);
-                sight.through >= frames_needed(states[other].len()) && sight.through >= CLEARLY * sight.there
-            })
-        };
-        let gone: Vec<Cell> = cells[own].par_iter().filter(is_gone).copied().collect();
-        clusters(&gone, 1).into_iter().filter(|patch| patch.len() >= LEAST_PATCH).flatten().collect()
-    };
-    (0..states.len()).flat_map(of_state).collect()
+            let mut others = (0..states.len()).filter(|other| *other != own);
+            others.any(|other| is_looked_through(&point, &states[other], size_m, noise))
+        });
+        let patches = clusters(&gone.copied().collect::<Vec<Cell>>(), 1);
+        changed.extend(patches.into_iter().filter(|patch| patch.len() >= LEAST_PATCH).flatten());
+    }
+    changed
+}
+
+/// Whether enough frames of a state look through a cell.
+fn is_looked_through(point: &Point3<f64>, frames: &[RgbdFrame], size_m: f64, noise: &NoiseConfig) -> bool {
+    let sight = sight(point, frames, size_m, noise);
+    sight.through >= frames_needed(frames.len()) && sight.through >= CLEARLY * sight.there
 }
 
 /// How frames see a point.
@@ -85,7 +90,7 @@ fn behind(point: &Point3<f64>, frame: &RgbdFrame, size_m: f64, noise: &NoiseConf
         return None;
     }
     let at = y as usize * k.width + x as usize;
-    // Half a cell's diagonal, the noise, and what a pose may be off.
+    // Half a cell's diagonal, the noise, and the error of a pose.
     let gate_m = (GATE_SIGMAS * noise.sigma_m(seen.z))
         .hypot(0.5 * 3f64.sqrt() * size_m)
         .hypot(PoseNoise::EXPECTED.displacement_m(seen.z));
@@ -105,7 +110,7 @@ fn behind(point: &Point3<f64>, frame: &RgbdFrame, size_m: f64, noise: &NoiseConf
     }
     match () {
         () if is_there => Some(false),
-        // Where depth is lost, nothing says that the rest is not the point's surface.
+        // Where depth is lost, the rest may be the point's surface.
         () if nearest_m > gate_m && unknown == 0 => Some(true),
         () => None,
     }

@@ -1,11 +1,11 @@
 //! The object separated from its surroundings: a mask for every frame.
 //!
-//! With masks that came with the recording, only depth readings that belong to nothing are forgotten.
-//! Without, what is left after the background planes (or what lies in a given box) is gathered in cells of
-//! space over all states, grouped, and the group that changed between states is the object (where none did,
-//! that which the cameras look at). A pixel is part of
-//! the mask if its point lies in the group; where the depth is unknown or too close to the support to decide,
-//! it is part of the mask but has no depth, so that it counts neither as object nor as empty space.
+//! With masks of the recording, only stray depth readings are forgotten. Without, all points but those of the
+//! background planes (or the points of a given box) are gathered in cells of space over all states, and
+//! grouped. The group with a change between states is the object (where none changed, the one in the cameras'
+//! focus). A pixel is part of the mask if its point lies in the group; where the depth is unknown or too
+//! close to the support to decide, it is part of the mask but has no depth, and counts neither as object nor
+//! as empty space.
 
 mod background;
 mod change;
@@ -14,6 +14,8 @@ mod plane;
 mod select;
 mod support;
 mod voxels;
+
+use std::ops::Range;
 
 use nalgebra::Point3;
 use rand_core::Rng;
@@ -38,7 +40,7 @@ use numeric::statistics::median;
 
 /// Fewest pixels with depth on the object in a state.
 const MIN_PIXELS: usize = 200;
-/// Least share of the smaller state's cells that the states must have in common.
+/// Least share of the smaller state's cells in common.
 /// chosen: less is no common object
 const MIN_OVERLAP: f64 = 0.02;
 
@@ -74,56 +76,47 @@ pub fn isolate(
 
 /// Cell size: two standard deviations of the depth noise, or two pixels, at the median depth.
 fn cell_size(capture: &Capture) -> f64 {
-    let frames = capture.states.iter().flatten();
-    let object = |f: &RgbdFrame| -> Vec<f64> {
-        (0..f.depth_m.len())
-            .step_by(17)
-            .filter(|p| f.is_object(*p))
-            .map(|p| f64::from(f.depth_m[p]))
-            .filter(|d| *d > 0.0)
-            .collect()
-    };
-    let depth_m = median(frames.clone().flat_map(object).collect()).unwrap_or(1.0);
-    let pixel_m = frames.map(|f| depth_m / f.intrinsics.fx).fold(0.0, f64::max);
+    let frames = || capture.states.iter().flatten();
+    let mut depths_m = Vec::new();
+    for frame in frames() {
+        let pixels = (0..frame.depth_m.len()).step_by(17).filter(|p| frame.is_object(*p));
+        depths_m.extend(pixels.map(|p| f64::from(frame.depth_m[p])).filter(|d| *d > 0.0));
+    }
+    let depth_m = median(depths_m).unwrap_or(1.0);
+    let pixel_m = frames().map(|f| depth_m / f.intrinsics.fx).fold(0.0, f64::max);
     // docs/method.md (2.18): wider than the noise, and than the gaps between pixels.
     (2.0 * capture.noise.sigma_m(depth_m)).max(2.0 * pixel_m).clamp(0.002, 0.05)
 }
 
-/// Cells that each frame sees of what its mask shows, each once.
-fn seen(frames: &[RgbdFrame], size_m: f64) -> Vec<Vec<Cell>> {
-    let of_frame = |f: &RgbdFrame| {
-        let points = (0..f.depth_m.len()).filter(|p| f.is_object(*p)).filter_map(|p| f.world_point(p));
-        let mut cells: Vec<Cell> = points.filter_map(|point| cell(&point, size_m)).collect();
-        // Beside each other most pixels see one cell.
-        cells.dedup();
-        cells.sort_unstable();
-        cells.dedup();
-        cells
-    };
-    frames.par_iter().map(of_frame).collect()
+/// Cells of a frame under its mask, each once, sorted.
+fn object_cells(frame: &RgbdFrame, size_m: f64) -> Vec<Cell> {
+    let pixels = (0..frame.depth_m.len()).filter(|p| frame.is_object(*p));
+    let points = pixels.filter_map(|p| frame.world_point(p));
+    let mut cells: Vec<Cell> = points.filter_map(|point| cell(&point, size_m)).collect();
+    // Most neighboring pixels see one cell.
+    cells.dedup();
+    cells.sort_unstable();
+    cells.dedup();
+    cells
 }
 
-/// Forgets depth under masks that stands apart, or lies outside the workspace.
+fn cells_of_frames(frames: &[RgbdFrame], size_m: f64) -> Vec<Vec<Cell>> {
+    frames.par_iter().map(|f| object_cells(f, size_m)).collect()
+}
+
+/// Forgets depth under masks in outlier cells, or outside the workspace.
 fn clean_masks(capture: &mut Capture, config: &CaptureConfig, size_m: f64) {
-    let of_state = |frames: &mut Vec<RgbdFrame>| {
-        // One frame is enough, since masks leave no background whose noise could count.
-        let cells = supported(&seen(frames, size_m), 1);
-        let bad = outlier_cells(&cells, size_m);
-        let workspace = config.isolate.workspace;
-        let is_bad =
-            |p: &Point3<f64>| !in_box(workspace, p) || cell(p, size_m).is_none_or(|c| bad.contains(&c));
-        frames.par_iter_mut().map(|f| forget(f, is_bad)).sum::<usize>()
-    };
-    let forgotten: usize = capture.states.par_iter_mut().map(of_state).sum();
-    let on_object = |f: &RgbdFrame| (0..f.depth_m.len()).filter(|p| f.is_object(*p)).count();
-    let pixels: usize = capture.states.par_iter().flatten().map(on_object).sum();
+    let states = capture.states.par_iter_mut();
+    let forgotten: usize = states.map(|frames| forget_outliers(frames, config, size_m)).sum();
+    let frames = capture.states.par_iter().flatten();
+    let pixels: usize = frames.map(|f| (0..f.depth_m.len()).filter(|p| f.is_object(*p)).count()).sum();
     capture.notes.push(Note::new(NoteCode::MasksUsed, format!(
         "masks of the recording are used ({pixels} pixels); {forgotten} depth readings in them stand apart \
          and are not used"
     )));
 }
 
-/// Forgets the depth of object pixels whose world points satisfy a test; returns their number.
+/// Forgets the depth of object pixels by a test of their world points; returns their number.
 fn forget(frame: &mut RgbdFrame, is_bad: impl Fn(&Point3<f64>) -> bool) -> usize {
     let pixels: Vec<usize> = (0..frame.depth_m.len())
         .filter(|&p| frame.is_object(p) && frame.world_point(p).is_some_and(|q| is_bad(&q)))
@@ -156,13 +149,13 @@ fn find_object(
         ));
     }
     let background = Background { planes, config, noise: capture.noise };
-    let support = |frames: &Vec<RgbdFrame>| {
+    let mut supports = Vec::with_capacity(capture.states.len());
+    for frames in &capture.states {
         let weights: Vec<Vec<f32>> = frames.par_iter().map(|f| pixel_weights(f, &capture.noise)).collect();
-        find_support(frames, &weights, size_m, &background)
-    };
-    let supports: Vec<_> = capture.states.iter().map(support).collect();
+        supports.push(find_support(frames, &weights, size_m, &background));
+    }
     let seen: Vec<Vec<Cell>> = supports.iter().map(|s| s.cells.clone()).collect();
-    // A hand or a person in some frames is no part of what stands there.
+    // A hand or a person in some frames is no part of the scene.
     let cells = at_rest(&seen, &capture.states, size_m, &capture.noise);
     let object = choose(capture, &background, size_m, &cells)?;
     capture.notes.push(Note::new(NoteCode::ObjectIsolated, object.note.clone()));
@@ -170,17 +163,35 @@ fn find_object(
         let own: Vec<Cell> = cells[s].iter().filter(|c| object.contains(c)).copied().collect();
         // Cells at the rim are seen too rarely to count, but their points belong to the object.
         let near = dilated(&own, 1);
-        let is_object =
-            |p: &Point3<f64>| in_box(workspace, p) && cell(p, size_m).is_some_and(|c| near.contains(&c));
-        let is_known = |f: &RgbdFrame, pixel: usize, p: &Point3<f64>| {
-            background.is_above(f, pixel, p) || supports[s].is_solid(p, size_m, &background)
-        };
-        frames.par_iter_mut().for_each(|f| paint(f, &silhouette(f, &own, size_m), is_object, is_known));
+        frames.par_iter_mut().for_each(|frame| {
+            let silhouette = silhouette(frame, &own, size_m);
+            paint(
+                frame,
+                &silhouette,
+                |p| in_box(workspace, p) && cell(p, size_m).is_some_and(|c| near.contains(&c)),
+                |f, pixel, p| {
+                    background.is_above(f, pixel, p) || supports[s].is_solid(p, size_m, &background)
+                },
+            );
+        });
     }
     Ok(())
 }
 
-/// Which of the cells of all states are the object.
+/// Forgets depth under the masks of one state in outlier cells, or outside the workspace; returns the number
+/// of readings.
+fn forget_outliers(frames: &mut [RgbdFrame], config: &CaptureConfig, size_m: f64) -> usize {
+    // One frame is enough, since masks leave no noisy background.
+    let cells = supported(&cells_of_frames(frames, size_m), 1);
+    let bad = outlier_cells(&cells, size_m);
+    let workspace = config.isolate.workspace;
+    frames
+        .par_iter_mut()
+        .map(|f| forget(f, |p| !in_box(workspace, p) || cell(p, size_m).is_none_or(|c| bad.contains(&c))))
+        .sum()
+}
+
+/// The object among the cells of all states.
 fn choose(
     capture: &Capture,
     background: &Background<'_>,
@@ -194,24 +205,22 @@ fn choose(
     let reach = isolate.link_distance_m.map_or(3, |d| ((d / size_m).ceil() as i32).clamp(1, 20));
     // As near to a plane as the cells of a group may be to each other.
     let touching_m = isolate.plane_clearance_m + f64::from(reach + 1) * size_m;
-    let is_at_support = |c: &Cell| {
-        let point = center(c, size_m);
-        background.planes.iter().any(|p| p.height_m(&point).abs() <= touching_m)
-    };
-    // Over all states together: parts that stand apart in one may be linked in another.
+    // Over all states together: separate parts of one may be linked in another.
     choose_object(&Search {
         cells,
         size_m,
         reach,
         changed: &changed,
-        is_at_support: &is_at_support,
+        is_at_support: &|c| {
+            background.planes.iter().any(|p| p.height_m(&center(c, size_m)).abs() <= touching_m)
+        },
         focus: common_focus(&poses),
         at: isolate.at.as_ref().map(|at| place(at, &capture.states)).transpose()?,
         takes_all: isolate.workspace.is_some(),
     })
 }
 
-/// The point in the world that somebody gave, or that a pixel shows.
+/// The given point in the world, or the point of a given pixel.
 fn place(at: &At, states: &[Vec<RgbdFrame>]) -> Result<Point3<f64>, CaptureError> {
     let refuse = |reason: String| CaptureError::Setting { key: "capture.isolate.at", reason };
     match at {
@@ -227,16 +236,15 @@ fn place(at: &At, states: &[Vec<RgbdFrame>]) -> Result<Point3<f64>, CaptureError
     }
 }
 
-/// Mask of one frame: pixels whose point is part of the object and, where the depth is unknown, those in its
-/// outline. Depth that may as well be background is forgotten.
+/// Mask of one frame: pixels with a point of the object and, where the depth is unknown, those in its
+/// outline. Depth of a possible background is forgotten.
 fn paint(
     frame: &mut RgbdFrame,
     outline: &[bool],
     is_object: impl Fn(&Point3<f64>) -> bool,
     is_known: impl Fn(&RgbdFrame, usize, &Point3<f64>) -> bool,
 ) {
-    // Where depth is not known the outline decides, so that a hole in the object is not taken for empty
-    // space.
+    // Where depth is not known the outline decides: a hole in the object is not taken for empty space.
     let mut mask = outline.to_vec();
     for (pixel, inside) in mask.iter_mut().enumerate() {
         if let Some(point) = frame.world_point(pixel) {
@@ -250,26 +258,28 @@ fn paint(
     frame.mask = Some(mask);
 }
 
-/// Pixels onto which cells project, each as a square of its size.
+/// Pixels of the projected cells, each a square of its size.
 fn silhouette(frame: &RgbdFrame, cells: &[Cell], size_m: f64) -> Vec<bool> {
     let k = &frame.intrinsics;
     let mut covered = vec![false; k.width * k.height];
     for c in cells {
         let point = frame.in_camera(&center(c, size_m));
         let Some((u, v)) = k.project(&point) else { continue };
-        // By the longer focal length, so that the cells' squares leave no gaps.
+        // By the longer focal length: the cells' squares leave no gaps.
         let half = 0.5 * size_m * k.fx.max(k.fy) / point.z;
-        let span = |mid: f64, count: usize| {
-            let from = (mid - half).round().max(0.0) as usize;
-            from..((mid + half).round().max(-1.0) + 1.0).min(count as f64) as usize
-        };
-        for y in span(v, k.height) {
-            for x in span(u, k.width) {
+        for y in pixels_about(v, half, k.height) {
+            for x in pixels_about(u, half, k.width) {
                 covered[y * k.width + x] = true;
             }
         }
     }
     covered
+}
+
+/// Pixels of `count` at most `half` from a coordinate.
+fn pixels_about(middle: f64, half: f64, count: usize) -> Range<usize> {
+    let first = (middle - half).round().max(0.0) as usize;
+    first..((middle + half).round().max(-1.0) + 1.0).min(count as f64) as usize
 }
 
 /// Refuses states without depth on the object and states without a common place. The box about the object in
@@ -288,7 +298,7 @@ fn check(capture: &Capture, size_m: f64) -> Result<[[f64; 3]; 2], CaptureError> 
             );
             return Err(CaptureError::Isolation { reason });
         }
-        cells.push(supported(&seen(frames, size_m), frames_needed(frames.len())));
+        cells.push(supported(&cells_of_frames(frames, size_m), frames_needed(frames.len())));
     }
     let (lower, upper) = bounds(cells.iter().flatten());
     let corners = [lower, upper.map(|v| v.saturating_add(1))].map(|c| c.map(|v| f64::from(v) * size_m));
@@ -297,7 +307,7 @@ fn check(capture: &Capture, size_m: f64) -> Result<[[f64; 3]; 2], CaptureError> 
     let near = dilated(first, 1);
     for (k, other) in others.iter().enumerate() {
         let common = other.iter().filter(|c| near.contains(*c)).count();
-        // Of the state that shows less: fewer views must not look like a lack of overlap.
+        // Of the smaller state: fewer views must not look like a lack of overlap.
         let share = common as f64 / first.len().min(other.len()).max(1) as f64;
         // States without a place in common are in two world frames, or show two objects.
         if share < MIN_OVERLAP {

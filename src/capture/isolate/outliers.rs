@@ -1,4 +1,4 @@
-//! Depth readings within a mask that belong to nothing: flying pixels far from the rest of the object.
+//! Outliers among depth readings within a mask: flying pixels far from the rest of the object.
 
 use std::num::NonZeroUsize;
 
@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::voxels::{Cell, CellSet, center};
 
-/// Neighbors whose mean distance is judged.
+/// Number of neighbors for the mean distance.
 const NEIGHBORS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(15);
 /// Cells this much further from their neighbors than the mean are outliers, in standard deviations.
 /// chosen: 0.1 % of a normal distribution lie beyond, one-sided
@@ -16,22 +16,22 @@ const SIGMAS: f64 = 3.0;
 /// wide are on average 4.5 cells away. chosen: a third above the 4.5 cells of a rod
 const ALWAYS_KEPT_CELLS: f64 = 6.0;
 
-/// Cells of a sorted list that stand apart from the others (statistical outlier removal on cells, with a
-/// floor that keeps rods and wires).
+/// Cells of a sorted list far from the others (statistical outlier removal on cells, with a floor for rods
+/// and wires).
 #[must_use]
 pub fn outlier_cells(cells: &[Cell], size_m: f64) -> CellSet {
     if cells.len() <= NEIGHBORS.get() {
         return CellSet::default();
     }
-    // Cells in place of readings, so that places seen often do not make the others look lonely.
+    // Cells in place of readings: places seen often do not make the others look lonely.
     let points: Vec<[f64; 3]> = cells.iter().map(|c| center(c, size_m).coords.into()).collect();
     let Ok(tree) = ImmutableKdTree::new_from_slice(&points) else { return CellSet::default() };
-    let mean_distance = |p: &[f64; 3]| {
+    let mean_distances = points.par_iter().with_min_len(256).map(|p| {
         // The cell itself is the nearest, at distance 0.
         let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(NEIGHBORS.saturating_add(1)).execute();
         near.iter().map(|n| n.distance.sqrt()).sum::<f64>() / NEIGHBORS.get() as f64
-    };
-    let distances: Vec<f64> = points.par_iter().with_min_len(256).map(mean_distance).collect();
+    });
+    let distances: Vec<f64> = mean_distances.collect();
     let mean = distances.iter().sum::<f64>() / distances.len() as f64;
     let deviation =
         (distances.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / distances.len() as f64).sqrt();

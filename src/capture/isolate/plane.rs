@@ -1,8 +1,8 @@
-//! Planes that the object stands on or before: found by RANSAC in the points of all frames and taken away.
+//! Planes below or behind the object: found by RANSAC in the points of all frames and taken away.
 //!
 //! A plane counts as background only if the cameras are all on one side of it, next to nothing lies behind
 //! it, and it reaches the borders of the images. So a side of the object is not taken for a wall, and a floor
-//! goes before the table that stands on it.
+//! goes before the table on it.
 
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rand_core::Rng;
@@ -11,7 +11,7 @@ use crate::{NoiseConfig, RgbdFrame};
 
 /// Points looked at.
 const SAMPLES: usize = 60_000;
-/// Points that score a hypothesis.
+/// Points for the score of a hypothesis.
 const SCORED: usize = 6_000;
 /// Hypotheses per plane.
 const TRIALS: usize = 600;
@@ -20,10 +20,10 @@ const MAX_PLANES: usize = 5;
 /// Weight of the points behind a background plane against those in it, at most.
 /// tuned: made and recorded objects (docs/method.md 16)
 const BEHIND_SHARE: f64 = 0.05;
-/// Share of the points at the image borders that a background plane holds, at least.
+/// Least share of the points at the image borders on a background plane.
 /// tuned: made and recorded objects (docs/method.md 16)
 const BORDER_SHARE: f64 = 0.15;
-/// Share of all points that a background plane holds, at least.
+/// Least share of all points on a background plane.
 /// tuned: made and recorded objects (docs/method.md 16)
 const SUPPORT_SHARE: f64 = 0.05;
 /// Width of the image border against the image. tuned: made and recorded objects (docs/method.md 16)
@@ -45,7 +45,7 @@ impl Plane {
         self.normal.dot(&point.coords) - self.offset_m
     }
 
-    /// Standard deviation of the height of a point whose depth has deviation `sigma_m` along a ray of unit z.
+    /// Standard deviation of the height of a point by that of its depth, `sigma_m`, along a ray of unit z.
     #[must_use]
     pub fn height_sigma_m(&self, ray_in_world: &Vector3<f64>, sigma_m: f64) -> f64 {
         sigma_m * self.normal.dot(ray_in_world).abs()
@@ -64,7 +64,7 @@ struct Sample {
     at_border: bool,
 }
 
-/// The background planes of the frames, in the order in which they were taken away.
+/// The background planes of the frames, in the order of their removal.
 #[must_use]
 pub fn background_planes(frames: &[&RgbdFrame], noise: &NoiseConfig, rng: &mut impl Rng) -> Vec<Plane> {
     let mut samples = sample(frames, noise);
@@ -75,12 +75,12 @@ pub fn background_planes(frames: &[&RgbdFrame], noise: &NoiseConfig, rng: &mut i
     let mut planes = Vec::new();
     while planes.len() < MAX_PLANES {
         let left = samples.iter().filter(|s| s.at_border).count();
-        // With hardly a reading left at the borders, nothing that is left can be background.
+        // With hardly a reading left at the borders, the rest has no background.
         if samples.len() < 100 || left * 50 < borders {
             break;
         }
         let Some(plane) = best_plane(&samples, &cameras, SUPPORT_SHARE * total, rng) else { break };
-        // What is behind goes along: cameras do not see through a plane.
+        // Points behind go along: cameras do not see through a plane.
         samples.retain(|s| plane.height_m(&s.point) > 0.005 + 4.0 * plane.height_sigma_m(&s.ray, s.sigma_m));
         planes.push(plane);
     }
@@ -106,7 +106,7 @@ fn sample(frames: &[&RgbdFrame], noise: &NoiseConfig) -> Vec<Sample> {
                     point,
                     ray: frame.world_from_camera.rotation * k.ray(x as f64, y as f64),
                     sigma_m: noise.sigma_m(depth),
-                    // A pixel covers an area that grows with the square of its depth.
+                    // The area of a pixel grows with the square of its depth.
                     weight: depth * depth,
                     at_border: x < bw || y < bh || x + bw >= w || y + bh >= h,
                 });
@@ -177,7 +177,7 @@ fn judge(plane: &Plane, samples: &[&Sample]) -> Option<f64> {
         own_borders += usize::from(s.at_border && inlier);
         if inlier {
             inside += s.weight;
-        // Well behind, so that the plane's own noise does not speak against it.
+        // Well behind: the plane's own noise does not speak against it.
         } else if plane.height_m(&s.point) < -0.01 - 4.0 * plane.height_sigma_m(&s.ray, s.sigma_m) {
             behind += s.weight;
         }
@@ -189,8 +189,7 @@ fn judge(plane: &Plane, samples: &[&Sample]) -> Option<f64> {
 /// Least squares over the inliers, each weighted by its noise.
 fn refit(plane: &Plane, samples: &[Sample], cameras: &[Point3<f64>]) -> Option<Plane> {
     let inliers: Vec<_> = samples.iter().filter(|s| is_inlier(plane, s)).collect();
-    // The millimeter keeps readings at a grazing angle, whose height is nearly free of noise, from deciding
-    // alone.
+    // The millimeter keeps grazing readings, with hardly any noise of height, from deciding alone.
     let weight = |s: &Sample| 1.0 / (0.001 + plane.height_sigma_m(&s.ray, s.sigma_m)).powi(2);
     let total: f64 = inliers.iter().map(|s| weight(s)).sum();
     let mean = inliers.iter().map(|s| s.point.coords * weight(s)).sum::<Vector3<f64>>() / total;

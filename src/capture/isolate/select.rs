@@ -1,25 +1,25 @@
-//! Which group of cells is the object.
+//! The choice of the object's group of cells.
 
 use nalgebra::Point3;
 
 use super::voxels::{Cell, CellSet, center, clusters};
 use crate::CaptureError;
 
-/// One of two things that changed did so clearly if it did this many times as much as the other.
-/// tuned: eval/tracking/objects.py, seeds 9101 to 9110: things that stood still have 0.1 of what the object
-/// has, and less
+/// Ratio of changes between two things; above, one of them clearly changed.
+/// tuned: eval/tracking/objects.py, seeds 9101 to 9110: still things have 0.1 of the object's changes, and
+/// less
 const CLEARLY: f64 = 4.0;
 
 /// A group with this share of the changes of the best one is a piece of it, if it lies in its bounds.
-/// chosen: less may be chance at the rim of a thing that stood still
+/// chosen: less may be chance at the rim of a still thing
 const ALSO: f64 = 0.05;
-/// Cells of a group that touch what things stand on, at least, if it stands.
+/// Least number of cells at a support, of a standing group.
 /// derived: as a patch of changed cells
 const STANDING: usize = 8;
 /// Pieces of one thing are apart by no more than this fraction of the smaller one's length.
 /// derived: a dark link of a fifth of its neighbor's length, between two that are read
 const PIECES_APART: i32 = 5;
-/// Cells of a group that distances are taken from, at most.
+/// Most cells of a group for distances.
 const PROBED: usize = 500;
 
 /// Where the object is looked for.
@@ -30,15 +30,15 @@ pub struct Search<'a> {
     pub size_m: f64,
     /// Cells so near to each other hang together.
     pub reach: i32,
-    /// Cells that one state has and another has not.
+    /// Cells of one state missing in another.
     pub changed: &'a CellSet,
-    /// Whether a cell touches what the object may stand on, or hang from.
+    /// Whether a cell touches a possible support of the object.
     pub is_at_support: &'a (dyn Fn(&Cell) -> bool + Sync),
     /// Where the cameras look.
     pub focus: Option<Point3<f64>>,
-    /// Where somebody said that it is.
+    /// Its given place.
     pub at: Option<Point3<f64>>,
-    /// Whether all that is there is the object, as in a box that somebody gave.
+    /// Whether everything is the object, as in a given box.
     pub takes_all: bool,
 }
 
@@ -46,7 +46,7 @@ pub struct Search<'a> {
 pub struct Object {
     /// Sorted cells of both states.
     pub cells: Vec<Cell>,
-    /// What was kept.
+    /// Description of the choice.
     pub note: String,
 }
 
@@ -57,9 +57,9 @@ impl Object {
     }
 }
 
-/// Groups the cells of all states and keeps one group, with smaller groups inside its bounds: that at a given
-/// place; else the one that changed between states; where none did, that with the most cells near the point
-/// that the cameras look at. Where all is the object every group is kept that has more than a few cells.
+/// Groups the cells of all states and keeps one group, with smaller groups inside its bounds: the one at a
+/// given place; else the one with a change between states; where none changed, the one with the most cells
+/// near the cameras' focus. Where all is the object every group of more than a few cells is kept.
 ///
 /// # Errors
 /// [`CaptureError::Isolation`] where there are no cells, [`CaptureError::SeveralChanged`] where two things
@@ -74,15 +74,16 @@ pub fn choose_object(search: &Search<'_>) -> Result<Object, CaptureError> {
     let reach = search.reach;
     let core = search.core(&groups, &changed, best);
     let (lower, upper) = bounds(core.iter().flat_map(|g| &groups[*g]));
-    // Inside its bounds are parts of the object that holes cut off; beside them stand other things.
-    let inside = |g: &[Cell]| {
-        let (l, u) = bounds(g.iter());
-        (0..3).all(|k| l[k] >= lower[k] - reach && u[k] <= upper[k] + reach)
-    };
-    let large = |g: &[Cell]| g.len() * 200 >= groups[best].len();
-    let kept: Vec<usize> = (0..groups.len())
-        .filter(|g| core.contains(g) || (large(&groups[*g]) && (search.takes_all || inside(&groups[*g]))))
-        .collect();
+    // Inside its bounds are parts of the object cut off by holes; beside them stand other things.
+    let mut kept = Vec::new();
+    for (g, group) in groups.iter().enumerate() {
+        let (l, u) = bounds(group.iter());
+        let is_inside = (0..3).all(|k| l[k] >= lower[k] - reach && u[k] <= upper[k] + reach);
+        let is_large = group.len() * 200 >= groups[best].len();
+        if core.contains(&g) || (is_large && (search.takes_all || is_inside)) {
+            kept.push(g);
+        }
+    }
     let mut object: Vec<Cell> = kept.iter().flat_map(|g| groups[*g].iter().copied()).collect();
     object.sort_unstable();
     let (l, u) = bounds(object.iter());
@@ -102,22 +103,17 @@ pub fn choose_object(search: &Search<'_>) -> Result<Object, CaptureError> {
 }
 
 impl Search<'_> {
-    /// Cells of a group that changed.
+    /// Changed cells of a group.
     fn changed_of(&self, group: &[Cell]) -> usize {
         group.iter().filter(|c| self.changed.contains(*c)).count()
     }
 
-    /// The group that is the object, and why; `changed`: cells of each group that did.
+    /// The object's group, and the reason; `changed`: changed cells of each group.
     fn best(&self, groups: &[Vec<Cell>], changed: &[usize]) -> Result<(usize, String), CaptureError> {
         let nothing = || CaptureError::Isolation { reason: "nothing stands out from the background".into() };
-        let first_best = |score: &dyn Fn(&[Cell]) -> f64| {
-            (0..groups.len()).fold(None, |best: Option<usize>, g| match best {
-                Some(b) if score(&groups[b]) >= score(&groups[g]) => Some(b),
-                _ => Some(g),
-            })
-        };
         if let Some(at) = self.at {
-            let nearest = first_best(&|g| -distance_m(g, self.size_m, &at)).ok_or_else(nothing)?;
+            let nearness = groups.iter().map(|g| -distance_m(g, self.size_m, &at));
+            let nearest = first_greatest(nearness).ok_or_else(nothing)?;
             return Ok((nearest, "the one at the given place".into()));
         }
         let mut order: Vec<(usize, usize)> = changed.iter().copied().zip(0..).collect();
@@ -135,20 +131,20 @@ impl Search<'_> {
                     let next = others.first().map_or(0, |o| o.0);
                     return Ok((best, format!("by what changed ({most} cells; the next {next})")));
                 }
-                let middle = |g: &usize| middle(&groups[*g], self.size_m);
-                Err(CaptureError::SeveralChanged {
-                    at: [&best].into_iter().chain(&also).map(middle).collect(),
-                })
+                let changed = [&best].into_iter().chain(&also);
+                let at = changed.map(|g| middle(&groups[*g], self.size_m)).collect();
+                Err(CaptureError::SeveralChanged { at })
             }
             _ => {
-                let best = first_best(&|g| score(g, self.size_m, self.focus)).ok_or_else(nothing)?;
+                let scores = groups.iter().map(|g| score(g, self.size_m, self.focus));
+                let best = first_greatest(scores).ok_or_else(nothing)?;
                 Ok((best, "the one that the cameras look at".into()))
             }
         }
     }
 
-    /// The best group, those that changed too and lie in the bounds of the rest, and what these hang on:
-    /// nothing floats. Dark parts of a thing are often not read, which leaves it in pieces.
+    /// The best group, other changed ones in the bounds of the rest, and their support: nothing floats. Dark
+    /// parts of a thing are often not read: it is in pieces.
     fn core(&self, groups: &[Vec<Cell>], changed: &[usize], best: usize) -> Vec<usize> {
         let most = changed[best] as f64;
         let mut core = vec![best];
@@ -157,16 +153,19 @@ impl Search<'_> {
         }
         let others = || (0..groups.len()).filter(|g| *g != best);
         let moved: Vec<usize> = others().filter(|g| changed[*g] as f64 > ALSO * most).collect();
-        let near = |core: &[usize], g: usize| core.iter().any(|k| self.is_one(&groups[*k], &groups[g]));
-        while let Some(next) = moved.iter().find(|g| !core.contains(g) && near(&core, **g)) {
+        while let Some(next) = moved
+            .iter()
+            .find(|g| !core.contains(g) && core.iter().any(|k| self.is_one(&groups[*k], &groups[**g])))
+        {
             core.push(*next);
         }
         let stands = |g: usize| groups[g].iter().filter(|c| (self.is_at_support)(c)).count() >= STANDING;
         if !core.iter().any(|g| stands(*g)) {
-            let to = |g: &usize| {
-                core.iter().map(|k| apart(&groups[*k], &groups[*g])).fold(f64::INFINITY, f64::min)
-            };
-            let below: Vec<(f64, usize)> = others().filter(|g| stands(*g)).map(|g| (to(&g), g)).collect();
+            let mut below: Vec<(f64, usize)> = Vec::new();
+            for g in others().filter(|g| stands(*g)) {
+                let distances = core.iter().map(|k| apart(&groups[*k], &groups[g]));
+                below.push((distances.fold(f64::INFINITY, f64::min), g));
+            }
             core.extend(below.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, g)| g));
         }
         core
@@ -180,6 +179,17 @@ impl Search<'_> {
         let margin = (2 * self.reach).max(extent(la, ua).min(extent(lb, ub)) / PIECES_APART);
         (0..3).all(|k| la[k] - margin <= ub[k] && lb[k] - margin <= ua[k])
     }
+}
+
+/// Index of the greatest value, the first of equals.
+fn first_greatest(values: impl Iterator<Item = f64>) -> Option<usize> {
+    let mut best: Option<(usize, f64)> = None;
+    for (i, value) in values.enumerate() {
+        if !best.is_some_and(|(_, greatest)| greatest >= value) {
+            best = Some((i, value));
+        }
+    }
+    best.map(|(i, _)| i)
 }
 
 /// Distance from a point to the nearest cell of a group, meters.
@@ -208,10 +218,14 @@ fn score(group: &[Cell], size_m: f64, focus: Option<Point3<f64>>) -> f64 {
 
 /// Distance between two groups, cells; of some of their cells, as far as it is large.
 fn apart(a: &[Cell], b: &[Cell]) -> f64 {
-    let some = |group: &[Cell]| group.len().div_ceil(PROBED);
-    let square = |p: &Cell, q: &Cell| (0..3).map(|k| f64::from(p[k] - q[k]).powi(2)).sum::<f64>();
-    let all = a.iter().step_by(some(a)).flat_map(|p| b.iter().step_by(some(b)).map(move |q| square(p, q)));
-    all.fold(f64::INFINITY, f64::min).sqrt()
+    let mut least = f64::INFINITY;
+    for p in a.iter().step_by(a.len().div_ceil(PROBED)) {
+        for q in b.iter().step_by(b.len().div_ceil(PROBED)) {
+            let square = (0..3).map(|k| f64::from(p[k] - q[k]).powi(2)).sum::<f64>();
+            least = least.min(square);
+        }
+    }
+    least.sqrt()
 }
 
 /// Least and greatest coordinates of cells.

@@ -1,10 +1,10 @@
-//! What stands out from the background for more than its noise.
+//! Surfaces before the background by more than its noise.
 //!
 //! Of many readings of a floor some lie far above it by chance. So readings are judged together, by columns:
 //! lines along a plane's normal through squares of the plane. A cell counts only if it was read often enough
-//! against the background in its column. And a column in which hardly any reading lies below the plane shows
-//! no background: what was read there belongs to the object down to the plane, also where single readings are
-//! too noisy to decide.
+//! against the background in its column. And a column with hardly any reading below the plane shows no
+//! background: its readings belong to the object down to the plane, also where single readings are too noisy
+//! to decide.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -19,10 +19,10 @@ use crate::RgbdFrame;
 /// Readings of a cell against those of the background in its column, at least. Chance gives 0.1 % beyond
 /// three standard deviations, real sensors some more. tuned: made and recorded objects (docs/method.md 16)
 const COLUMN_SHARE: f64 = 0.03;
-/// Share of the readings of a column below the plane, at most, if it shows no background (which has one
+/// Share of the readings of a column below the plane, at most, if it shows no background (of background: one
 /// half). tuned: made and recorded objects (docs/method.md 16)
 const BELOW_SHARE: f64 = 0.05;
-/// Fewest readings of a column that decides.
+/// Fewest readings of a deciding column.
 const MIN_READINGS: u32 = 20;
 /// Every so many pixels are counted in columns.
 const STRIDE: usize = 2;
@@ -30,7 +30,7 @@ const STRIDE: usize = 2;
 /// Place in a background plane: the plane's number and two coordinates.
 pub type Column = (usize, i32, i32);
 
-/// What stands out in one state.
+/// Surfaces before the background in one state.
 pub struct Support {
     /// Sorted cells.
     pub cells: Vec<Cell>,
@@ -48,14 +48,21 @@ struct ColumnReadings {
     below: u32,
 }
 
+impl ColumnReadings {
+    /// Whether they show no background.
+    fn are_solid(&self) -> bool {
+        self.low >= MIN_READINGS && f64::from(self.below) <= BELOW_SHARE * f64::from(self.low)
+    }
+}
+
 #[derive(Default)]
 struct Readings {
     cells: FxHashMap<Cell, u32>,
     columns: FxHashMap<Column, ColumnReadings>,
 }
 
-/// What stands out in the frames of a state. `weights`: per frame, 0 for pixels at a depth edge, which may
-/// fly between object and background.
+/// Surfaces before the background in the frames of a state. `weights`: per frame, 0 for pixels at a depth
+/// edge, possibly between object and background.
 pub fn find_support(
     frames: &[RgbdFrame],
     weights: &[Vec<f32>],
@@ -80,22 +87,21 @@ pub fn find_support(
         }
     }
     let needed = frames_needed(frames.len());
-    let stands_out = |c: &Cell, (seen_by, count): (usize, u32)| {
-        let point = center(c, size_m);
+    let mut cells: Vec<Cell> = Vec::new();
+    for (cell, (seen_by, count)) in totals {
+        let point = center(&cell, size_m);
         let behind = (0..background.planes.len())
             .filter_map(|p| columns.get(&column(p, &point, size_m, background)))
             .map(|n| n.background)
             .max();
         // Columns count one pixel of so many, cells all.
         let behind = behind.map_or(0.0, |n| f64::from(n) * (STRIDE * STRIDE) as f64);
-        seen_by >= needed && f64::from(count) >= COLUMN_SHARE * behind
-    };
-    let mut cells: Vec<Cell> =
-        totals.into_iter().filter(|(c, t)| stands_out(c, *t)).map(|(c, _)| c).collect();
+        if seen_by >= needed && f64::from(count) >= COLUMN_SHARE * behind {
+            cells.push(cell);
+        }
+    }
     cells.sort_unstable();
-    let is_solid =
-        |n: &ColumnReadings| n.low >= MIN_READINGS && f64::from(n.below) <= BELOW_SHARE * f64::from(n.low);
-    let solid = columns.into_iter().filter(|(_, n)| is_solid(n)).map(|(c, _)| c).collect();
+    let solid = columns.into_iter().filter(|(_, n)| n.are_solid()).map(|(c, _)| c).collect();
     Support { cells, solid }
 }
 
@@ -124,7 +130,7 @@ fn read(frame: &RgbdFrame, weights: &[f32], size_m: f64, background: &Background
             continue;
         }
         let Some(plane) = background.nearest_plane(&point) else { continue };
-        // What would not stand out one cell lower is at the foot of its column.
+        // At the foot of its column: one cell lower it would not stand out.
         let lowered = point - background.planes[plane].normal.into_inner() * size_m;
         if !above || !background.is_above(frame, p, &lowered) {
             let entry = readings.columns.entry(column(plane, &point, size_m, background)).or_default();

@@ -1,4 +1,4 @@
-//! Occupied cells of space, how many frames saw them, and which hang together.
+//! Occupied cells of space, the number of frames with each, and their groups.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -29,7 +29,7 @@ pub fn center(cell: &Cell, size_m: f64) -> Point3<f64> {
     Point3::from(cell.map(|v| (f64::from(v) + 0.5) * size_m))
 }
 
-/// Cells that at least `frames_needed` of some frames saw, sorted, from those that each saw, each once.
+/// Cells of at least `frames_needed` frames, sorted, by the cells of each frame, each once.
 #[must_use]
 pub fn supported(frames: &[Vec<Cell>], frames_needed: usize) -> Vec<Cell> {
     let mut all: Vec<Cell> = frames.iter().flatten().copied().collect();
@@ -38,8 +38,8 @@ pub fn supported(frames: &[Vec<Cell>], frames_needed: usize) -> Vec<Cell> {
     seen_by.filter(|same| same.len() >= frames_needed).map(|same| same[0]).collect()
 }
 
-/// Groups of sorted cells in which each is within `reach` cells of another (in the largest coordinate); each
-/// group sorted, groups in the order of their first cell.
+/// Groups of sorted cells, each within `reach` cells of another (in the largest coordinate); each group
+/// sorted, groups in the order of their first cell.
 #[must_use]
 pub fn clusters(cells: &[Cell], reach: i32) -> Vec<Vec<Cell>> {
     let index: FxHashMap<Cell, usize> = cells.iter().enumerate().map(|(i, c)| (*c, i)).collect();
@@ -81,7 +81,7 @@ fn around(c: &Cell, reach: i32) -> impl Iterator<Item = Cell> + use<> {
     range().flat_map(move |x| range().flat_map(move |y| range().map(move |z| [c[0] + x, c[1] + y, c[2] + z])))
 }
 
-/// Frames that must agree on a cell.
+/// Number of agreeing frames needed for a cell.
 pub fn frames_needed(frames: usize) -> usize {
     if frames >= 6 { 2 } else { 1 }
 }

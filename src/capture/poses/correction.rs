@@ -1,4 +1,4 @@
-//! What was found of the poses of a state, and whether it is used.
+//! The correction of a state's poses, and whether it is used.
 
 use std::fmt;
 
@@ -20,7 +20,7 @@ const LEAST_GAIN: f64 = 0.05;
 /// ... and the frames gain by so many standard errors in the mean.
 /// chosen: docs/method.md 2.7 calls it tuned, and names no recordings
 const GAIN_SIGMAS: f64 = 4.0;
-/// What was found of the poses of a state.
+/// The correction of a state's poses.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PoseCorrection {
     /// Whether it is used.
@@ -29,12 +29,12 @@ pub struct PoseCorrection {
     pub translation_rms_m: f64,
     /// Root mean square of their angles, radians.
     pub rotation_rms_rad: f64,
-    /// Robust standard deviation of the distances between surfaces that two frames see, held out, before and
-    /// after, meters.
+    /// Robust standard deviation of the distances between surfaces of two frames, held out, before and after,
+    /// meters.
     pub residual_m: [f64; 2],
     /// Mean gain of the frames in its standard errors.
     pub gain_sigmas: f64,
-    /// Size of the errors of poses that each had their own and the same mean.
+    /// Size of independent errors of poses with the same mean.
     pub noise: PoseNoise,
     /// Sizes of the errors along time.
     pub errors: PoseErrors,
@@ -77,7 +77,7 @@ impl fmt::Display for PoseCorrection {
 /// The poses of a state as they were found.
 pub(super) struct Refined {
     pub poses: Vec<Pose>,
-    /// What may be left of their errors: by draw, of each frame.
+    /// Draws of their remaining errors, of each frame.
     pub draws: Vec<Vec<Vector6<f64>>>,
     pub correction: PoseCorrection,
 }
@@ -95,7 +95,7 @@ impl Refined {
         Some(refined)
     }
 
-    /// Poses that go with corrected readings; used.
+    /// Poses for corrected readings; used.
     pub fn new(
         problem: &Problem<'_>,
         poses: Vec<Pose>,
@@ -118,7 +118,7 @@ impl Refined {
             rotation_rms_rad: rms(1),
             residual_m,
             gain_sigmas: sigmas,
-            // Stated as independent errors of each pose that have the same mean, which drift makes worse.
+            // Stated as independent errors of each pose with the same mean; drift makes it worse.
             noise: errors.of_mean(count).times((count as f64).sqrt()),
             errors: *errors,
             tracked: problem.tracked,

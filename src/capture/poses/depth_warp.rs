@@ -1,4 +1,4 @@
-//! Errors of a depth sensor that stay with its pixels: a smooth share of the range by the pixel.
+//! Constant errors of a depth sensor's pixels: a smooth share of the range.
 //!
 //! True depth is a reading times `1 + c(u, v)`, where c is a cubic B-spline on a coarse grid over the image
 //! (Basso, Menegatti and Pretto 2018 call its map the undistortion map; Teichman, Miller and Thrun 2013 found
@@ -13,15 +13,15 @@ use crate::RgbdFrame;
 use geometry::Intrinsics;
 
 /// Intervals of the spline along the width of an image.
-/// chosen: about the distance over which errors are alike
+/// chosen: about the distance of correlated errors
 const INTERVALS: f64 = 8.0;
-/// Values that the spline has support from, along one side.
+/// Values in the support of the spline, along one side.
 pub(crate) const ORDER: usize = 4;
-/// Distance over which the errors are alike, as a share of the width: 90 pixels of 640 (residual errors of
-/// lens and rectification: Teichman, Miller and Thrun 2013). chosen: between what these papers show
+/// Distance of correlated errors, as a share of the width: 90 pixels of 640 (residual errors of lens and
+/// rectification: Teichman, Miller and Thrun 2013). chosen: between the values of these papers
 const CORRELATED: f64 = 0.14;
-/// Share of the variance that neighbors do not have in common; it keeps the prior invertible.
-/// chosen: small against what they have in common
+/// Share of the variance of independent errors; it keeps the prior invertible.
+/// chosen: small against the common part
 const OWN: f64 = 1e-4;
 
 /// The smooth error of a depth sensor.
@@ -31,20 +31,20 @@ pub struct DepthWarp {
     pub step_px: f64,
     /// Values in a row, and rows.
     pub shape: [usize; 2],
-    /// Shares of the range by which readings are too short, row by row.
+    /// Shares of the range, positive for readings too short, row by row.
     pub values: Vec<f64>,
 }
 
-/// What a pixel has of each value about it.
+/// Weights of the values about a pixel.
 #[derive(Clone, Copy)]
-pub(crate) struct Support {
+pub(crate) struct SplineSupport {
     /// The first of them; the others follow in four rows of four.
     first: usize,
     columns: usize,
     weights: [[f64; ORDER]; 2],
 }
 
-impl Support {
+impl SplineSupport {
     /// Of each row of values the index of the first, and the weights of all.
     pub fn rows(&self) -> [(usize, [f64; ORDER]); ORDER] {
         std::array::from_fn(|row| {
@@ -61,7 +61,7 @@ impl Support {
 }
 
 impl DepthWarp {
-    /// None, for images of that size.
+    /// None, for images of a size.
     pub fn none(intrinsics: &Intrinsics) -> Self {
         let step_px = intrinsics.width as f64 / INTERVALS;
         let shape = [intrinsics.width, intrinsics.height]
@@ -69,20 +69,22 @@ impl DepthWarp {
         Self { step_px, shape, values: vec![0.0; shape[0] * shape[1]] }
     }
 
-    /// What the pixel has of the values.
-    pub(crate) fn support(&self, [u, v]: [f64; 2]) -> Support {
-        let along = |pixel: f64, count: usize| {
-            let at = (pixel / self.step_px).max(0.0);
-            // The last pixel may lie on the end of the last interval.
-            let cell = (at as usize).min(count - ORDER);
-            (cell, cubic(at - cell as f64))
-        };
-        let (column, across) = along(u, self.shape[0]);
-        let (row, down) = along(v, self.shape[1]);
-        Support { first: row * self.shape[0] + column, columns: self.shape[0], weights: [across, down] }
+    /// First of the values about a coordinate, of `count`, and their weights.
+    fn interval(&self, pixel: f64, count: usize) -> (usize, [f64; ORDER]) {
+        let at = (pixel / self.step_px).max(0.0);
+        // The last pixel may lie on the end of the last interval.
+        let cell = (at as usize).min(count - ORDER);
+        (cell, cubic(at - cell as f64))
     }
 
-    /// By which share of the range a reading is too short.
+    /// The values about a pixel, with their weights.
+    pub(crate) fn support(&self, [u, v]: [f64; 2]) -> SplineSupport {
+        let (column, across) = self.interval(u, self.shape[0]);
+        let (row, down) = self.interval(v, self.shape[1]);
+        SplineSupport { first: row * self.shape[0] + column, columns: self.shape[0], weights: [across, down] }
+    }
+
+    /// Share of the range, positive for a reading too short.
     #[must_use]
     pub fn at(&self, pixel: [f64; 2]) -> f64 {
         self.support(pixel).iter().map(|(k, weight)| weight * self.values[k]).sum()
@@ -92,9 +94,11 @@ impl DepthWarp {
     pub(crate) fn slopes(&self, [u, v]: [f64; 2]) -> [f64; 2] {
         /// derived: half a pixel to either side
         const STEP: f64 = 0.5;
-        // The spline bends over tens of pixels, so that the difference over one is its slope.
-        let along = |du: f64, dv: f64| self.at([u + du, v + dv]);
-        [(along(STEP, 0.0) - along(-STEP, 0.0)), (along(0.0, STEP) - along(0.0, -STEP))]
+        // The spline bends over tens of pixels: the difference over one is its slope.
+        [
+            self.at([u + STEP, v + 0.0]) - self.at([u - STEP, v + 0.0]),
+            self.at([u + 0.0, v + STEP]) - self.at([u + 0.0, v - STEP]),
+        ]
     }
 
     /// Share of each value in the mean over the image.
@@ -108,14 +112,14 @@ impl DepthWarp {
         mean / count
     }
 
-    /// Root mean square over the image of what differs from the mean.
+    /// Root mean square over the image of the difference from the mean.
     pub(crate) fn spread(&self, intrinsics: &Intrinsics) -> f64 {
         let all: Vec<f64> = some_pixels(intrinsics).map(|pixel| self.at(pixel)).collect();
         let mean = all.iter().sum::<f64>() / all.len() as f64;
         (all.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / all.len() as f64).sqrt()
     }
 
-    /// Covariance of the values for errors of unit size that are alike over the distance of correlation.
+    /// Covariance of the values for errors of unit size, with the distance of correlation.
     pub(crate) fn smooth(&self) -> DMatrix<f64> {
         let width = self.step_px * INTERVALS;
         let place =
@@ -134,17 +138,18 @@ impl DepthWarp {
         for frame in frames {
             let width = frame.intrinsics.width;
             let height = frame.intrinsics.height;
-            // All frames have one camera, so that one table serves them.
+            // All frames have one camera: one table serves them.
             if factors.is_empty() {
-                let row = |v: usize| (0..width).map(move |u| (1.0 + self.at([u as f64, v as f64])) as f32);
-                factors = (0..height).into_par_iter().flat_map_iter(row).collect();
+                let rows = (0..height).into_par_iter();
+                let pixels = rows.flat_map_iter(|v| (0..width).map(move |u| [u as f64, v as f64]));
+                factors = pixels.map(|pixel| (1.0 + self.at(pixel)) as f32).collect();
             }
             frame.depth_m.iter_mut().zip(&factors).for_each(|(depth, factor)| *depth *= factor);
         }
     }
 }
 
-/// Pixels all over an image, row by row: enough for means of what bends over tens of them.
+/// Pixels all over an image, row by row: enough for means of a spline over tens of them.
 fn some_pixels(intrinsics: &Intrinsics) -> impl Iterator<Item = [f64; 2]> {
     const EVERY: usize = 8;
     let width = intrinsics.width;
@@ -155,7 +160,7 @@ fn some_pixels(intrinsics: &Intrinsics) -> impl Iterator<Item = [f64; 2]> {
 /// The warp at a pixel.
 #[derive(Clone, Copy)]
 pub(crate) struct Bend {
-    /// By which share of the range a reading is too short.
+    /// Share of the range, positive for a reading too short.
     share: f64,
     /// Its slopes along the image, 1/pixel.
     slopes: [f64; 2],

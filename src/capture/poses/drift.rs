@@ -1,8 +1,8 @@
 //! Errors of a camera's poses along time: odometry drifts, and every pose jitters.
 //!
-//! The drift of a pose is that of the one before, carried along, and a step of its own (a random walk of
-//! motions in the camera's frame); the jitter is each pose's own. Sizes of both are those of largest marginal
-//! likelihood. See docs/method.md (2.15).
+//! The drift of a pose is the one before it, carried along, and a step of its own (a random walk of motions
+//! in the camera's frame); the jitter is each pose's own. Sizes of both have the largest marginal likelihood.
+//! See docs/method.md (2.15).
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6};
 use serde::{Deserialize, Serialize};
@@ -20,14 +20,14 @@ pub struct PoseErrors {
 }
 
 impl PoseErrors {
-    /// Before anything is known: jitter of a hand-held camera, and drift of odometry, which is that large
-    /// after ten views.
+    /// Before anything is known: jitter of a hand-held camera, and drift of odometry, as large after ten
+    /// views.
     pub const EXPECTED: Self =
         Self { jitter: PoseNoise::EXPECTED, walk: PoseNoise { translation_m: 0.001, rotation_rad: 0.0015 } };
-    /// The same of a camera that does not drift, such as one on an arm.
+    /// The same of a camera without drift, such as one on an arm.
     pub const WITHOUT_DRIFT: Self = Self { walk: PoseNoise::LEAST, ..Self::EXPECTED };
 
-    /// Of the mean of so many poses in a row, whose drift begins with the first.
+    /// Of the mean of so many poses in a row, with drift from the first one on.
     pub(super) fn of_mean(&self, count: usize) -> PoseNoise {
         let drift = (count as f64 / 3.0).sqrt();
         self.jitter.of_mean(count).beside(&self.walk.times(drift))
@@ -35,15 +35,11 @@ impl PoseErrors {
 
     /// Whether poses err by as much as is looked for at most.
     pub(super) fn are_at_most(&self) -> bool {
-        let reach = |noise: &PoseNoise| {
-            noise.translation_m >= PoseNoise::EXPECTED.translation_m
-                || noise.rotation_rad >= PoseNoise::EXPECTED.rotation_rad
-        };
-        reach(&self.jitter) || reach(&self.walk)
+        self.jitter.reaches_expected() || self.walk.reaches_expected()
     }
 
-    /// Variances of the steps, and of the jitter. What frames see does not depend on where they are as a
-    /// whole: the first pose holds them, but for a step and its jitter.
+    /// Variances of the steps, and of the jitter. Views do not depend on the place of all frames as a whole:
+    /// the first pose holds them, but for a step and its jitter.
     fn squares(&self, size: usize) -> [DVector<f64>; 2] {
         [self.walk, self.jitter].map(|noise| {
             DVector::from_fn(size, |k, _| {
@@ -94,7 +90,8 @@ impl Drift {
         corrections: &DVector<f64>,
         covariance: &DMatrix<f64>,
     ) -> PoseErrors {
-        // Of the distances that the frames see, as information about corrections: docs/method.md (2.15).
+        // Of the distances between the frames' surfaces, as information about corrections: docs/method.md
+        // (2.15).
         let marginal = information - information * covariance * information;
         let pull = information * corrections;
         let carried = &marginal * &self.from_steps;
@@ -122,10 +119,10 @@ impl Drift {
     }
 }
 
-/// By what a standard deviation is to be multiplied where a sum of squares was found that the present one
-/// lets expect another (Harville 1977; MacKay 1992): where both agree, the marginal likelihood is stationary.
+/// Factor of a standard deviation by a found sum of squares and the expected one (Harville 1977; MacKay
+/// 1992): where both agree, the marginal likelihood is stationary.
 pub(super) fn growth(found: f64, expected: f64) -> f64 {
-    // What no surface shows has neither.
+    // Directions without surface have neither.
     if expected > 0.0 { (found / expected).sqrt() } else { 1.0 }
 }
 
@@ -134,7 +131,7 @@ pub(super) fn half_log_determinant(factor: &Cholesky<f64, Dyn>) -> f64 {
     factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum()
 }
 
-/// Takes a small motion in one frame to that in another (the adjoint of a rigid motion).
+/// Takes a small motion in one frame to the same in another (the adjoint of a rigid motion).
 pub(crate) fn adjoint(target_from_source: &Pose) -> Matrix6<f64> {
     let rotation = target_from_source.rotation.to_rotation_matrix();
     let mut carried = Matrix6::zeros();

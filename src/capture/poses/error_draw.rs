@@ -1,12 +1,13 @@
-//! What may be left of the errors of poses and depth once both are corrected, as draws from its distribution.
+//! Remaining errors of corrected poses and depth, as draws from their distribution.
 //!
-//! Such errors run through all that a frame sees. Whatever is made of the frames follows each draw, and the
-//! spread of that is its covariance (an ensemble: Evensen 2003). See docs/method.md 2.12.
+//! Such errors run through all readings of a frame. All results follow each draw, and their spread is their
+//! covariance (an ensemble: Evensen 2003). See docs/method.md 2.12.
 
-use nalgebra::{DMatrix, DVector, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Point3, Vector3, Vector6};
+use rand_core::Rng;
 use serde::{Deserialize, Serialize};
 
-use super::depth_warp::DepthWarp;
+use super::{RgbdFrame, depth_warp::DepthWarp};
 use geometry::Pose;
 use numeric::random::{normal, stage_rng};
 
@@ -15,7 +16,7 @@ use numeric::random::{normal, stage_rng};
 /// derived: one over the root of twice their number
 const DRAWS: usize = 32;
 
-/// One draw of what is missing in the corrected poses and the corrected depth.
+/// One draw of the errors left in the corrected poses and the corrected depth.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ErrorDraw {
     /// Of every frame of every state: a motion from the right, translation, meters, and rotation, radians.
@@ -31,8 +32,7 @@ impl ErrorDraw {
         self.poses.get(state).is_some_and(|poses| poses.len() == frames)
     }
 
-    /// By how much what a frame sees lies off, meters, in the world: of a point in the camera's frame, at a
-    /// pixel.
+    /// Error of a point in a frame, meters, in the world: of a point in the camera's frame, at a pixel.
     #[must_use]
     pub fn displacement_m(
         &self,
@@ -50,6 +50,22 @@ impl ErrorDraw {
         let error = &self.poses[state][frame];
         error.fixed_rows::<3>(0) + error.fixed_rows::<3>(3).cross(point)
     }
+
+    /// Means over the frames of state 0: motion of a point of the world, meters, and turn, radians.
+    pub(super) fn mean_motion_of_first_state(
+        &self,
+        frames: &[RgbdFrame],
+        point: &Point3<f64>,
+    ) -> [Vector3<f64>; 2] {
+        let mut sum = [Vector3::zeros(); 2];
+        for (f, frame) in frames.iter().enumerate() {
+            let pose = &frame.world_from_camera;
+            let seen = pose.inverse_transform_point(point).coords;
+            let turned = pose.rotation * self.poses[0][f].fixed_rows::<3>(3).into_owned();
+            sum = [sum[0] + pose.rotation * self.moved_by_pose([0, f], &seen), sum[1] + turned];
+        }
+        sum.map(|v| v / frames.len() as f64)
+    }
 }
 
 /// A draw of the poses of one state and of the sensor.
@@ -61,30 +77,36 @@ pub(super) struct Drawn {
     pub sensor: DVector<f64>,
 }
 
-/// Draws of poses, of each state their covariance where the sensor is known and what they follow the sensor
-/// by, and of the sensor; `None` where a covariance is not positive. See docs/method.md (2.24).
+/// Draws of poses, of each state their covariance with a known sensor and their derivative by the sensor's
+/// errors, and of the sensor; `None` where a covariance is not positive. See docs/method.md (2.24).
 pub(super) fn drawn(states: &[[DMatrix<f64>; 2]], sensor: &DMatrix<f64>) -> Option<Vec<Drawn>> {
     let rng = &mut stage_rng(0, "errors of poses and depth", 0);
-    let root = |covariance: &DMatrix<f64>| match covariance.nrows() {
+    let roots: Vec<DMatrix<f64>> = states.iter().map(|[own, _]| root(own)).collect::<Option<_>>()?;
+    let root_of_sensor = root(sensor)?;
+    let mut draws = Vec::with_capacity(DRAWS);
+    for _ in 0..DRAWS {
+        let sensor = normal_draw(&root_of_sensor, rng);
+        let mut poses = Vec::with_capacity(states.len());
+        for ([_, follow], root) in states.iter().zip(&roots) {
+            let error = normal_draw(root, rng) - follow * &sensor;
+            poses.push(error.as_slice().chunks_exact(6).map(Vector6::from_column_slice).collect());
+        }
+        draws.push(Drawn { poses, sensor });
+    }
+    Some(draws)
+}
+
+/// Lower Cholesky factor of a covariance, possibly without rows.
+fn root(covariance: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    match covariance.nrows() {
         0 => Some(DMatrix::zeros(0, 0)),
         _ => covariance.clone().cholesky().map(|c| c.l()),
-    };
-    let roots: Vec<DMatrix<f64>> = states.iter().map(|[own, _]| root(own)).collect::<Option<_>>()?;
-    let of_sensor = root(sensor)?;
-    let mut of = |root: &DMatrix<f64>| root * DVector::from_fn(root.nrows(), |_, _| normal(rng));
-    let draw = |_| {
-        let sensor = of(&of_sensor);
-        let poses = states
-            .iter()
-            .zip(&roots)
-            .map(|([_, follow], root)| {
-                let error = of(root) - follow * &sensor;
-                error.as_slice().chunks_exact(6).map(Vector6::from_column_slice).collect()
-            })
-            .collect();
-        Drawn { poses, sensor }
-    };
-    Some((0..DRAWS).map(draw).collect())
+    }
+}
+
+/// A draw from a normal distribution of mean zero by the root of its covariance.
+fn normal_draw(root: &DMatrix<f64>, rng: &mut impl Rng) -> DVector<f64> {
+    root * DVector::from_fn(root.nrows(), |_, _| normal(rng))
 }
 
 #[cfg(test)]

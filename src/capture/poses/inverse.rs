@@ -3,18 +3,18 @@
 
 use nalgebra::{Cholesky, DMatrix, Dyn};
 
-/// Rows of a triangle that is inverted column by column.
+/// Most rows of a triangle inverted column by column.
 const SMALL: usize = 24;
 
-/// The inverse of the matrix that a factor is of.
+/// The inverse of a matrix by its factor.
 pub(super) fn inverse(factor: &Cholesky<f64, Dyn>) -> DMatrix<f64> {
     let triangle = triangle_inverse(&factor.l());
     // Transposed first: the product of two matrices is the fast one.
     triangle.transpose() * triangle
 }
 
-/// The inverse of a lower triangle, by halves: that of [A 0; B C] is [a 0; -c B a, c], where a and c are
-/// those of A and C.
+/// The inverse of a lower triangle, by halves: [A 0; B C] has [a 0; -c B a, c], where a and c are the
+/// inverses of A and C.
 fn triangle_inverse(lower: &DMatrix<f64>) -> DMatrix<f64> {
     let n = lower.nrows();
     let mut inverse = DMatrix::zeros(n, n);
@@ -29,12 +29,9 @@ fn triangle_inverse(lower: &DMatrix<f64>) -> DMatrix<f64> {
         return inverse;
     }
     let half = n / 2;
-    let part = |rows: std::ops::Range<usize>, columns: std::ops::Range<usize>| {
-        lower.view((rows.start, columns.start), (rows.len(), columns.len())).into_owned()
-    };
-    let above = triangle_inverse(&part(0..half, 0..half));
-    let below = triangle_inverse(&part(half..n, half..n));
-    let beside = -(&below * part(half..n, 0..half) * &above);
+    let above = triangle_inverse(&lower.view((0, 0), (half, half)).into_owned());
+    let below = triangle_inverse(&lower.view((half, half), (n - half, n - half)).into_owned());
+    let beside = -(&below * lower.view((half, 0), (n - half, half)).into_owned() * &above);
     inverse.view_mut((0, 0), (half, half)).copy_from(&above);
     inverse.view_mut((half, 0), (n - half, half)).copy_from(&beside);
     inverse.view_mut((half, half), (n - half, n - half)).copy_from(&below);

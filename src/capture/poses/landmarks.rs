@@ -1,8 +1,7 @@
-//! Image features that frames share.
+//! Common image features of frames.
 //!
-//! Surfaces that are compared along their normals leave open what lies along them: a floor and the top of an
-//! object do not show how far a camera slid over both. Texture does (bundle adjustment).
-//! See docs/method.md 2.7.
+//! Surfaces compared along their normals leave open the motions along them: a floor and the top of an object
+//! do not show how far a camera slid over both. Texture does (bundle adjustment). See docs/method.md 2.7.
 
 use std::sync::Arc;
 
@@ -15,7 +14,7 @@ use crate::{
 };
 use common::ahead::Ahead;
 
-/// Frames that every frame is matched with: those seen from nearest by.
+/// Frames matched with every frame: those seen from nearest by.
 const NEIGHBORS: usize = 8;
 /// Lowe's ratio. derived: the published one (Lowe 2004)
 const RATIO: f32 = 0.8;
@@ -43,26 +42,26 @@ impl FrameLandmarks {
         self.features.len()
     }
 
-    /// Landmarks of this frame and of another that look alike, by their numbers.
+    /// Similar landmarks of this frame and of another, by their numbers.
     pub fn matches(&self, other: &Self) -> Vec<[u32; 2]> {
-        let numbers = |(m, n): (usize, usize)| Some([self.numbers[m]?, other.numbers[n]?]);
-        mutual_matches(&self.features, &other.features, RATIO).into_iter().filter_map(numbers).collect()
+        let matches = mutual_matches(&self.features, &other.features, RATIO).into_iter();
+        matches.filter_map(|(m, n)| Some([self.numbers[m]?, other.numbers[n]?])).collect()
     }
 }
 
 impl Landmarks {
-    /// Those of all frames; see [`FrameLandmarks::find`].
+    /// Those of all frames, given to the surfels of their frames.
     pub fn find(
         states: &[Vec<RgbdFrame>],
         surfels: &mut [Vec<Surfels>],
         noise: &NoiseConfig,
         ahead: &Ahead,
     ) -> Self {
-        let of_state = |(frames, surfels): (&Vec<RgbdFrame>, &mut Vec<Surfels>)| {
+        let of_states = states.par_iter().zip(surfels).map(|(frames, surfels)| {
             let pairs = frames.par_iter().zip(surfels.par_iter_mut());
             pairs.map(|(frame, surfels)| FrameLandmarks::find(frame, surfels, noise, ahead)).collect()
-        };
-        Self(states.par_iter().zip(surfels).map(of_state).collect())
+        });
+        Self(of_states.collect())
     }
 
     /// Matches between the frames of a state.
@@ -77,8 +76,8 @@ impl Landmarks {
     }
 
     fn of(&self, [a, b]: [usize; 2], pairs: Vec<(usize, usize)>, behind: usize) -> Matches {
-        let matched = |&(i, j): &(usize, usize)| ([i, behind + j], self.0[a][i].matches(&self.0[b][j]));
-        let found: Vec<([usize; 2], Vec<[u32; 2]>)> = pairs.par_iter().map(matched).collect();
+        let found: Vec<([usize; 2], Vec<[u32; 2]>)> =
+            pairs.par_iter().map(|&(i, j)| ([i, behind + j], self.0[a][i].matches(&self.0[b][j]))).collect();
         let back = found.iter().map(|([i, j], m)| ([*j, *i], m.iter().map(|[a, b]| [*b, *a]).collect()));
         back.collect::<Vec<_>>().into_iter().chain(found).collect()
     }

@@ -1,16 +1,15 @@
-//! Errors of the camera poses, found by what frames see of the same surfaces. See docs/method.md (2.13).
+//! Errors of the camera poses, found by the common surfaces of frames. See docs/method.md (2.13).
 //!
-//! All poses of all states, and the smooth errors of the depth sensor that recorded them, are solved for
-//! together: distances between small flat patches of surface (surfels) in
-//! one frame and the planes that another frame sees in their place (projective association: Blais and Levine
-//! 1995; point to plane: Chen and Medioni 1992) are made small by Gauss-Newton with Tukey's weights, and
-//! every correction is held near zero by the size of the errors, which is found from the corrections
-//! (marginal likelihood). A motion that no surface shows (along a wall, say) is left as reported, and
-//! the mean correction stays near zero. Within a state all that is seen stands still, the surroundings of the
-//! object included. Surfels that are held out decide whether a correction is used.
+//! All poses of all states, and the smooth errors of their depth sensor, are solved for together: distances
+//! between small flat patches of surface (surfels) in one frame and the planes of another frame in their
+//! place (projective association: Blais and Levine 1995; point to plane: Chen and Medioni 1992) are made
+//! small by Gauss-Newton with Tukey's weights, and every correction is held near zero by the size of the
+//! errors, found from the corrections (marginal likelihood). A motion without evidence (along a wall, say) is
+//! left as reported, and the mean correction stays near zero. Within a state everything stands still, the
+//! surroundings of the object included. Held-out surfels decide whether a correction is used.
 //!
-//! The mean error of a state's poses is then left; surfaces that stand still between the states show it, as
-//! one motion of a world.
+//! The mean error of a state's poses is then left; surfaces still between the states show it, as one motion
+//! of a world.
 
 mod agreement;
 mod correction;
@@ -32,7 +31,7 @@ pub(super) mod surfels;
 mod trajectory;
 pub(super) mod world;
 
-use nalgebra::{Point3, Vector3, Vector6};
+use nalgebra::{Point3, Vector6};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -55,7 +54,7 @@ use common::ahead::Ahead;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RefinePoses {
-    /// Where readings that were not used for it agree clearly better afterwards.
+    /// Where held-out readings agree clearly better afterwards.
     #[default]
     Auto,
     /// Poses are used as reported.
@@ -65,7 +64,7 @@ pub enum RefinePoses {
 /// Fewest frames for a decision.
 const LEAST_FRAMES: usize = 3;
 
-/// What was found of the poses of all states.
+/// The corrections of all states' poses.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PoseFindings {
     /// Of each state; `None` where it was not looked for, or too little is seen to decide.
@@ -74,48 +73,45 @@ pub struct PoseFindings {
     pub agreement: Vec<Option<PoseAgreement>>,
     /// Of the depth sensor; `None` where it was not looked for, or too little is seen to decide.
     pub sensor: Option<SensorCalibration>,
-    /// Of the mean error of every other state against that of state 0, where poses were corrected.
+    /// Of the mean error of every other state against state 0, where poses were corrected.
     pub worlds: Vec<Option<WorldCorrection>>,
-    /// What may be left of the errors of poses and depth; none where nothing was corrected.
+    /// Draws of the remaining errors of poses and depth; none where nothing was corrected.
     pub draws: Vec<ErrorDraw>,
 }
 
 impl PoseFindings {
+    /// Expected errors of the mean pose of a state.
+    fn mean_noise(&self, state: usize, states: &[Vec<RgbdFrame>]) -> PoseNoise {
+        let noise = self.states[state].as_ref().map_or(PoseNoise::EXPECTED, |c| c.noise);
+        noise.of_mean(states[state].len())
+    }
+
     /// Whether any pose was changed.
     #[must_use]
     pub fn changed(&self) -> bool {
         self.states.iter().flatten().any(|s| s.used)
     }
 
-    /// By how much all that state 0 shows may be off as a whole about a point of the world, root mean square:
-    /// meters, and radians; `None` where nothing was corrected. What cameras report has no other frame, so
-    /// that nothing in the recording shows it.
+    /// Error of state 0 as a whole about a point of the world, root mean square: meters, and radians; `None`
+    /// where nothing was corrected. Reported poses have no other frame: nothing in the recording shows it.
     #[must_use]
     pub fn frame_deviation(&self, frames: &[RgbdFrame], middle: &Point3<f64>) -> Option<[f64; 2]> {
-        let squares = |draw: &ErrorDraw| {
-            let of_camera = |(f, frame): (usize, &RgbdFrame)| {
-                let pose = &frame.world_from_camera;
-                let seen = pose.inverse_transform_point(middle).coords;
-                let turned = pose.rotation * draw.poses[0][f].fixed_rows::<3>(3).into_owned();
-                [pose.rotation * draw.moved_by_pose([0, f], &seen), turned]
-            };
-            let all = frames.iter().enumerate().map(of_camera);
-            let sum = all.fold([Vector3::zeros(); 2], |[a, b], [moved, turned]| [a + moved, b + turned]);
-            sum.map(|v| (v / frames.len() as f64).norm_squared())
-        };
         let covered = self.draws.iter().all(|d| d.covers(0, frames.len()));
         if self.draws.is_empty() || frames.is_empty() || !covered {
             return None;
         }
-        let all = self.draws.iter().map(squares);
-        let sum = all.fold([0.0; 2], |[a, b], [moved, turned]| [a + moved, b + turned]);
+        let mut sum = [0.0; 2];
+        for draw in &self.draws {
+            let [moved, turned] = draw.mean_motion_of_first_state(frames, middle).map(|v| v.norm_squared());
+            sum = [sum[0] + moved, sum[1] + turned];
+        }
         Some(sum.map(|square| (square / self.draws.len() as f64).sqrt()))
     }
 }
 
 /// Corrects the poses of every state, and the depth of all, where held-out surfels then agree clearly better.
 /// Poses that were `tracked` come from the frames themselves: they are taken to where the frames agree best,
-/// and what that leaves open is their error. Features that were found `ahead` are not looked for again.
+/// with the remaining uncertainty as their error. Features found `ahead` are not searched again.
 #[must_use]
 pub fn refine_poses(
     states: &mut [Vec<RgbdFrame>],
@@ -129,7 +125,7 @@ pub fn refine_poses(
         .collect();
     let landmarks = Landmarks::find(states, &mut surfels, noise, ahead);
     let within: Vec<Matches> = states.par_iter().enumerate().map(|(s, f)| landmarks.within(s, f)).collect();
-    // 0. Poses of another time, or of another scene, are beyond what the rest can correct.
+    // 0. Poses of another time, or of another scene, are beyond correction by the rest.
     let agreement = agreements(states, &surfels, &within);
     let problems: Vec<Option<Problem<'_>>> = states
         .par_iter()
@@ -137,7 +133,7 @@ pub fn refine_poses(
         .zip(within)
         .map(|((frames, surfels), matches)| problem(frames, surfels, matches, tracked))
         .collect();
-    // 1. Each state by itself: the sensor must beat the best that poses alone can do.
+    // 1. Each state by itself: the sensor must beat the best by poses alone.
     // 2. All states with their sensor.
     let (alone, together): (Vec<Option<Refined>>, _) = rayon::join(
         || problems.par_iter().map(|p| Refined::alone(p.as_ref()?)).collect(),
@@ -165,30 +161,24 @@ pub fn refine_poses(
         frames.iter_mut().zip(refined.poses.drain(..)).for_each(|(f, pose)| f.world_from_camera = pose);
     }
     let found = found.into_iter().map(|r| r.map(|r| r.correction)).collect();
-    // Poses that need no correction are taken to be right in the mean, too.
+    // Poses without need of correction are taken to be right in the mean, too.
     let mut findings =
         PoseFindings { states: found, agreement, sensor: calibration, worlds: Vec::new(), draws };
     if !findings.changed() {
         return findings;
     }
-    // 4. The mean error of each state against that of state 0.
-    let mean_noise = |s: usize| {
-        let noise = findings.states[s].as_ref().map_or(PoseNoise::EXPECTED, |c| c.noise);
-        noise.of_mean(states[s].len())
-    };
-    let draws = &mut findings.draws;
-    let world = |s: usize| {
-        let expected = mean_noise(0).beside(&mean_noise(s));
+    // 4. The mean error of each state against state 0.
+    for s in 1..states.len() {
+        let expected = findings.mean_noise(0, states).beside(&findings.mean_noise(s, states));
         let matches = landmarks.between([0, s], [&states[0], &states[s]]);
         let poses = [0, s].map(|s| world::poses_of(&states[s]));
         let poses = poses.each_ref().map(Vec::as_slice);
-        let surfels = [&*surfels[0], &*surfels[s]];
-        let (correction, follow) = world::correct(poses, surfels, matches, &expected)?;
-        draws.iter_mut().for_each(|draw| follow.apply([0, s], draw));
-        Some(correction)
-    };
-    let worlds = (1..states.len()).map(world).collect();
-    findings.worlds = worlds;
+        let found = world::correct(poses, [&*surfels[0], &*surfels[s]], matches, &expected);
+        if let Some((_, follow)) = &found {
+            findings.draws.iter_mut().for_each(|draw| follow.apply([0, s], draw));
+        }
+        findings.worlds.push(found.map(|(correction, _)| correction));
+    }
     for (frames, world) in states.iter_mut().skip(1).zip(&findings.worlds) {
         if let Some(correction) = world.as_ref().map(|w| w.corrected_from_reported) {
             frames.iter_mut().for_each(|f| f.world_from_camera = correction * f.world_from_camera);
@@ -197,8 +187,8 @@ pub fn refine_poses(
     findings
 }
 
-/// How far the poses of each state agree with its images; poses that are certainly late are moved to the
-/// images' times.
+/// How far the poses of each state agree with its images; certainly late poses are moved to the images'
+/// times.
 fn agreements(
     states: &mut [Vec<RgbdFrame>],
     surfels: &[Vec<Surfels>],
@@ -219,22 +209,21 @@ fn agreements(
     agreement
 }
 
-/// What may be left of the errors of all poses that were corrected, and of depth, by draw.
+/// Draws of the remaining errors of all corrected poses, and of depth.
 fn draws(states: &[Vec<RgbdFrame>], found: &[Option<Refined>], warps: Vec<DepthWarp>) -> Vec<ErrorDraw> {
     let used = || found.iter().map(|r| r.as_ref().filter(|r| r.correction.used));
     let count = used().flatten().map(|r| r.draws.len()).max().unwrap_or(0);
-    let draw = |d: usize| ErrorDraw {
-        // Poses that are right as reported have no errors.
-        poses: used()
-            .zip(states)
-            .map(|(r, frames)| {
-                r.and_then(|r| r.draws.get(d).cloned())
-                    .unwrap_or_else(|| vec![Vector6::zeros(); frames.len()])
-            })
-            .collect(),
-        warp: warps.get(d).cloned(),
-    };
-    (0..count).map(draw).collect()
+    let mut draws = Vec::with_capacity(count);
+    for d in 0..count {
+        let mut poses = Vec::with_capacity(states.len());
+        for (refined, frames) in used().zip(states) {
+            // Reported poses left as they are have no errors.
+            let own = refined.and_then(|r| r.draws.get(d).cloned());
+            poses.push(own.unwrap_or_else(|| vec![Vector6::zeros(); frames.len()]));
+        }
+        draws.push(ErrorDraw { poses, warp: warps.get(d).cloned() });
+    }
+    draws
 }
 
 /// The poses of one state to be found; `None` where too little is seen to decide.
@@ -245,9 +234,9 @@ fn problem<'a>(
     tracked: bool,
 ) -> Option<Problem<'a>> {
     // Errors smaller than a pixel cannot be distinguished from the steps of a coarse image.
-    let coarse =
-        |f: &RgbdFrame| f.intrinsics.fx.min(f.intrinsics.fy) * PoseNoise::EXPECTED.rotation_rad < 1.0;
-    (frames.len() >= LEAST_FRAMES && !frames.iter().any(coarse))
+    let mut focal_px = frames.iter().map(|f| f.intrinsics.fx.min(f.intrinsics.fy));
+    let has_coarse = focal_px.any(|focal_px| focal_px * PoseNoise::EXPECTED.rotation_rad < 1.0);
+    (frames.len() >= LEAST_FRAMES && !has_coarse)
         .then(|| Problem::new(surfels, matches, &Trajectory::of(frames), tracked))
 }
 

@@ -1,4 +1,4 @@
-//! Which motions surfaces show.
+//! Motions determined by surfaces.
 
 use nalgebra::{Matrix6, Vector6};
 
@@ -6,13 +6,13 @@ use nalgebra::{Matrix6, Vector6};
 /// chosen: less is the noise of normals
 const OBSERVED: f64 = 0.03;
 
-/// Information along the directions that the surfaces determine (solution remapping: Zhang, Kaess and Singh
-/// 2016). The others have little, and that from the noise of normals. Turns are compared with shifts at the
-/// distance at which both have the same information.
+/// Information along the directions determined by the surfaces (solution remapping: Zhang, Kaess and Singh
+/// 2016). The others have little, only from the noise of normals. Turns are compared with shifts at the
+/// distance of equal information.
 pub(crate) struct Observed {
     /// About those directions alone.
     pub information: Matrix6<f64>,
-    /// Leaves of a gradient what these directions have of it.
+    /// The part of a gradient along these directions.
     pub projector: Matrix6<f64>,
 }
 
@@ -22,7 +22,7 @@ impl Observed {
         Self::above(information, OBSERVED)
     }
 
-    /// The same where a direction needs that share of the information about the best one.
+    /// The same, with a least share of the information about the best direction.
     pub fn above(information: &Matrix6<f64>, share: f64) -> Self {
         let trace = |from: usize| (from..from + 3).map(|k| information[(k, k)]).sum::<f64>();
         let lever_m = (trace(3) / trace(0).max(f64::MIN_POSITIVE)).sqrt().max(f64::MIN_POSITIVE);

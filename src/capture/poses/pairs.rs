@@ -1,8 +1,8 @@
-//! Pairs of frames that see the same surface: sums for the normal equations, and how well the frames agree.
+//! Pairs of frames with common surface: sums for the normal equations, and how well the frames agree.
 
 use std::collections::BTreeMap;
 
-use nalgebra::{IsometryMatrix3, Matrix6, Vector3, Vector6};
+use nalgebra::{IsometryMatrix3, Matrix6, Vector6};
 use rayon::prelude::*;
 
 use super::{
@@ -34,35 +34,35 @@ const INDEPENDENT: f64 = 200.0;
 /// Fewest held-out surfels for a comparison.
 const LEAST_SURFELS: usize = 200;
 
-/// What frames see, and from where.
+/// Surfels of frames, and their cameras.
 #[derive(Clone, Copy)]
 pub(crate) struct Views<'a> {
     pub surfels: &'a [Surfels],
     pub world_from_camera: &'a [Pose],
 }
 
-/// Which surfels of frames are compared.
+/// Compared surfels of frames.
 pub(crate) struct Comparison {
-    /// Of each frame and way to face: surfels that are fitted, and surfels that are held out.
+    /// Of each frame and way to face: fitted surfels, and held-out ones.
     sets: [Vec<[Vec<u32>; FACINGS]>; 2],
     /// Ordered pairs of frames.
     pairs: Vec<[usize; 2]>,
-    /// Landmarks that match, by pair of frames.
+    /// Matching landmarks, by pair of frames.
     matches: Matches,
     noise: PoseNoise,
     /// Surfels compared in a round, all pairs together.
     compared: usize,
-    /// What part of them is enough while poses are loose.
+    /// One in so many is enough while poses are loose.
     coarse: usize,
 }
 
-/// Landmarks of two frames that show the same, by their numbers; of every ordered pair of frames.
+/// Matching landmarks of two frames, by their numbers; of every ordered pair of frames.
 pub(crate) type Matches = BTreeMap<[usize; 2], Vec<[u32; 2]>>;
 
-/// Which surfels are compared.
+/// Compared surfels.
 #[derive(Clone, Copy)]
 pub(crate) enum Subset {
-    /// Those that poses are fitted to.
+    /// The fitted ones.
     Fitted,
     /// The others.
     HeldOut,
@@ -71,8 +71,8 @@ pub(crate) enum Subset {
 /// How poses are fitted in a round.
 #[derive(Clone, Copy)]
 pub(crate) struct Fit {
-    /// While poses are far off, this share of the displacement that is expected of them counts as noise, so
-    /// that no surfel is left out too early.
+    /// While poses are far off, this share of their expected displacement counts as noise: no surfel is left
+    /// out too early.
     pub loose: f64,
     /// Whether a part of the surfels is enough, as later rounds fit all of them.
     pub is_rough: bool,
@@ -82,7 +82,7 @@ impl Fit {
     /// As close as it gets.
     pub const CLOSE: Self = Self { loose: 0.0, is_rough: false };
 
-    /// A round with this share, close where that is zero.
+    /// A round with this share; close at zero.
     pub fn loose(share: f64) -> Self {
         Self { loose: share, is_rough: share > 0.0 }
     }
@@ -98,7 +98,7 @@ pub(crate) struct Sums {
     pub scale: f64,
 }
 
-/// Normal equations of one pair: of the frame that is compared (first) and the one that it is compared with.
+/// Normal equations of one pair: of the compared frame (first) and its partner.
 #[derive(Clone, Copy)]
 pub(crate) struct PairSums {
     pub frames: [usize; 2],
@@ -107,16 +107,22 @@ pub(crate) struct PairSums {
 }
 
 /// The residuals of a pair.
+struct FrameSums {
+    pairs: Vec<PairSums>,
+    ratios: Vec<Ratios>,
+    sensor: Option<SensorSums>,
+}
+
 struct Rows {
     surfels: Vec<Row>,
     landmarks: Vec<Row>,
-    /// Surfels that agree, as shares of a reading each, and those that were tried.
+    /// Agreeing surfels, as shares of a reading each, and tried ones.
     agreeing: f64,
     tried: usize,
     ratios: Ratios,
 }
 
-/// What a change of poses does to held-out surfels.
+/// Effect of a change of poses on held-out surfels.
 pub(crate) struct Gain {
     /// Mean of the frames' gains in its standard errors.
     pub sigmas: f64,
@@ -130,10 +136,23 @@ pub(crate) struct Changes {
     pairs: Vec<PairChange>,
 }
 
+impl Changes {
+    /// Mean gain of the surfels of one frame; `None` without any.
+    fn frame_gain(&self, frame: usize) -> Option<f64> {
+        let mut gain = 0.0;
+        let mut count = 0;
+        for pair in self.pairs.iter().filter(|c| c.frame == frame) {
+            gain += pair.gain;
+            count += pair.count;
+        }
+        (count > 0).then(|| gain / count as f64)
+    }
+}
+
 /// The same of one pair.
 struct PairChange {
     frame: usize,
-    /// Surfels compared, and the sum by which their bounded cost falls.
+    /// Number of compared surfels, and the fall of their bounded cost.
     count: usize,
     gain: f64,
     /// Distances before and after, meters, of some of them.
@@ -164,59 +183,69 @@ impl Comparison {
 
     /// Robust standard deviation of the residuals in expected ones, at least 1.
     pub fn scale(&self, views: Views<'_>) -> f64 {
-        let of_pair = |pair: &[usize; 2]| {
+        let ratios = self.pairs.par_iter().map(|pair| {
             let mut ratios = Ratios::default();
             self.compare(*pair, views, Subset::Fitted, |r, _| ratios.add(r));
             ratios
-        };
-        robust_scale(self.pairs.par_iter().map(of_pair).collect())
+        });
+        robust_scale(ratios.collect())
     }
 
-    /// Normal equations about poses, and about those of the sensor, where some are given; `scale` is that
+    /// Normal equations about poses, and about the sensor's errors, where some are given; `scale` is the one
     /// before.
     pub fn sums(&self, views: Views<'_>, sensor: Option<&SensorErrors>, scale: f64, fit: Fit) -> Sums {
-        let of_frame = |pairs: &[[usize; 2]]| {
-            let mut of_sensor =
-                sensor.map(|errors| SensorSums::none(views.world_from_camera.len(), errors.count()));
-            let rows: Vec<Rows> =
-                pairs.iter().map(|&pair| self.rows(pair, views, sensor, scale, fit)).collect();
-            let agreeing = rows.iter().map(|r| r.agreeing / r.tried.max(1) as f64).sum();
-            let matches = pairs.iter().filter_map(|pair| self.matches.get(pair)).flatten();
-            let weights = ReadingWeights::of(agreeing, matches.map(|m| m[0]));
-            let mut sums = Vec::new();
-            let mut ratios = Vec::new();
-            for (&pair, mut rows) in pairs.iter().zip(rows) {
-                ratios.push(rows.ratios);
-                let of_surfels = weights.of_surfels * (INDEPENDENT / rows.agreeing).min(1.0);
-                rows.surfels.iter_mut().for_each(|row| row.weight *= of_surfels);
-                rows.landmarks.iter_mut().for_each(|row| row.weight *= weights.of_landmarks);
-                rows.surfels.append(&mut rows.landmarks);
-                if rows.surfels.is_empty() {
-                    continue;
-                }
-                sums.push(pair_sums(pair, &rows.surfels));
-                if let Some(sums) = &mut of_sensor {
-                    add_rows(sums, pair, &rows.surfels);
-                }
-            }
-            (sums, ratios, of_sensor)
-        };
         // By first frames: the sensor's sums are large, and a task has them once.
         let frames: Vec<&[[usize; 2]]> = self.pairs.chunk_by(|a, b| a[0] == b[0]).collect();
-        let all: Vec<_> = frames.par_iter().map(|pairs| of_frame(pairs)).collect();
+        let all: Vec<FrameSums> =
+            frames.par_iter().map(|pairs| self.frame_sums(pairs, views, sensor, scale, fit)).collect();
         let mut pairs = Vec::new();
         let mut ratios = Vec::new();
         let mut sensor_sums = None;
         // In the order of the frames, as sums of floats depend on it.
-        for (of_pairs, seen, of_sensor) in all {
-            pairs.extend(of_pairs);
-            ratios.extend(seen);
-            sensor_sums = match (sensor_sums, of_sensor) {
+        for frame in all {
+            pairs.extend(frame.pairs);
+            ratios.extend(frame.ratios);
+            sensor_sums = match (sensor_sums, frame.sensor) {
                 (Some(sum), Some(next)) => Some(SensorSums::plus(sum, next)),
                 (sum, next) => sum.or(next),
             };
         }
         Sums { pairs, sensor: sensor_sums.map(SensorSums::whole), scale: robust_scale(ratios) }
+    }
+
+    /// Normal equations of the pairs of one first frame.
+    fn frame_sums(
+        &self,
+        pairs: &[[usize; 2]],
+        views: Views<'_>,
+        sensor: Option<&SensorErrors>,
+        scale: f64,
+        fit: Fit,
+    ) -> FrameSums {
+        let rows: Vec<Rows> = pairs.iter().map(|&pair| self.rows(pair, views, sensor, scale, fit)).collect();
+        let agreeing = rows.iter().map(|r| r.agreeing / r.tried.max(1) as f64).sum();
+        let matches = pairs.iter().filter_map(|pair| self.matches.get(pair)).flatten();
+        let weights = ReadingWeights::of(agreeing, matches.map(|m| m[0]));
+        let mut sums = FrameSums {
+            pairs: Vec::new(),
+            ratios: Vec::new(),
+            sensor: sensor.map(|errors| SensorSums::none(views.world_from_camera.len(), errors.count())),
+        };
+        for (&pair, mut rows) in pairs.iter().zip(rows) {
+            sums.ratios.push(rows.ratios);
+            let of_surfels = weights.of_surfels * (INDEPENDENT / rows.agreeing).min(1.0);
+            rows.surfels.iter_mut().for_each(|row| row.weight *= of_surfels);
+            rows.landmarks.iter_mut().for_each(|row| row.weight *= weights.of_landmarks);
+            rows.surfels.append(&mut rows.landmarks);
+            if rows.surfels.is_empty() {
+                continue;
+            }
+            sums.pairs.push(pair_sums(pair, &rows.surfels));
+            if let Some(sensor) = &mut sums.sensor {
+                add_rows(sensor, pair, &rows.surfels);
+            }
+        }
+        sums
     }
 
     fn rows(
@@ -225,42 +254,33 @@ impl Comparison {
         views: Views<'_>,
         sensor: Option<&SensorErrors>,
         scale: f64,
-        Fit { loose, is_rough }: Fit,
+        fit: Fit,
     ) -> Rows {
-        let row = |r: &Residual| {
-            let variance_m2 = (r.sigma_m * scale).powi(2) + (loose * r.displacement_m).powi(2);
-            // Tukey's biweight: surfels of other surfaces have no say at all.
-            let share = (1.0 - r.distance_m.powi(2) / (variance_m2 * CUT * CUT)).max(0.0).powi(2);
-            let sensor = sensor.map_or_else(BySensor::default, |errors| by_sensor(r, errors));
-            let weight = share / variance_m2;
-            (share > 0.0)
-                .then(|| (share, Row { poses: by_poses(r), sensor, distance_m: r.distance_m, weight }))
-        };
-        let most = if is_rough { self.most() / self.coarse } else { self.most() };
+        let most = if fit.is_rough { self.most() / self.coarse } else { self.most() };
         let mut surfels = Vec::with_capacity(most);
         let mut landmarks = Vec::new();
         let mut agreeing = 0.0;
         let mut ratios = Ratios::default();
         let tried = self.compare_surfels(pair, views, Subset::Fitted, most, |r, _| {
             ratios.add(r);
-            if let Some((share, row)) = row(r) {
+            if let Some((share, row)) = weighted_row(r, sensor, scale, fit.loose) {
                 agreeing += share;
                 surfels.push(row);
             }
         });
         self.compare_landmarks(pair, views, Subset::Fitted, |r, _| {
             ratios.add(r);
-            landmarks.extend(row(r).map(|(_, row)| row));
+            landmarks.extend(weighted_row(r, sensor, scale, fit.loose).map(|(_, row)| row));
         });
         Rows { surfels, landmarks, agreeing, tried, ratios }
     }
 
-    /// What held-out surfels gain `after`.
+    /// Gain of held-out surfels `after`.
     pub fn changes(&self, before: Views<'_>, after: Views<'_>) -> Changes {
         // One scale for both: a scale of its own would forgive the worse poses their residuals.
         let scale = self.scale(after);
-        let of_pair = |p: &[usize; 2]| self.pair_change(*p, before, after, scale);
-        Changes { frames: before.surfels.len(), pairs: self.pairs.par_iter().map(of_pair).collect() }
+        let pairs = self.pairs.par_iter().map(|p| self.pair_change(*p, before, after, scale));
+        Changes { frames: before.surfels.len(), pairs: pairs.collect() }
     }
 
     fn pair_change(&self, frames: [usize; 2], before: Views<'_>, after: Views<'_>, scale: f64) -> PairChange {
@@ -276,7 +296,7 @@ impl Comparison {
             while first.peek().is_some_and(|t| t.0 < place) {
                 first.next();
             }
-            // Only surfels that are compared before and after, or poses would gain by losing sight of some.
+            // Only surfels compared before and after, or poses would gain by losing sight of some.
             let Some((_, before_m, sigma_m)) = first.next_if(|t| t.0 == place) else { return };
             change.gain +=
                 bounded(before_m / (sigma_m * scale)) - bounded(r.distance_m / (r.sigma_m * scale));
@@ -302,14 +322,14 @@ impl Comparison {
         self.compare_landmarks(pair, views, subset, |r, place| visit(r, surfels + place));
     }
 
-    /// Most surfels of a pair that are compared.
+    /// Most compared surfels of a pair.
     fn most(&self) -> usize {
         (self.compared / self.pairs.len().max(1)).max(LEAST_OF_PAIR)
     }
 
-    /// Visits `most` surfels at most, about as many for every way that they face (normal-space sampling:
-    /// Rusinkiewicz and Levoy 2001), since the larger surfaces show the same again and again. Says how many
-    /// it tried.
+    /// Visits `most` surfels at most, about as many for every facing (normal-space sampling: Rusinkiewicz and
+    /// Levoy 2001), since the larger surfaces show the same again and again. Returns the number of tried
+    /// ones.
     fn compare_surfels(
         &self,
         [i, j]: [usize; 2],
@@ -326,7 +346,7 @@ impl Comparison {
         let mut tried = 0;
         for cells in &self.sets[subset as usize][i] {
             let stride = cells.len().div_ceil(most).max(1);
-            // Every pair begins elsewhere, so that together they use all.
+            // Every pair begins elsewhere: together they use all.
             for (at, &cell) in cells.iter().enumerate().skip((7 * i + 3 * j) % stride).step_by(stride) {
                 tried += 1;
                 if let Some(r) = surfels[i].residual(cell, &surfels[j], &other_from_this, &self.noise) {
@@ -338,7 +358,7 @@ impl Comparison {
         tried
     }
 
-    /// Visits landmarks, which have two residuals each.
+    /// Visits landmarks: two residuals each.
     fn compare_landmarks(
         &self,
         [i, j]: [usize; 2],
@@ -348,8 +368,10 @@ impl Comparison {
     ) {
         let other_from_this = world_from_camera[j].inverse() * world_from_camera[i];
         let matches = self.matches.get(&[i, j]).map_or(&[][..], Vec::as_slice);
-        let is_wanted = |at: usize| at.is_multiple_of(HELD_OUT) == matches!(subset, Subset::HeldOut);
-        for (at, &landmarks) in matches.iter().enumerate().filter(|(at, _)| is_wanted(*at)) {
+        for (at, &landmarks) in matches.iter().enumerate() {
+            if at.is_multiple_of(HELD_OUT) != matches!(subset, Subset::HeldOut) {
+                continue;
+            }
             let across = surfels[i].across(landmarks, &surfels[j], &other_from_this, &self.noise);
             for (k, r) in across.iter().enumerate() {
                 if let Some(r) = r {
@@ -367,49 +389,54 @@ impl Gain {
         if pairs().map(|c| c.count).sum::<usize>() < LEAST_SURFELS {
             return None;
         }
-        let robust_m = |k: usize| {
-            median(pairs().flat_map(|c| c.distances_m[k].iter().copied()).collect())
-                .map(|m| SIGMAS_PER_MAD * m)
-        };
+        let mut residual_m = [0.0; 2];
+        for (k, residual_m) in residual_m.iter_mut().enumerate() {
+            let distances = pairs().flat_map(|c| c.distances_m[k].iter().copied());
+            *residual_m = SIGMAS_PER_MAD * median(distances.collect())?;
+        }
         // Every frame is one observation: its surfels share its pose.
-        let of_frame = |state: &Changes, frame: usize| {
-            let own = state.pairs.iter().filter(|c| c.frame == frame);
-            let (gain, count) = own.fold((0.0, 0), |(gain, count), c| (gain + c.gain, count + c.count));
-            (count > 0).then(|| gain / count as f64)
-        };
         let gains: Vec<f64> =
-            states.iter().flat_map(|s| (0..s.frames).filter_map(move |frame| of_frame(s, frame))).collect();
+            states.iter().flat_map(|s| (0..s.frames).filter_map(|frame| s.frame_gain(frame))).collect();
         let count = gains.len() as f64;
         let mean = gains.iter().sum::<f64>() / count;
         let variance = gains.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
-        Some(Self {
-            sigmas: mean / (variance / count).sqrt().max(1e-12),
-            residual_m: [robust_m(0)?, robust_m(1)?],
-        })
+        Some(Self { sigmas: mean / (variance / count).sqrt().max(1e-12), residual_m })
     }
 }
 
-/// The surfels of a frame that are held out, or those that are not, by the way that they face.
+/// The held-out surfels of a frame, or the others, by their facing.
 fn subset(surfels: &Surfels, held_out: bool) -> [Vec<u32>; FACINGS] {
-    let is_held_out = |cell: u32| surfels.block(cell, BLOCK).iter().sum::<usize>().is_multiple_of(HELD_OUT);
-    let of_facing = |f: &Vec<u32>| f.iter().copied().filter(|&c| is_held_out(c) == held_out).collect();
-    surfels.facing().each_ref().map(of_facing)
+    surfels.facing().each_ref().map(|cells| {
+        let blocks = cells.iter().map(|cell| surfels.block(*cell, BLOCK).iter().sum::<usize>());
+        let wanted = cells.iter().zip(blocks).filter(|(_, b)| b.is_multiple_of(HELD_OUT) == held_out);
+        wanted.map(|(cell, _)| *cell).collect()
+    })
+}
+
+/// A row of the normal equations with the weight of its residual; `None` for another surface.
+#[inline]
+fn weighted_row(r: &Residual, sensor: Option<&SensorErrors>, scale: f64, loose: f64) -> Option<(f64, Row)> {
+    let variance_m2 = (r.sigma_m * scale).powi(2) + (loose * r.displacement_m).powi(2);
+    // Tukey's biweight: surfels of other surfaces have no say at all.
+    let share = (1.0 - r.distance_m.powi(2) / (variance_m2 * CUT * CUT)).max(0.0).powi(2);
+    let sensor = sensor.map_or_else(BySensor::default, |errors| by_sensor(r, errors));
+    let weight = share / variance_m2;
+    (share > 0.0).then(|| (share, Row { poses: by_poses(r), sensor, distance_m: r.distance_m, weight }))
 }
 
 /// Derivatives of the distance by small motions (translation, rotation) of both cameras in their own frames.
 pub(crate) fn by_poses(r: &Residual) -> [f64; 12] {
-    // A motion of the first camera moves the point of docs/method.md (2.13), one of the other the plane,
-    // which is as if the point moved back.
+    // A motion of the first camera moves the point of docs/method.md (2.13), one of the other the plane, as
+    // if the point moved back.
     let own = r.point.coords.cross(&r.normal);
     let other = r.other_point.coords.cross(&r.other_normal);
     let mut row = [0.0; 12];
-    let put = |row: &mut [f64; 12], at: usize, v: &Vector3<f64>, sign: f64| {
-        (0..3).for_each(|k| row[at + k] = sign * v[k])
-    };
-    put(&mut row, 0, &r.normal, 1.0);
-    put(&mut row, 3, &own, 1.0);
-    put(&mut row, 6, &r.other_normal, -1.0);
-    put(&mut row, 9, &other, -1.0);
+    for k in 0..3 {
+        row[k] = r.normal[k];
+        row[3 + k] = own[k];
+        row[6 + k] = -r.other_normal[k];
+        row[9 + k] = -other[k];
+    }
     row
 }
 
@@ -443,7 +470,7 @@ fn bounded(z: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{DVector, Point3, SVector};
+    use nalgebra::{DVector, Point3, SVector, Vector3};
 
     use super::*;
     use crate::NoiseConfig;

@@ -12,7 +12,7 @@ pub struct PoseNoise {
 }
 
 impl PoseNoise {
-    /// That of a hand-held camera, or of one on a calibrated arm: 5 mm and 0.5 degrees in all.
+    /// Of a hand-held camera, or of one on a calibrated arm: 5 mm and 0.5 degrees in all.
     pub const EXPECTED: Self = Self { translation_m: 0.003, rotation_rad: 0.005 };
 
     /// The smallest of interest: a micrometer, and a microradian.
@@ -22,6 +22,11 @@ impl PoseNoise {
     #[must_use]
     pub fn displacement_m(&self, depth_m: f64) -> f64 {
         self.translation_m.hypot(self.rotation_rad * depth_m)
+    }
+
+    /// Whether it is as large as expected errors, along or about an axis.
+    pub(crate) fn reaches_expected(&self) -> bool {
+        self.translation_m >= Self::EXPECTED.translation_m || self.rotation_rad >= Self::EXPECTED.rotation_rad
     }
 
     /// Of the mean of so many poses.
@@ -42,7 +47,7 @@ impl PoseNoise {
         }
     }
 
-    /// No smaller than what can be of interest.
+    /// No smaller than [`Self::LEAST`].
     pub(crate) fn at_least(&self) -> Self {
         Self {
             translation_m: self.translation_m.max(Self::LEAST.translation_m),

@@ -1,8 +1,8 @@
-//! What a reading of a frame weighs in each of its pairs.
+//! Weight of a frame's reading in each of its pairs.
 //!
-//! A reading that n - 1 other frames show too is compared with each of them, both ways, but is one reading.
-//! By weights of 1/n the means of all frames have the information that n readings have (pairwise likelihood:
-//! Lindsay 1988). See docs/method.md 2.7.
+//! A reading shared by n - 1 other frames is compared with each of them, both ways, but is one reading. By
+//! weights of 1/n the means of all frames have the information of n readings (pairwise likelihood: Lindsay
+//! 1988). See docs/method.md 2.7.
 
 use std::collections::BTreeSet;
 
@@ -13,7 +13,7 @@ pub(super) struct ReadingWeights {
 }
 
 impl ReadingWeights {
-    /// Of a frame whose surfels so many others show, in the mean, and whose landmarks were matched as listed.
+    /// Of a frame with surfels shared by so many others, in the mean, and landmarks matched as listed.
     pub fn of(others: f64, matched: impl Iterator<Item = u32>) -> Self {
         let mut landmarks = BTreeSet::new();
         let mut matches = 0usize;

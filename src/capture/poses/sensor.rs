@@ -1,4 +1,4 @@
-//! The depth sensor's own errors, found together with the poses of all states that it recorded.
+//! The depth sensor's own errors, found together with the poses of all recorded states.
 
 use std::fmt;
 
@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 use super::{
     correction::{Refined, is_clear},
     depth_warp::DepthWarp,
-    error_draw::Drawn,
     pairs::{Changes, Gain, Views},
     sensor_errors::SensorErrors,
     solve::{Problem, Sensor, Solution, solve},
@@ -16,7 +15,7 @@ use super::{
 use crate::{RgbdFrame, frame::cameras};
 use geometry::Intrinsics;
 
-/// What was found of the depth sensor.
+/// The calibration of the depth sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SensorCalibration {
     /// Whether depth is corrected by it.
@@ -27,25 +26,24 @@ pub struct SensorCalibration {
     pub covariance: Vec<f64>,
     /// Mean of the error over the image, and its standard deviation: readings are too short by this share.
     pub scale: [f64; 2],
-    /// What differs from it, root mean square over the image.
+    /// Difference from it, root mean square over the image.
     pub warp_rms: f64,
-    /// By how much what a pixel of color shows lies off the same pixel of depth, and standard deviations,
-    /// pixels.
+    /// Offset of color against depth, and standard deviations, pixels.
     pub color_shift_px: [[f64; 2]; 2],
     /// By how much the reported poses are older than the images, and its standard deviation, seconds.
     pub pose_lag_s: [f64; 2],
-    /// Robust standard deviation of the distances between surfaces that two frames see, held out, by
-    /// corrected poses alone and with corrected depth, meters.
+    /// Robust standard deviation of the distances between surfaces of two frames, held out, by corrected
+    /// poses alone and with corrected depth, meters.
     pub residual_m: [f64; 2],
     /// Mean gain of the frames in its standard errors.
     pub gain_sigmas: f64,
 }
 
-/// Clocks that were set by each other leave milliseconds; more than this is said, seconds: an image at 30 a
-/// second. chosen: a shift that a pose must show
+/// Synchronized clocks leave milliseconds; more than this is reported, seconds: an image at 30 a second.
+/// chosen: a shift shown by any pose
 const LATE_S: f64 = 1.0 / 30.0;
 /// Data sheets of depth cameras allow this share of the range.
-/// derived: the accuracy that data sheets of Intel's D400 family state at 2 m
+/// derived: the accuracy at 2 m in data sheets of Intel's D400 family
 const DATA_SHEET: f64 = 0.02;
 
 impl SensorCalibration {
@@ -55,14 +53,14 @@ impl SensorCalibration {
         self.used && self.scale[0].abs().max(self.warp_rms) > DATA_SHEET
     }
 
-    /// Whether poses are late by more than what the calibration of clocks leaves.
+    /// Whether poses are late by more than the error of synchronized clocks.
     #[must_use]
     pub fn has_late_poses(&self) -> bool {
         let [lag_s, sigma_s] = self.pose_lag_s;
         self.used && lag_s.abs() > LATE_S && lag_s.abs() > 3.0 * sigma_s
     }
 
-    /// What was found.
+    /// The found correction.
     pub(super) fn errors(&self, intrinsics: &Intrinsics) -> SensorErrors {
         let [u, v] = self.color_shift_px[0];
         SensorErrors {
@@ -77,24 +75,9 @@ impl SensorCalibration {
         let [du, dv] = self.color_shift_px[0];
         for frame in frames {
             let width = frame.intrinsics.width;
-            let height = frame.intrinsics.height;
-            let at = |x: usize, y: usize, channel: usize| f64::from(frame.rgb[y * width + x][channel]);
-            let moved = |i: usize| {
-                let u = ((i % width) as f64 + du).clamp(0.0, (width - 1) as f64);
-                let v = ((i / width) as f64 + dv).clamp(0.0, (height - 1) as f64);
-                let x = u as usize;
-                let y = v as usize;
-                let right = (x + 1).min(width - 1);
-                let below = (y + 1).min(height - 1);
-                let s = u - x as f64;
-                let t = v - y as f64;
-                [0, 1, 2].map(|c| {
-                    let above = (1.0 - s) * at(x, y, c) + s * at(right, y, c);
-                    let under = (1.0 - s) * at(x, below, c) + s * at(right, below, c);
-                    ((1.0 - t) * above + t * under).round() as u8
-                })
-            };
-            frame.rgb = (0..width * height).into_par_iter().map(moved).collect();
+            let pixels = (0..width * frame.intrinsics.height).into_par_iter();
+            let moved = pixels.map(|i| color_at(frame, (i % width) as f64 + du, (i / width) as f64 + dv));
+            frame.rgb = moved.collect();
         }
     }
 
@@ -132,17 +115,17 @@ impl fmt::Display for SensorCalibration {
     }
 }
 
-/// What goes with one sensor.
+/// Results with one sensor.
 pub(super) struct Calibrated {
     pub calibration: SensorCalibration,
     /// The poses of all states.
     pub states: Vec<Option<Refined>>,
-    /// Draws of what may be left of the error of depth.
+    /// Draws of the remaining error of depth.
     pub warps: Vec<DepthWarp>,
 }
 
-/// The poses of all states together with the errors of their sensor; `None` without states whose poses are
-/// looked for, or where they have several cameras.
+/// The poses of all states together with the errors of their sensor; `None` without states to correct, or for
+/// several cameras.
 pub(super) fn solve_together(
     states: &[Vec<RgbdFrame>],
     problems: &[Option<Problem<'_>>],
@@ -152,8 +135,28 @@ pub(super) fn solve_together(
     if posed.is_empty() { None } else { solve(&posed, Some(SensorErrors::none(&intrinsics))) }
 }
 
-/// The sensor's errors, with the poses of all states that go with them; `None` where the states have not one
-/// camera, or too little is seen.
+/// Color at a place of the image, bilinear; the border repeats.
+fn color_at(frame: &RgbdFrame, u: f64, v: f64) -> [u8; 3] {
+    let width = frame.intrinsics.width;
+    let height = frame.intrinsics.height;
+    let u = u.clamp(0.0, (width - 1) as f64);
+    let v = v.clamp(0.0, (height - 1) as f64);
+    let x = u as usize;
+    let y = v as usize;
+    let right = (x + 1).min(width - 1);
+    let below = (y + 1).min(height - 1);
+    let s = u - x as f64;
+    let t = v - y as f64;
+    let at = |x: usize, y: usize, channel: usize| f64::from(frame.rgb[y * width + x][channel]);
+    [0, 1, 2].map(|c| {
+        let above = (1.0 - s) * at(x, y, c) + s * at(right, y, c);
+        let under = (1.0 - s) * at(x, below, c) + s * at(right, below, c);
+        ((1.0 - t) * above + t * under).round() as u8
+    })
+}
+
+/// The sensor's errors, with the poses of all states; `None` for several cameras, or where too little is
+/// seen.
 pub(super) fn calibrate(
     states: &[Vec<RgbdFrame>],
     problems: &[Option<Problem<'_>>],
@@ -172,7 +175,7 @@ pub(super) fn calibrate(
             Refined::new(problem, poses, draws, errors, Some(&sensor))
         })
         .collect();
-    // Against the best that poses alone can do.
+    // Against the best by poses alone.
     let changes: Vec<Changes> = problems
         .par_iter()
         .zip(alone)
@@ -191,16 +194,18 @@ pub(super) fn calibrate(
     let gain = Gain::of(&changes)?;
     let count = sensor.first_of_shift();
     let focal_px = [intrinsics.fx, intrinsics.fy];
-    let shift_sigma = |i: usize| covariance[(count + i, count + i)].sqrt() * focal_px[i];
     let lag = sensor.lag();
     let pose_lag_s = [sensor.lag_s, covariance[(lag, lag)].sqrt()];
-    let color_shift_px = [[0, 1].map(|i| sensor.color_shift[i] * focal_px[i]), [0, 1].map(shift_sigma)];
+    let color_shift_px = [
+        [0, 1].map(|i| sensor.color_shift[i] * focal_px[i]),
+        [0, 1].map(|i| covariance[(count + i, count + i)].sqrt() * focal_px[i]),
+    ];
     let covariance = covariance.view((0, 0), (count, count)).into_owned();
-    let of_warp = |d: &Drawn| DepthWarp {
-        values: d.sensor.rows(0, count).iter().copied().collect(),
-        ..sensor.warp.clone()
-    };
-    let warps = draws.iter().map(of_warp).collect();
+    let mut warps = Vec::with_capacity(draws.len());
+    for draw in &draws {
+        let values = draw.sensor.rows(0, count).iter().copied().collect();
+        warps.push(DepthWarp { values, ..sensor.warp.clone() });
+    }
     let warp = sensor.warp;
     let mean = warp.mean(&intrinsics);
     let calibration = SensorCalibration {

@@ -1,5 +1,5 @@
-//! The errors of a sensor that stay with it: those of depth by the pixel, the place of color against depth,
-//! and the age of its poses.
+//! The constant errors of a sensor: of depth by the pixel, the place of color against depth, and the age of
+//! its poses.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -7,30 +7,29 @@ use super::depth_warp::DepthWarp;
 use geometry::Intrinsics;
 
 /// Error of a depth sensor's scale, one standard deviation: data sheets of stereo cameras allow 2 % at 2 m,
-/// and factory calibration leaves about a fifth of it. chosen: a quarter of what the data sheet allows
+/// and factory calibration leaves about a fifth of it. chosen: a quarter of the data sheet's bound
 const SCALE: f64 = 0.005;
 /// Turn of color against depth about either axis, one standard deviation, radians: about two pixels of an
-/// image of 640, what the calibration of two imagers leaves (Basso, Menegatti and Pretto 2018).
-/// chosen: of the order that this paper shows
+/// image of 640, left by the calibration of two imagers (Basso, Menegatti and Pretto 2018).
+/// chosen: of the order of this paper
 const COLOR_SHIFT: f64 = 0.003;
-/// By how much poses are older than images, one standard deviation, seconds: clocks of two devices differ by
-/// milliseconds to tens of them (Furgale, Rehder and Siegwart 2013; Qin and Shen 2018).
-/// chosen: of the order that these papers show
+/// Age of poses against images, one standard deviation, seconds: clocks of two devices differ by milliseconds
+/// to tens of them (Furgale, Rehder and Siegwart 2013; Qin and Shen 2018).
+/// chosen: of the order of these papers
 const LAG_S: f64 = 0.02;
 
 /// Errors of a sensor: the values of the warp, the shift of color, and the lag of the poses.
 #[derive(Clone, Debug)]
 pub(crate) struct SensorErrors {
     pub warp: DepthWarp,
-    /// By how much what a pixel of color shows lies off the same pixel of depth, along the image, in focal
-    /// lengths.
+    /// Offset of color against depth along the image, in focal lengths.
     pub color_shift: [f64; 2],
     /// By how much the reported poses are older than the images, seconds.
     pub lag_s: f64,
 }
 
 impl SensorErrors {
-    /// None, for images of that size.
+    /// None, for images of a size.
     pub fn none(intrinsics: &Intrinsics) -> Self {
         Self { warp: DepthWarp::none(intrinsics), color_shift: [0.0; 2], lag_s: 0.0 }
     }
@@ -65,7 +64,7 @@ impl SensorErrors {
         all.zip(step.iter()).for_each(|(v, s)| *v += s);
     }
 
-    /// Covariance that is expected of the values, where smooth errors have a size: docs/method.md (2.20).
+    /// Expected covariance of the values, by the size of smooth errors: docs/method.md (2.20).
     pub fn expected(&self, size: f64) -> DMatrix<f64> {
         let warp = (self.warp.smooth() * size.powi(2)).add_scalar(SCALE.powi(2));
         let of_warp = self.first_of_shift();

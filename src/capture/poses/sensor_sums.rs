@@ -1,11 +1,11 @@
-//! Normal equations of the sensor's errors, and the residuals that they are summed from.
+//! Normal equations of the sensor's errors, and their residuals.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::{depth_warp::ORDER, sensor_errors::SensorErrors, surfels::Residual};
 use numeric::vectorized;
 
-/// Pieces of the sensor's values that a residual depends on: rows of the warp's support at both ends.
+/// Pieces of the sensor's values in a residual: rows of the warp's support at both ends.
 const PIECES: usize = 2 * ORDER;
 
 /// Normal equations of the sensor's errors.
@@ -26,7 +26,7 @@ pub(super) struct Row {
     pub weight: f64,
 }
 
-/// Derivatives of a residual by the sensor's values, in pieces that lie side by side.
+/// Derivatives of a residual by the sensor's values, in contiguous pieces.
 #[derive(Clone, Copy, Default)]
 pub(super) struct BySensor {
     /// Index of the first value of a piece, and the derivatives.
@@ -44,7 +44,7 @@ impl BySensor {
 }
 
 impl SensorSums {
-    /// Of no residuals; the poses lie along columns until it is `whole`, so that sums lie side by side.
+    /// Of no residuals; the poses lie along columns until it is `whole`: sums are contiguous.
     pub fn none(poses: usize, values: usize) -> Self {
         Self {
             information: DMatrix::zeros(values, values),
@@ -53,13 +53,14 @@ impl SensorSums {
         }
     }
 
-    /// Adds what one piece of a residual's derivatives makes with itself and with `rest`.
+    /// Adds the products of one piece of a residual's derivatives with itself and with `rest`.
     #[inline(always)]
     fn add_piece<const N: usize>(
         &mut self,
         frames: [usize; 2],
         row: &Row,
-        (first, piece): (usize, &[f64; N]),
+        first: usize,
+        piece: &[f64; N],
         rest: &[(usize, [f64; ORDER])],
     ) {
         let values = self.gradient.len();
@@ -83,7 +84,7 @@ impl SensorSums {
         }
     }
 
-    /// Makes whole what was summed by halves.
+    /// Completes the sums from their halves.
     pub fn whole(mut self) -> Self {
         self.information = &self.information + self.information.transpose();
         self.between = self.between.transpose();
@@ -108,14 +109,14 @@ fn add_all(sums: &mut SensorSums, frames: [usize; 2], rows: &[Row]) {
     for row in rows {
         let BySensor { warp, color_shift } = &row.sensor;
         for (k, (first, piece)) in warp.iter().enumerate() {
-            sums.add_piece(frames, row, (*first, piece), &warp[k + 1..]);
+            sums.add_piece(frames, row, *first, piece, &warp[k + 1..]);
         }
-        sums.add_piece(frames, row, (color_shift.0, &color_shift.1), warp);
+        sums.add_piece(frames, row, color_shift.0, &color_shift.1, warp);
     }
 }
 
-/// Derivatives of the distance by the sensor's errors about the pixel of the point, and about that where the
-/// other frame sees it: a point moves along its ray, and so does the plane. Features move with the color.
+/// Derivatives of the distance by the sensor's errors about the pixel of the point, and about its pixel in
+/// the other frame: a point moves along its ray, and so does the plane. Features move with the color.
 pub(super) fn by_sensor(r: &Residual, errors: &SensorErrors) -> BySensor {
     // docs/method.md (2.21).
     let [this, other] = r.pixels.map(|pixel| errors.warp.support(pixel).rows());

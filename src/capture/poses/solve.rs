@@ -1,7 +1,7 @@
 //! The poses of all states and the errors of their sensor by Gauss-Newton, and the sizes of both.
 //!
-//! The states share the sensor alone: the poses of each are eliminated (Schur complement), and what the
-//! states say of the sensor is added up.
+//! The states share the sensor alone: the poses of each are eliminated (Schur complement), and the states'
+//! information about the sensor is added up.
 
 use std::borrow::Cow;
 
@@ -22,28 +22,28 @@ use geometry::{Pose, log_so3};
 
 /// Rounds of association and Gauss-Newton with each size of the errors, at most.
 const ROUNDS: [usize; 3] = [10, 3, 3];
-/// Rounds in which the sizes of the errors settle between them.
+/// Rounds for the sizes of the errors between them.
 const SIZES: usize = 12;
-/// Share of the displacement expected of the poses that counts as noise in the first rounds.
+/// Share of the expected displacement of the poses, counted as noise in the first rounds.
 /// chosen: it falls slowly enough for matches to follow
 pub(super) const LOOSE: [f64; 5] = [1.0, 0.5, 0.3, 0.2, 0.1];
-/// Rounds end when no camera moves further than this, meters (radians times one meter).
-/// chosen: far below what poses are known to
+/// Rounds end with a smaller motion of all cameras, meters (radians times one meter).
+/// chosen: far below the error of poses
 const STEP_M: f64 = 5e-5;
 /// Smooth errors of a depth sensor, one standard deviation, before the recording shows more: see
-/// `sensor_errors`; ... chosen: of the order that calibrations leave (docs/method.md 2.11)
+/// `sensor_errors`; ... chosen: of the order left by calibrations (docs/method.md 2.11)
 const WARP: f64 = 0.004;
 /// ... and at least, as no variance may be zero. chosen: far below any sensor's
 const LEAST_WARP: f64 = 1e-6;
 
-/// A state whose poses are looked for.
+/// A state with unknown poses.
 pub(super) struct Problem<'a> {
     comparison: Comparison,
     /// As read.
     pub surfels: &'a [Surfels],
     pub reported: Vec<Pose>,
-    /// Whether these were found from the same frames: what is left between the frames then says nothing of
-    /// the size of their errors, which stays as expected.
+    /// Whether these were found from the same frames: residuals between the frames then do not show the size
+    /// of their errors, and it stays as expected.
     pub tracked: bool,
     drift: Drift,
     /// By how much the corrections grow with the lag of the poses: the cameras' velocities in their own
@@ -51,17 +51,17 @@ pub(super) struct Problem<'a> {
     velocities: DVector<f64>,
 }
 
-/// What was found.
+/// The solution.
 pub(super) struct Solution {
     /// Of each state.
     pub poses: Vec<Vec<Pose>>,
     pub errors: Vec<PoseErrors>,
     pub sensor: Option<Sensor>,
-    /// What may be left of their errors.
+    /// Draws of their remaining errors.
     pub draws: Vec<Drawn>,
 }
 
-/// What was found of the sensor.
+/// The errors of the sensor.
 pub(super) struct Sensor {
     pub errors: SensorErrors,
     /// Of their values.
@@ -75,19 +75,19 @@ struct Sizes {
     warp: f64,
 }
 
-/// A step, and the covariance of what it leads to.
+/// A step, and the covariance of its result.
 struct Step {
     poses: Vec<DVector<f64>>,
-    /// Covariances of what the lag does not explain of the corrections.
+    /// Covariances of the corrections without the lag's part.
     pose_covariances: Vec<DMatrix<f64>>,
-    /// Of the poses where the sensor is known, and what they follow it by.
+    /// Of the poses with a known sensor, and their derivative by it.
     own: Vec<[DMatrix<f64>; 2]>,
     sensor: DVector<f64>,
     sensor_covariance: DMatrix<f64>,
     /// Of the prior.
     pose_information: Vec<DMatrix<f64>>,
     sensor_information: DMatrix<f64>,
-    /// Logarithm of the marginal likelihood of the sizes, but for what does not depend on them.
+    /// Logarithm of the marginal likelihood of the sizes, up to a constant.
     log_likelihood: f64,
 }
 
@@ -110,7 +110,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// What its frames see, as read and reported.
+    /// Surfels of its frames, as read and reported.
     pub fn as_reported(&self) -> Views<'_> {
         Views { surfels: self.surfels, world_from_camera: &self.reported }
     }
@@ -134,8 +134,8 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// The poses that make the fitted surfels of all states agree, and the sizes of the errors of the reported
-/// ones; with those of the sensor, if some to start from are given.
+/// The poses of best agreement of all states' fitted surfels, and the sizes of the errors of the reported
+/// ones; with those of the sensor, if given as a start.
 pub(super) fn solve(problems: &[&Problem<'_>], sensor: Option<SensorErrors>) -> Option<Solution> {
     let mut sensor = sensor.map(|errors| {
         let count = errors.count();
@@ -151,7 +151,7 @@ pub(super) fn solve(problems: &[&Problem<'_>], sensor: Option<SensorErrors>) -> 
         for _ in 0..rounds {
             let loose = loosened.next();
             let known = sensor.as_ref().map(|s| &s.errors);
-            // Side by side, so that no state waits for the last frame of another.
+            // In parallel: no state waits for the last frame of another.
             let sums: Vec<Sums> = problems
                 .par_iter()
                 .zip(&poses)
@@ -196,7 +196,7 @@ pub(super) fn solve(problems: &[&Problem<'_>], sensor: Option<SensorErrors>) -> 
     Some(Solution { poses, errors: sizes.poses, sensor, draws })
 }
 
-/// The step that the normal equations of all states ask for.
+/// The step by the normal equations of all states.
 fn step(
     problems: &[&Problem<'_>],
     sums: &[Sums],
@@ -215,8 +215,8 @@ fn step(
     let mut gradient = &sensor_information * &values;
     let mut log_likelihood = half_log - 0.5 * values.dot(&gradient);
     let mut whole_gradient = gradient.clone();
-    // Of each state: covariance of the poses where the sensor is known, what they follow the sensor by, their
-    // own step, and the gradient.
+    // Of each state: covariance of the poses with a known sensor, their derivative by the sensor, their own
+    // step, and the gradient.
     let mut eliminated = Vec::new();
     let mut pose_information = Vec::new();
     for (((problem, sums), at), errors) in problems.iter().zip(sums).zip(at).zip(&sizes.poses) {
@@ -236,7 +236,7 @@ fn step(
                 let SensorSums { information: of_state, between, gradient: of_sensor } =
                     with_lag(of_state, lag?, &problem.velocities, &prior, &pull);
                 let follow = &covariance * &between;
-                // Schur complement: what the state says of the sensor when its poses follow it.
+                // Schur complement: the state's information about the sensor with its poses following.
                 information += of_state - between.transpose() * &follow;
                 gradient += &of_sensor - between.transpose() * &own_step;
                 whole_gradient += of_sensor;
@@ -255,13 +255,13 @@ fn step(
         information
     };
     let sensor = -(&sensor_covariance * gradient);
-    // Half of what the step lowers the sum of squares by, with that of every state below.
+    // Half of the fall of the sum of squares by the step, plus those of every state below.
     log_likelihood -= 0.5 * whole_gradient.dot(&sensor);
     let mut poses = Vec::new();
     let mut pose_covariances = Vec::new();
     let mut own = Vec::new();
     for ((covariance, follow, own_step, own_gradient), problem) in eliminated.into_iter().zip(problems) {
-        // Back substitution. What is not known of the sensor is not known of the poses that follow it.
+        // Back substitution. Uncertainty of the sensor is uncertainty of the poses, too.
         let step = -own_step - &follow * &sensor;
         log_likelihood -= 0.5 * own_gradient.dot(&step);
         poses.push(step);
@@ -281,7 +281,7 @@ fn step(
     })
 }
 
-/// What the corrections beside those of the lag, the value of that number, follow the sensor by.
+/// Derivative by the sensor of the corrections beside the lag's, the value of a given number.
 fn beside_lag(follow: &DMatrix<f64>, lag: Option<usize>, velocities: &DVector<f64>) -> DMatrix<f64> {
     let mut rest = follow.clone();
     if let Some(lag) = lag {
@@ -291,8 +291,7 @@ fn beside_lag(follow: &DMatrix<f64>, lag: Option<usize>, velocities: &DVector<f6
     rest
 }
 
-/// The sums of a state with those of the lag, which is seen through the poses' prior alone:
-/// docs/method.md (2.23).
+/// The sums of a state with those of the lag, seen through the poses' prior alone: docs/method.md (2.23).
 fn with_lag(
     sums: &SensorSums,
     lag: usize,
@@ -327,16 +326,15 @@ fn pose_equations(pairs: &[PairSums], poses: usize) -> (DMatrix<f64>, DVector<f6
     (information, gradient)
 }
 
-/// Information that the sensor's errors are no larger than expected: one of scale, and smooth ones. With half
-/// the logarithm of its determinant.
+/// Prior information about the sensor's errors: one of scale, and smooth ones. With half the logarithm of its
+/// determinant.
 fn sensor_information(errors: &SensorErrors, size: f64) -> Option<(DMatrix<f64>, f64)> {
     let factor = errors.expected(size).cholesky()?;
     Some((inverse(&factor), -half_log_determinant(&factor)))
 }
 
-/// The most likely sizes of the errors by the last equations, about the place that they were made at: with
-/// drift of the poses where that is likelier than jitter alone by docs/method.md (1.6). See
-/// docs/method.md (2.15).
+/// The most likely sizes of the errors by the last equations, about their place: with drift of the poses
+/// where that is likelier than jitter alone by docs/method.md (1.6). See docs/method.md (2.15).
 fn most_likely(
     problems: &[&Problem<'_>],
     sums: &[Sums],
@@ -344,20 +342,10 @@ fn most_likely(
     sensor: Option<&SensorErrors>,
     before: &Sizes,
 ) -> Option<Sizes> {
-    // Partners and weights stay: such a round costs a factor and no search.
-    let settled = |errors: PoseErrors| {
-        let mut sizes = Sizes { poses: started(problems, errors), ..before.clone() };
-        for _ in 0..SIZES {
-            sizes = resized(problems, at, sensor, &step(problems, sums, at, sensor, &sizes)?, &sizes);
-            if errors == PoseErrors::WITHOUT_DRIFT {
-                sizes.poses.iter_mut().for_each(|p| p.walk = errors.walk);
-            }
-        }
-        let likelihood = step(problems, sums, at, sensor, &sizes)?.log_likelihood;
-        Some((sizes, likelihood))
-    };
-    let (still, drifting) =
-        rayon::join(|| settled(PoseErrors::WITHOUT_DRIFT), || settled(PoseErrors::EXPECTED));
+    let (still, drifting) = rayon::join(
+        || settled_sizes(problems, sums, at, sensor, before, PoseErrors::WITHOUT_DRIFT),
+        || settled_sizes(problems, sums, at, sensor, before, PoseErrors::EXPECTED),
+    );
     let (still, likelihood_of_still) = still?;
     let (drifting, likelihood_of_drifting) = drifting?;
     // Drift has two sizes in each state, shown by three values of every pose.
@@ -370,7 +358,28 @@ fn started(problems: &[&Problem<'_>], errors: PoseErrors) -> Vec<PoseErrors> {
     problems.iter().map(|p| if p.tracked { PoseErrors::WITHOUT_DRIFT } else { errors }).collect()
 }
 
-/// Sizes by what was found and what is not known of it. See docs/method.md (2.15).
+/// Sizes found from a start, and the logarithm of their likelihood. Partners and weights stay: such a round
+/// costs a factor and no search.
+fn settled_sizes(
+    problems: &[&Problem<'_>],
+    sums: &[Sums],
+    at: &[DVector<f64>],
+    sensor: Option<&SensorErrors>,
+    before: &Sizes,
+    start: PoseErrors,
+) -> Option<(Sizes, f64)> {
+    let mut sizes = Sizes { poses: started(problems, start), ..before.clone() };
+    for _ in 0..SIZES {
+        sizes = resized(problems, at, sensor, &step(problems, sums, at, sensor, &sizes)?, &sizes);
+        if start == PoseErrors::WITHOUT_DRIFT {
+            sizes.poses.iter_mut().for_each(|p| p.walk = start.walk);
+        }
+    }
+    let likelihood = step(problems, sums, at, sensor, &sizes)?.log_likelihood;
+    Some((sizes, likelihood))
+}
+
+/// Sizes by the estimates and their covariance. See docs/method.md (2.15).
 fn resized(
     problems: &[&Problem<'_>],
     at: &[DVector<f64>],
@@ -378,29 +387,28 @@ fn resized(
     step: &Step,
     sizes: &Sizes,
 ) -> Sizes {
-    let of_state = |k: usize| {
-        let lag_s = sensor.map_or(0.0, |s| s.lag_s + step.sensor[s.lag()]);
-        let mean = &at[k] + &step.poses[k] - &problems[k].velocities * lag_s;
-        let covariance = &step.pose_covariances[k];
-        if problems[k].tracked {
-            return sizes.poses[k];
-        }
-        problems[k].drift.sizes(&sizes.poses[k], &step.pose_information[k], &mean, covariance)
-    };
-    let of_warp = |errors: &SensorErrors| {
-        let mean = errors.values() + &step.sensor;
-        let information = &step.sensor_information;
-        let pull = information * mean;
-        // As in docs/method.md (2.15), with one size for all values of the warp.
-        let marginal = information - information * &step.sensor_covariance * information;
-        let smooth = errors.warp.smooth();
-        let count = errors.first_of_shift();
-        let pull = pull.rows(0, count);
-        let marginal = marginal.view((0, 0), (count, count));
-        let change = growth(pull.dot(&(&smooth * pull)), smooth.dot(&marginal));
-        (sizes.warp * change).max(LEAST_WARP)
-    };
-    Sizes { poses: (0..problems.len()).map(of_state).collect(), warp: sensor.map_or(sizes.warp, of_warp) }
+    let lag_s = sensor.map_or(0.0, |s| s.lag_s + step.sensor[s.lag()]);
+    let mut poses = sizes.poses.clone();
+    for (k, problem) in problems.iter().enumerate().filter(|(_, problem)| !problem.tracked) {
+        let mean = &at[k] + &step.poses[k] - &problem.velocities * lag_s;
+        let information = &step.pose_information[k];
+        poses[k] = problem.drift.sizes(&sizes.poses[k], information, &mean, &step.pose_covariances[k]);
+    }
+    Sizes { poses, warp: sensor.map_or(sizes.warp, |errors| resized_warp(sizes.warp, errors, step)) }
+}
+
+/// As in docs/method.md (2.15), with one size for all values of the warp.
+fn resized_warp(size: f64, errors: &SensorErrors, step: &Step) -> f64 {
+    let mean = errors.values() + &step.sensor;
+    let information = &step.sensor_information;
+    let pull = information * mean;
+    let marginal = information - information * &step.sensor_covariance * information;
+    let smooth = errors.warp.smooth();
+    let count = errors.first_of_shift();
+    let pull = pull.rows(0, count);
+    let marginal = marginal.view((0, 0), (count, count));
+    let change = growth(pull.dot(&(&smooth * pull)), smooth.dot(&marginal));
+    (size * change).max(LEAST_WARP)
 }
 
 /// Translation, meters, and rotation vector, radians, of a correction in the camera's frame.

@@ -13,7 +13,7 @@ use geometry::{Intrinsics, Pose};
 /// Fewest pixels from one surfel to the next, along both sides, and most surfels in a row.
 const LEAST_STEP: usize = 4;
 const COLUMNS: usize = 160;
-/// A surfel whose readings scatter by more than this many times the noise is no plane.
+/// Largest scatter of a plane's readings, in standard deviations of the noise.
 /// chosen: four times the variance is beyond chance
 const MISFIT: f64 = 2.0;
 /// Independent readings of a window: stereo noise is correlated over about two pixels.
@@ -22,14 +22,14 @@ const INDEPENDENT: f64 = READINGS as f64 / 4.0;
 /// Expected error of a feature's place, pixels.
 /// tuned: shared/bags, as in the lift of matches (docs/method.md 4.4)
 const PLACE_PX: f64 = 0.6;
-/// Surfels whose normals differ by a smaller cosine are of different surfaces.
-/// chosen: 37 deg, beyond the error of any normal that is used
+/// Least cosine between normals of one surface.
+/// chosen: 37 deg, beyond the error of any used normal
 const SAME_COSINE: f64 = 0.8;
 
-/// Cells on each side of one that its normal is found with, and how many at least.
+/// Cells on each side for the normal of one, and the least number of them.
 const AROUND: i64 = 2;
 const LEAST_AROUND: usize = 8;
-/// Ways that a surfel can face: the camera, left, right, up, down.
+/// Facings of a surfel: the camera, left, right, up, down.
 pub(crate) const FACINGS: usize = 5;
 /// A surfel faces aside where its normal has a larger component along the image. chosen: 24 deg
 const ASIDE: f32 = 0.4;
@@ -55,9 +55,9 @@ pub(crate) struct Surfels {
     columns: usize,
     rows: usize,
     cells: Vec<Option<Surfel>>,
-    /// Cells that hold a surfel, by where it faces.
+    /// Cells with a surfel, by its facing.
     facing: [Vec<u32>; FACINGS],
-    /// Image features whose depth is known; see [`Self::with_landmarks`].
+    /// Image features with known depth; see [`Self::with_landmarks`].
     landmarks: Vec<Landmark>,
 }
 
@@ -76,14 +76,14 @@ struct Landmark {
     by_shift: [Vector3<f64>; 2],
 }
 
-/// What a frame sees of another's surfels.
+/// A frame's view of another's surfels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Overlap {
-    /// Surfels that were looked for.
+    /// Number of tried surfels.
     pub tried: usize,
-    /// Those that the other frame sees where they are.
+    /// Those seen in place by the other frame.
     pub agreeing: usize,
-    /// Those that the other frame looks through: what it sees lies behind them.
+    /// Those looked through by the other frame: its surface lies behind them.
     pub seen_through: usize,
 }
 
@@ -97,18 +97,18 @@ impl Overlap {
         }
     }
 
-    /// Share of the surfels that the other frame can judge which it sees where they are.
+    /// Share of the judged surfels seen in place by the other frame.
     pub fn agreement(&self) -> f64 {
         self.agreeing as f64 / (self.agreeing + self.seen_through).max(1) as f64
     }
 
-    /// Share of all that the other frame sees where they are.
+    /// Share of all seen in place by the other frame.
     pub fn share(&self) -> f64 {
         self.agreeing as f64 / self.tried.max(1) as f64
     }
 }
 
-/// How far a surfel lies off that of another frame.
+/// Distance of a surfel from the surfel of another frame.
 pub(crate) struct Residual {
     /// Distance from the other's plane, meters.
     pub distance_m: f64,
@@ -129,7 +129,7 @@ pub(crate) struct Residual {
 }
 
 impl Surfel {
-    /// Which way it faces.
+    /// Its facing.
     fn facing(&self) -> usize {
         let x = self.normal.x;
         let y = self.normal.y;
@@ -142,7 +142,7 @@ impl Surfel {
 }
 
 impl Surfels {
-    /// Of the pixels of a frame that are wanted.
+    /// Of the wanted pixels of a frame.
     pub fn of(frame: &RgbdFrame, noise: &NoiseConfig, wanted: impl Fn(usize) -> bool) -> Self {
         let k = frame.intrinsics;
         let step = (k.width / COLUMNS).max(LEAST_STEP);
@@ -153,7 +153,7 @@ impl Surfels {
         let plane =
             |[x, y]: [usize; 2]| if wanted(y * k.width + x) { plane(frame, noise, x, y) } else { None };
         let planes =
-            Planes { columns, rows, step, all: (0..columns * rows).map(|i| plane(place(i))).collect() };
+            WindowPlanes { columns, rows, step, all: (0..columns * rows).map(|i| plane(place(i))).collect() };
         let cells: Vec<Option<Surfel>> = (0..columns * rows)
             .map(|i| surfel(&k, noise, place(i), &planes.all[i]?, planes.slopes(i)?))
             .collect();
@@ -181,9 +181,8 @@ impl Surfels {
         numbers.collect()
     }
 
-    /// A landmark against the one of `other` that shows the same: how far it lies from that one's ray, along
-    /// two directions across it. Distances beyond three standard deviations do not count.
-    /// See docs/method.md (2.14).
+    /// A landmark against its match in `other`: its distances from the match's ray, along two directions
+    /// across it. Distances beyond three standard deviations do not count. See docs/method.md (2.14).
     pub fn across(
         &self,
         [this, that]: [u32; 2],
@@ -201,7 +200,7 @@ impl Surfels {
         [right, ray.cross(&right)].map(|across| {
             let distance_m = across.dot(&(other_point - that.point));
             let ends = this.place_m(&self.intrinsics).hypot(that.place_m(&other.intrinsics));
-            // The depth of the ray that the point lies on moves it aside in the other frame.
+            // The depth along the point's ray moves it aside in the other frame.
             let sigma_m = ends.hypot(this.sigma_m * across.dot(&own_ray));
             (distance_m.abs() <= 3.0 * sigma_m.hypot(displacement_m)).then(|| Residual {
                 distance_m,
@@ -226,7 +225,7 @@ impl Surfels {
         (landmark.point, [landmark.sigma_m, landmark.place_m(&self.intrinsics)])
     }
 
-    /// What `other` sees where every so many of the surfels lie.
+    /// The view of `other` at every so many of the surfels.
     pub fn overlap(&self, other: &Self, other_from_this: &Pose, poses: &PoseNoise, every: usize) -> Overlap {
         let mut overlap = Overlap::default();
         for &cell in self.facing.iter().flat_map(|cells| cells.iter().step_by(every)) {
@@ -241,7 +240,7 @@ impl Surfels {
             let turned = other_from_this.rotation * this.normal.cast::<f64>();
             if distance_m.abs() <= gate_m {
                 overlap.agreeing += usize::from(turned.dot(&normal) >= SAME_COSINE);
-            // A surface that turns its back is hidden by itself.
+            // A surface turned away is hidden by itself.
             } else if distance_m < 0.0 && turned.dot(&point.coords) > 0.0 {
                 overlap.seen_through += 1;
             }
@@ -249,19 +248,19 @@ impl Surfels {
         overlap
     }
 
-    /// The same of several frames by readings that are put right, from what they were as read.
+    /// The same of several frames by corrected readings.
     pub fn corrected(all: &[Self], errors: &SensorErrors) -> Vec<Self> {
-        // All frames have one camera, so that one table serves them.
+        // All frames have one camera: one table serves them.
         let Some(first) = all.first() else { return Vec::new() };
         let bends: Vec<Bend> =
             (0..first.cells.len()).map(|i| Bend::at(&errors.warp, first.pixel(i))).collect();
-        let corrected = |surfels: &Self| {
+        let corrected = all.par_iter().map(|surfels| {
             if surfels.intrinsics == first.intrinsics {
                 return surfels.corrected_by(errors, |i| bends[i]);
             }
             surfels.corrected_by(errors, |i| Bend::at(&errors.warp, surfels.pixel(i)))
-        };
-        all.par_iter().map(corrected).collect()
+        });
+        corrected.collect()
     }
 
     /// The same by the bend of the sensor's errors at each cell.
@@ -290,7 +289,7 @@ impl Surfels {
         [R + cell % self.columns * self.step, R + cell / self.columns * self.step].map(|i| i as f64)
     }
 
-    /// Indices of the cells that hold a surfel, rising for each way that these face.
+    /// Indices of the cells with a surfel, rising for each facing.
     pub fn facing(&self) -> &[Vec<u32>; FACINGS] {
         &self.facing
     }
@@ -302,18 +301,18 @@ impl Surfels {
         (sum, self.facing.iter().map(Vec::len).sum::<usize>() as f64)
     }
 
-    /// Every so many of the surfels' middles, with their unit normals, which point away from the camera.
+    /// Every so many of the surfels' middles, with their unit normals away from the camera.
     pub fn points(&self, every: usize) -> impl Iterator<Item = (Point3<f64>, Vector3<f64>)> {
         self.cells.iter().flatten().step_by(every).map(|s| (s.point.cast(), s.normal.cast()))
     }
 
-    /// Block of `side` x `side` cells that a cell lies in: column and row.
+    /// Column and row of a cell's block of `side` x `side` cells.
     pub fn block(&self, cell: u32, side: usize) -> [usize; 2] {
         let cell = cell as usize;
         [cell % self.columns / side, cell / self.columns / side]
     }
 
-    /// The surfel of a cell against what `other` sees in its place; `None` where that is nothing, or another
+    /// The surfel of a cell against the one of `other` in its place; `None` without one, or for another
     /// surface. Distances beyond three standard deviations by the noise of depth and `poses` do not count.
     pub fn residual(
         &self,
@@ -331,7 +330,7 @@ impl Surfels {
         let distance_m = other_normal.dot(&(other_point - there.point.cast::<f64>()));
         let variance_m2 = f64::from(this.sigma_m).powi(2) + f64::from(there.sigma_m).powi(2);
         let displacement_m = poses.displacement_m(other_point.z);
-        // What neither noise nor poses explain is another surface.
+        // Beyond noise and poses it is another surface.
         if distance_m.powi(2) > 9.0 * (variance_m2 + displacement_m.powi(2)) {
             return None;
         }
@@ -355,16 +354,20 @@ impl Surfels {
 
     /// The surfel nearest to a pixel.
     fn at(&self, (u, v): (f64, f64)) -> Option<&Surfel> {
-        let cell = |pixel: f64, count: usize| {
-            let at = (pixel - R as f64) / self.step as f64 + 0.5;
-            (at >= 0.0 && at < count as f64).then_some(at as usize)
-        };
-        self.cells[cell(v, self.rows)? * self.columns + cell(u, self.columns)?].as_ref()
+        let row = self.nearest_cell(v, self.rows)?;
+        let column = self.nearest_cell(u, self.columns)?;
+        self.cells[row * self.columns + column].as_ref()
+    }
+
+    /// The cell nearest to a coordinate, of `count` in a row or column.
+    fn nearest_cell(&self, pixel: f64, count: usize) -> Option<usize> {
+        let at = (pixel - R as f64) / self.step as f64 + 0.5;
+        (at >= 0.0 && at < count as f64).then_some(at as usize)
     }
 }
 
 impl Landmark {
-    /// A feature at a pixel; `None` where its depth is not that of a plane.
+    /// A feature at a pixel; `None` where its depth is not of a plane.
     fn at(frame: &RgbdFrame, noise: &NoiseConfig, [u, v]: [f64; 2]) -> Option<Self> {
         let k = frame.intrinsics;
         let [x, y] = [u, v].map(|c| c.round().max(0.0) as usize);
@@ -390,7 +393,7 @@ impl Landmark {
     fn correct(&mut self, k: &Intrinsics, errors: &SensorErrors) {
         let focal_px = [k.fx, k.fy];
         let shift_px = [0, 1].map(|i| errors.color_shift[i] * focal_px[i]);
-        // What color shows at its pixel, depth has beside it.
+        // Depth has the color's point beside the pixel.
         let [u, v] = [0, 1].map(|i| self.pixel[i] - shift_px[i]);
         let inverse = self.read.x - self.read.y * shift_px[0] - self.read.z * shift_px[1];
         let ray = k.ray(u, v);
@@ -417,17 +420,16 @@ fn plane(frame: &RgbdFrame, noise: &NoiseConfig, x: usize, y: usize) -> Option<W
 }
 
 /// The planes of all cells.
-struct Planes {
+struct WindowPlanes {
     columns: usize,
     rows: usize,
     step: usize,
     all: Vec<Option<WindowPlane>>,
 }
 
-impl Planes {
-    /// Slopes of inverse depth at a cell, by the cells about it that lie on its plane, 1/(meter pixel). Those
-    /// of one window are noisy, and noise of normals looks like information about motions that no surface
-    /// shows.
+impl WindowPlanes {
+    /// Slopes of inverse depth at a cell, by the cells about it on its plane, 1/(meter pixel). Slopes of one
+    /// window are noisy, and noise of normals looks like information about undetermined motions.
     fn slopes(&self, cell: usize) -> Option<[f64; 2]> {
         let own = self.all[cell].as_ref()?;
         let x = (cell % self.columns) as i64;
@@ -478,7 +480,7 @@ fn surfel(
     if along < GRAZING_COSINE * ray.norm() {
         return None;
     }
-    // A window that scatters little by chance must not weigh more for it.
+    // A window with little scatter by chance must not weigh more for it.
     let sigma_m = along * reading_m.max(plane.reading_sigma_m()) / INDEPENDENT.sqrt();
     Some(Surfel {
         plane: inverse.cast(),

@@ -40,18 +40,18 @@ impl Trajectory {
 
     /// The poses at other times: later than the stamps by `delay_s`; beyond either end they go on as there.
     pub fn delayed(&self, delay_s: f64) -> Vec<Pose> {
+        self.stamps_s.iter().map(|stamp_s| self.pose_at(stamp_s + delay_s)).collect()
+    }
+
+    fn pose_at(&self, time_s: f64) -> Pose {
         let last = self.poses.len().saturating_sub(1);
-        let at = |&stamp_s: &f64| {
-            let time_s = stamp_s + delay_s;
-            let after = self.stamps_s.partition_point(|&s| s <= time_s).clamp(1.min(last), last);
-            let before = after.saturating_sub(1);
-            let seconds = self.stamps_s[after] - self.stamps_s[before];
-            let share = if seconds > 0.0 { (time_s - self.stamps_s[before]) / seconds } else { 0.0 };
-            let step = shift_and_turn(&(self.poses[before].inverse() * self.poses[after])) * share;
-            let [shift, turn] = [0, 3].map(|k| step.fixed_rows::<3>(k).into_owned());
-            self.poses[before] * Pose::new(shift, turn)
-        };
-        self.stamps_s.iter().map(at).collect()
+        let after = self.stamps_s.partition_point(|&s| s <= time_s).clamp(1.min(last), last);
+        let before = after.saturating_sub(1);
+        let seconds = self.stamps_s[after] - self.stamps_s[before];
+        let share = if seconds > 0.0 { (time_s - self.stamps_s[before]) / seconds } else { 0.0 };
+        let step = shift_and_turn(&(self.poses[before].inverse() * self.poses[after])) * share;
+        let [shift, turn] = [0, 3].map(|k| step.fixed_rows::<3>(k).into_owned());
+        self.poses[before] * Pose::new(shift, turn)
     }
 }
 

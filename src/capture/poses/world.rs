@@ -1,4 +1,4 @@
-//! The motion between the world frames of two states by the surfaces that stand still.
+//! The motion between the world frames of two states by still surfaces.
 
 use std::fmt;
 
@@ -23,21 +23,21 @@ use geometry::{Pose, log_so3, shift_and_turn};
 
 /// Rounds of association and Gauss-Newton at most.
 const ROUNDS: usize = 12;
-/// Rounds end when the world moves less than this, meters (radians times one meter).
-/// chosen: far below what the world's pose is known to
+/// Rounds end with a smaller motion of the world, meters (radians times one meter).
+/// chosen: far below the error of the world's pose
 const STEP_M: f64 = 1e-5;
 
-/// A correction of state 1's world frame by surfaces that stand still.
+/// A correction of state 1's world frame by still surfaces.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WorldCorrection {
     /// To be applied to state 1's poses from the left.
     pub corrected_from_reported: Pose,
-    /// By how much the middle of what is seen moves, meters.
+    /// Motion of the middle of the seen surface, meters.
     pub moved_m: f64,
     /// By how much it turns, radians.
     pub turned_rad: f64,
-    /// Robust standard deviation of the distances between surfaces that frames of both states see, held out,
-    /// before and after, meters.
+    /// Robust standard deviation of the distances between surfaces of frames of both states, held out, before
+    /// and after, meters.
     pub residual_m: [f64; 2],
     /// Covariance of a left perturbation (translation 3, rotation 3) of `corrected_from_reported`, square
     /// meters and radians; `None` where frames are too few.
@@ -58,7 +58,7 @@ impl fmt::Display for WorldCorrection {
     }
 }
 
-/// The correction of the second state's world frame, expected to be off by `expected`, by what stands still;
+/// The correction of the second state's world frame, with an error of size `expected`, by still surfaces;
 /// `only_object`: of the object alone. `None` where held-out surfels do not gain.
 #[must_use]
 pub fn align_worlds(
@@ -67,8 +67,11 @@ pub fn align_worlds(
     expected: &PoseNoise,
     only_object: bool,
 ) -> Option<WorldCorrection> {
-    let of_frame = |f: &RgbdFrame| Surfels::of(f, noise, |pixel| !only_object || f.is_object(pixel));
-    let surfels = states.map(|frames| frames.par_iter().map(of_frame).collect::<Vec<_>>());
+    let surfels = states.map(|frames| {
+        let frames = frames.par_iter();
+        let surfels = frames.map(|f| Surfels::of(f, noise, |pixel| !only_object || f.is_object(pixel)));
+        surfels.collect::<Vec<_>>()
+    });
     let poses = states.map(poses_of);
     let poses = poses.each_ref().map(Vec::as_slice);
     correct(poses, surfels.each_ref().map(Vec::as_slice), Matches::new(), expected).map(|(world, _)| world)
@@ -77,6 +80,12 @@ pub fn align_worlds(
 /// Reported poses of frames.
 pub(super) fn poses_of(frames: &[RgbdFrame]) -> Vec<Pose> {
     frames.iter().map(|f| f.world_from_camera).collect()
+}
+
+/// Poses of both states, those from `first` on moved about a center.
+fn second_state_moved(reported: &[Pose], first: usize, from_center: &Pose, moved: &Pose) -> Vec<Pose> {
+    let world = from_center * moved * from_center.inverse();
+    reported.iter().enumerate().map(|(i, p)| if i < first { *p } else { world * p }).collect()
 }
 
 /// See [`align_worlds`]; of the reported poses of both states.
@@ -100,15 +109,11 @@ pub(crate) fn correct(
     let reported: Vec<Pose> = states.concat();
     let center = middle(&reported[first..], surfels[1])?;
     let from_center = Pose::from_parts(center.coords.into(), nalgebra::UnitQuaternion::identity());
-    // A motion about the middle; what no surface shows stays small there.
+    // A motion about the middle; undetermined motions stay small there.
     let mut moved = Pose::identity();
-    let moved_poses = |moved: &Pose| -> Vec<Pose> {
-        let world = from_center * moved * from_center.inverse();
-        reported.iter().enumerate().map(|(i, p)| if i < first { *p } else { world * p }).collect()
-    };
     let mut scale = comparison.scale(seen_from(&all, &reported));
     for round in 0..ROUNDS {
-        let poses = moved_poses(&moved);
+        let poses = second_state_moved(&reported, first, &from_center, &moved);
         let sums = comparison.sums(
             seen_from(&all, &poses),
             None,
@@ -122,13 +127,13 @@ pub(crate) fn correct(
             break;
         }
     }
-    let poses = moved_poses(&moved);
+    let poses = second_state_moved(&reported, first, &from_center, &moved);
     let Gain { sigmas, residual_m } =
         Gain::of(&[comparison.changes(seen_from(&all, &reported), seen_from(&all, &poses))])?;
     if sigmas <= 0.0 {
         return None;
     }
-    // Both states have one sensor, whose error is the same for all that frames see at one pixel.
+    // Both states have one sensor, with the same error for all readings at one pixel.
     let sensor = SensorErrors::none(surfels[0].first()?.intrinsics());
     let sums = comparison.sums(seen_from(&all, &poses), Some(&sensor), scale, Fit::CLOSE);
     let pairs: Vec<PairInformation> =
@@ -148,14 +153,14 @@ pub(crate) fn correct(
     Some((world, Follow::new(&pairs, &sums.sensor?, &poses, first, &from_center, expected)?))
 }
 
-/// What state 1's world follows errors of poses and depth by, as it is brought to rest on what these frames
-/// see. See docs/method.md 2.12.
+/// Derivatives of state 1's world by errors of poses and depth, as it is brought to rest by these frames. See
+/// docs/method.md 2.12.
 pub(crate) struct Follow {
     /// Motion about the middle by a motion of each frame.
     by_frame: Vec<Matrix6<f64>>,
     /// ... and by the sensor's errors.
     by_sensor: Matrix6xX<f64>,
-    /// What a motion about the middle is to each camera of state 1.
+    /// A motion about the middle, in the frame of each camera of state 1.
     carried: Vec<Matrix6<f64>>,
 }
 
@@ -198,21 +203,21 @@ impl Follow {
     }
 }
 
-/// What a pair of frames says about the motion of state 1 about the middle: translation and rotation, from
-/// the left.
+/// Information of a pair of frames about the motion of state 1 about the middle: translation and rotation,
+/// from the left.
 struct PairInformation {
     frames: [usize; 2],
     information: Matrix6<f64>,
     gradient: Vector6<f64>,
-    /// What a motion of either camera adds to the gradient.
+    /// Derivative of the gradient by a motion of either camera.
     by_frame: [Matrix6<f64>; 2],
 }
 
 impl PairInformation {
     fn of(sums: &PairSums, poses: &[Pose], first: usize, from_center: &Pose) -> Self {
-        // Which of the two cameras is of state 1.
+        // The camera of state 1 among the two.
         let which = usize::from(sums.frames[0] < first);
-        // The motion of the world, as the camera that it carries along sees it.
+        // The motion of the world, in the frame of the camera carried along.
         let carried = adjoint(&(poses[sums.frames[which]].inverse() * from_center));
         let [own, between, other] = sums.information;
         let by_frame = if which == 0 { [own, between] } else { [between.transpose(), other] };
@@ -242,14 +247,14 @@ fn step(
     }
     let Observed { information, projector } = Observed::of(&information);
     let expected = expected_information(expected);
-    // Along what the surfaces do not determine the prior alone pulls.
+    // Along undetermined directions the prior alone pulls.
     let gradient = projector * gradient + expected * shift_and_turn(moved);
     Some(-(information + expected).cholesky()?.solve(&gradient))
 }
 
-/// Covariance of the motion about the middle. Errors of depth and pose run together over an image, so that
-/// each frame of either state is one observer (cluster-robust: Liang and Zeger 1986); `None` for no more
-/// frames of a state than parameters. See docs/method.md (2.17).
+/// Covariance of the motion about the middle. Errors of depth and pose run together over an image: each frame
+/// of either state is one observer (cluster-robust: Liang and Zeger 1986); `None` for no more frames of a
+/// state than parameters. See docs/method.md (2.17).
 fn covariance(pairs: &[PairInformation], frames: [usize; 2], expected: &PoseNoise) -> Option<Matrix6<f64>> {
     const PARAMETERS: usize = 6;
     let Observed { information, projector } = Observed::of(&pairs.iter().map(|p| p.information).sum());
@@ -269,13 +274,15 @@ fn covariance(pairs: &[PairInformation], frames: [usize; 2], expected: &PoseNois
     Some(inverse * spread * inverse)
 }
 
-/// Information that a motion about the middle is no larger than expected.
+/// Prior information about a motion about the middle.
 fn expected_information(expected: &PoseNoise) -> Matrix6<f64> {
-    let sigma = |k| if k < 3 { expected.translation_m } else { expected.rotation_rad };
-    Matrix6::from_diagonal(&Vector6::from_fn(|k, _| f64::powi(sigma(k), -2)))
+    Matrix6::from_diagonal(&Vector6::from_fn(|k, _| {
+        let sigma = if k < 3 { expected.translation_m } else { expected.rotation_rad };
+        sigma.powi(-2)
+    }))
 }
 
-/// Middle of the surfels that cameras see, in the world; `None` without any.
+/// Middle of the seen surfels, in the world; `None` without any.
 fn middle(world_from_camera: &[Pose], surfels: &[Surfels]) -> Option<Point3<f64>> {
     let mut sum = Vector3::zeros();
     let mut count = 0.0;

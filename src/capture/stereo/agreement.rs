@@ -5,16 +5,16 @@ use nalgebra::Point3;
 use super::{cells::Cells, likeness::Side, planes::Planes};
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
-/// Largest cost of a plane that views bear out: a correlation of 0.6.
+/// Largest cost of a confirmed plane: a correlation of 0.6.
 /// chosen: two more views must find the same place.
 const LARGEST_COST: f32 = 0.4;
-/// Share of the depth within which two views agree.
+/// Largest difference of agreeing depths, a share.
 /// chosen: a cell of disparity between views 15 degrees apart at the focal length of a usual camera.
 const SAME: f32 = 0.01;
-/// Views beside the own that must find the same.
+/// Least number of other views with the same.
 const WITNESSES: usize = 2;
 
-/// What another view says of a place.
+/// The verdict of another view on a place.
 enum Word {
     /// Found there, relative difference of depth.
     Same(f32),
@@ -23,11 +23,13 @@ enum Word {
     Nothing,
 }
 
-/// The cells of a view whose plane at least two others find as well, and more than see through it.
+/// Whether the plane of each cell is found by at least two other views as well, and by more than see through
+/// it.
 pub(super) fn agreed(views: &[Cells], planes: &[Planes], reference: usize) -> Vec<bool> {
     let view = &views[reference];
-    let is_agreed = |cell: usize| {
-        let Some(point) = place(view, &planes[reference], cell) else { return false };
+    let mut agreed = vec![false; view.hole.len()];
+    for (cell, agreed) in agreed.iter_mut().enumerate() {
+        let Some(point) = place(view, &planes[reference], cell) else { continue };
         let mut same = 0;
         let mut through = 0;
         for other in (0..views.len()).filter(|&o| o != reference) {
@@ -37,13 +39,12 @@ pub(super) fn agreed(views: &[Cells], planes: &[Planes], reference: usize) -> Ve
                 Word::Nothing => {}
             }
         }
-        same >= WITNESSES && same > 2 * through
-    };
-    (0..view.hole.len()).map(is_agreed).collect()
+        *agreed = same >= WITNESSES && same > 2 * through;
+    }
+    agreed
 }
 
-/// Relative standard deviation of the depths that views agree on: that of differences between two views, over
-/// the root of two.
+/// Relative standard deviation of agreed depths: of differences between two views, over the root of two.
 pub(super) fn spread(views: &[Cells], planes: &[Planes], agreed: &[Vec<bool>]) -> f64 {
     let mut differences = Vec::new();
     for (reference, view) in views.iter().enumerate() {
@@ -60,13 +61,13 @@ pub(super) fn spread(views: &[Cells], planes: &[Planes], agreed: &[Vec<bool>]) -
     SIGMAS_PER_MAD * median(differences).unwrap_or(0.0) / 2f64.sqrt()
 }
 
-/// The world point of a cell whose plane other views bear out.
+/// The world point of a cell with a confirmed plane.
 fn place(view: &Cells, planes: &Planes, cell: usize) -> Option<Point3<f64>> {
     let inverse = borne_out(view, planes, cell)?;
     Some(view.world_from_camera * Point3::from((view.ray(cell) / inverse).cast::<f64>()))
 }
 
-/// The inverse depth of a cell of a hole whose plane other views bear out.
+/// The inverse depth of a cell of a hole with a confirmed plane.
 fn borne_out(view: &Cells, planes: &Planes, cell: usize) -> Option<f32> {
     let inverse = planes.at[cell].dot(&view.ray(cell));
     (view.hole[cell] && planes.cost[cell] <= LARGEST_COST && inverse > 0.0).then_some(inverse)

@@ -9,7 +9,7 @@ use numeric::statistics::{SIGMAS_PER_MAD, median};
 /// Readings of a cell further apart than this share of their depth are of two surfaces.
 /// chosen: a surface at 75 degrees to the ray falls by as much over two pixels of a usual camera.
 const STEP: f32 = 0.02;
-/// Cells from the mask's border in which a pixel may be of either side.
+/// Cells from the mask's border with pixels of either side.
 const GUARD: usize = 1;
 
 /// A view in cells of 2 x 2 pixels, row-major.
@@ -74,14 +74,15 @@ impl Cells {
             cells.on_object[cell] = objects == 4;
             cells.hole[cell] = objects == 4 && read <= 1;
         }
-        let shows = |cell: usize| cells.pixels(cell, full.width).iter().any(|&p| frame.is_object(p));
-        let object: Vec<bool> = (0..count).map(shows).collect();
+        let object: Vec<bool> = (0..count)
+            .map(|cell| cells.pixels(cell, full.width).iter().any(|&p| frame.is_object(p)))
+            .collect();
         cells.off_object = dilated(&object, width, height, GUARD).into_iter().map(|near| !near).collect();
         cells.luma_sigma = cells.noise_of_luma();
         cells
     }
 
-    /// Cells on the object, and those among them that have no reading of it within a patch's reach.
+    /// Cells on the object, and those among them without a reading of it within a patch's reach.
     pub fn unread(&self, reach: usize) -> [usize; 2] {
         let w = self.camera.width;
         let h = self.camera.height;
@@ -106,8 +107,8 @@ impl Cells {
         self.camera.ray(x as f64, y as f64).cast()
     }
 
-    /// Noise of the brightness by what no plane explains in 3 x 3 cells (Immerkaer 1996, by the median, so
-    /// that texture counts less).
+    /// Noise of the brightness by the residuals of planes in 3 x 3 cells (Immerkaer 1996, by the median, to
+    /// count texture less).
     fn noise_of_luma(&self) -> f32 {
         let w = self.camera.width;
         let h = self.camera.height;

@@ -4,30 +4,31 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::cells::Cells;
 use crate::common_focus;
+use geometry::Intrinsics;
 
 /// Samples of a patch along each side, and cells between them: the patch is 9 cells wide.
 /// assumed: 18 pixels, between the windows of denoising (15 and 25).
 const SIDE: i32 = 5;
 const STRIDE: i32 = 2;
 const SAMPLES: usize = (SIDE * SIDE) as usize;
-/// Cells that a patch reaches to each side: a hole that is no wider is one of shadows and edges.
+/// Reach of a patch to each side, cells: a hole no wider is one of shadows and edges.
 pub(super) const REACH: i32 = STRIDE * (SIDE / 2);
 const CORNERS: [(i32, i32); 4] = [(-REACH, -REACH), (REACH, -REACH), (-REACH, REACH), (REACH, REACH)];
-/// Other views that one is compared with, and how many of these, the most alike, count.
-/// derived: the best half (Galliani 2015), so that half of the views may be blocked.
+/// Other views compared with one, and the number of the most alike with a weight.
+/// derived: the best half (Galliani 2015): half of the views may be blocked.
 const VIEWS: usize = 6;
 const BEST: usize = 3;
-/// Angles between two views that make a pair, radians: below, depth hardly shows; above, patches change.
+/// Angles between two views of a pair, radians: below, depth hardly shows; above, patches change.
 /// chosen: 4 and 34 deg
 const ANGLES: [f64; 2] = [0.07, 0.6];
-/// The angle that serves best, radians. chosen: 14 deg
+/// The best angle, radians. chosen: 14 deg
 const BEST_ANGLE: f64 = 0.25;
-/// What a view costs that sees through the place. chosen: a quarter of the cost of the most unlike views
+/// Cost of a view through the place. chosen: a quarter of the cost of the most unlike views
 const SEEN_THROUGH: f32 = 0.5;
-/// Cost of a plane of which nothing is known; that of the most unlike views is 2. chosen: twice that
+/// Cost of an unknown plane; the most unlike views cost 2. chosen: twice that
 pub(super) const UNKNOWN: f32 = 4.0;
-/// Deviations of a depth within which a place is on its surface, and the share of the depth at least.
-/// chosen: beyond chance, and the share within which two views agree
+/// Deviations of a depth for a place on its surface, and the share of the depth at least.
+/// chosen: beyond chance, and the share of two agreeing views
 const ON_SURFACE: (f32, f32) = (4.0, 0.01);
 
 /// Another view as a view of reference sees it: a cell at `p` with inverse depth `w` is seen at
@@ -38,34 +39,31 @@ pub(super) struct Eye<'a> {
     shift: Vector3<f32>,
 }
 
-/// The views that one is compared with.
+/// The views compared with one.
 pub(super) fn eyes(views: &[Cells], reference: usize) -> Vec<Eye<'_>> {
     let poses: Vec<_> = views.iter().map(|v| v.world_from_camera).collect();
     let Some(focus) = common_focus(&poses) else { return Vec::new() };
     let toward = |i: usize| (focus.coords - poses[i].translation.vector).normalize();
-    let angle = |i: usize| toward(i).angle(&toward(reference));
-    let mut others: Vec<usize> =
-        (0..views.len()).filter(|&i| i != reference && (ANGLES[0]..ANGLES[1]).contains(&angle(i))).collect();
-    others.sort_by(|&a, &b| {
-        let off = |i: usize| (angle(i) - BEST_ANGLE).abs();
-        off(a).total_cmp(&off(b)).then(a.cmp(&b))
-    });
+    let mut others: Vec<(f64, usize)> = Vec::new();
+    for i in (0..views.len()).filter(|i| *i != reference) {
+        let angle_rad = toward(i).angle(&toward(reference));
+        if (ANGLES[0]..ANGLES[1]).contains(&angle_rad) {
+            others.push(((angle_rad - BEST_ANGLE).abs(), i));
+        }
+    }
+    others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     others.truncate(VIEWS);
-    others.into_iter().map(|i| Eye::of(&views[reference], &views[i])).collect()
+    others.into_iter().map(|(_, i)| Eye::of(&views[reference], &views[i])).collect()
 }
 
 impl<'a> Eye<'a> {
     fn of(reference: &Cells, cells: &'a Cells) -> Self {
         let motion = cells.world_from_camera.inverse() * reference.world_from_camera;
-        let matrix = |c: &Cells| {
-            let k = &c.camera;
-            Matrix3::new(k.fx, 0.0, k.cx, 0.0, k.fy, k.cy, 0.0, 0.0, 1.0)
-        };
-        let k = matrix(reference);
         // A camera's matrix can always be inverted.
-        let back = k.try_inverse().unwrap_or_else(Matrix3::identity);
-        let turn = matrix(cells) * motion.rotation.to_rotation_matrix().matrix() * back;
-        let shift = matrix(cells) * motion.translation.vector;
+        let back = camera_matrix(&reference.camera).try_inverse().unwrap_or_else(Matrix3::identity);
+        let matrix = camera_matrix(&cells.camera);
+        let turn = matrix * motion.rotation.to_rotation_matrix().matrix() * back;
+        let shift = matrix * motion.translation.vector;
         Self { cells, turn: turn.cast(), shift: shift.cast() }
     }
 }
@@ -112,7 +110,7 @@ impl<'a> Patch<'a> {
         let mean = values.iter().sum::<f32>() / count.max(1.0);
         values.iter_mut().zip(&weights).for_each(|(v, w)| *v = w * (*v - mean));
         let square: f32 = values.iter().map(|v| v * v).sum();
-        // Half of the patch; a spread that noise alone would not give.
+        // Half of the patch; a spread beyond noise alone.
         let has_texture = square > 4.0 * count * view.luma_sigma.powi(2);
         (2.0 * count > SAMPLES as f32 && has_texture).then_some(Self {
             view,
@@ -170,7 +168,7 @@ impl<'a> Patch<'a> {
         }
         let places = offsets().map(|offset| {
             let q = at(offset);
-            (q.x / q.z, q.y / q.z)
+            [q.x / q.z, q.y / q.z]
         });
         let mut sum = 0.0;
         let mut square = 0.0;
@@ -181,7 +179,7 @@ impl<'a> Patch<'a> {
             square += value * value;
             product += value * self.values[k];
         }
-        // The values have no mean, so that of the other view falls out of the product.
+        // The values have no mean: the other view's falls out of the product.
         let square = square - sum * sum / self.count;
         let floor = self.count * eye.cells.luma_sigma.powi(2);
         Look::Unlike(1.0 - product / (self.square * square.max(floor)).sqrt())
@@ -198,7 +196,7 @@ enum Look {
 }
 
 impl Eye<'_> {
-    /// What the view says of a place by its depth and mask; `None`: nothing speaks against comparing.
+    /// The view's verdict on a place by its depth and mask; `None`: nothing speaks against comparing.
     fn place(&self, q: &Vector3<f32>, inverse: f32) -> Option<Look> {
         let Some(cell) = self.cell(q) else { return Some(Look::Blocked) };
         if self.cells.off_object[cell] {
@@ -230,13 +228,13 @@ impl Eye<'_> {
     }
 
     /// Brightness at a place, linear between cells.
-    fn sample(&self, (x, y): (f32, f32)) -> f32 {
+    fn sample(&self, [x, y]: [f32; 2]) -> f32 {
         let w = self.cells.camera.width;
         let i = x as usize;
         let j = y as usize;
         let fx = x - i as f32;
         let fy = y - j as f32;
-        // Rounding may take a place that is inside to the last row or column.
+        // Rounding may take a place inside to the last row or column.
         let Some(cells) = self.cells.luma.get(j * w + i..j * w + i + w + 2) else { return 0.0 };
         let top = cells[0] + fx * (cells[1] - cells[0]);
         let bottom = cells[w] + fx * (cells[w + 1] - cells[w]);
@@ -244,7 +242,11 @@ impl Eye<'_> {
     }
 }
 
-/// Where a place is, seen from a view, against the depth that the view read.
+fn camera_matrix(k: &Intrinsics) -> Matrix3<f64> {
+    Matrix3::new(k.fx, 0.0, k.cx, 0.0, k.fy, k.cy, 0.0, 0.0, 1.0)
+}
+
+/// Where a place is, seen from a view, against the depth read there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Side {
     Before,
@@ -254,7 +256,7 @@ pub(super) enum Side {
 }
 
 impl Cells {
-    /// On which side of the depth read at a cell a z-depth lies.
+    /// Side of a z-depth against the depth read at a cell.
     pub fn against(&self, cell: usize, depth_m: f32) -> Side {
         let read_m = self.depth_m[cell];
         if read_m <= 0.0 {

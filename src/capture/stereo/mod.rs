@@ -1,9 +1,9 @@
 //! Depth from color where the sensor read none: dark, glossy and thin parts of the object.
 //!
-//! In every view each cell (2 x 2 pixels) of a hole gets a plane, at first that of the nearest reading.
-//! Planes pass from neighbor to neighbor and are perturbed, and the one under which other views look most
-//! alike stays (PatchMatch: Bleyer, Rhemann and Rother 2011; many views: Galliani, Lasinger and Schindler
-//! 2015). A depth counts where other views find the same. See docs/method.md 2.16.
+//! In every view each cell (2 x 2 pixels) of a hole gets a plane, at first from the nearest reading. Planes
+//! pass from neighbor to neighbor and are perturbed, and the plane with the most alike other views stays
+//! (PatchMatch: Bleyer, Rhemann and Rother 2011; many views: Galliani, Lasinger and Schindler 2015). A depth
+//! counts where other views find the same. See docs/method.md 2.16.
 
 mod agreement;
 mod cells;
@@ -21,12 +21,12 @@ use self::{
 };
 use super::{NoiseConfig, RgbdFrame};
 
-/// Most readings of the sensor that a depth by color is worth, and fewest.
+/// Most and fewest readings of the sensor in place of a depth by color.
 /// chosen: neighbors share their patch of color, so one pixel is never worth more than a reading; the lower
 /// bound is that of [`RgbdFrame::sigma_m`].
 const READINGS: [f64; 2] = [1e-3, 1.0];
 
-/// Whether depth that the sensor did not read on the object is taken from color.
+/// Whether the sensor's missing depth on the object is taken from color.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum UseColorDepth {
@@ -35,20 +35,19 @@ pub enum UseColorDepth {
     Auto,
     /// Wherever depth is missing.
     Always,
-    /// Depth is what the sensor read.
+    /// Depth is the sensor's alone.
     Never,
 }
 
-/// Share of the object's cells beyond a patch's reach of any reading, from which on depth is taken from
-/// color.
+/// Least share of the object's cells beyond a patch's reach of any reading for depth from color.
 /// measured: seven clean rendered objects have 2.3 % at most, four made ones with lacquer on three tenths
 /// 9.5 % at least (docs/figures.md).
 const MUCH_UNREAD: f64 = 0.05;
-/// Every so many views are asked for that share.
+/// Stride of views for this share.
 /// derived: neighbors in time show the same.
 const ASKED: usize = 5;
 
-/// Share of the object that is further than [`REACH`] from any reading of it, in some of the views.
+/// Share of the object further than [`REACH`] from any reading of it, in some of the views.
 fn unread(frames: &[RgbdFrame], noise: &NoiseConfig) -> f64 {
     let asked: Vec<&RgbdFrame> = frames.iter().step_by(ASKED).collect();
     let counts: Vec<[usize; 2]> =
@@ -57,22 +56,22 @@ fn unread(frames: &[RgbdFrame], noise: &NoiseConfig) -> f64 {
     sum(1) as f64 / sum(0).max(1) as f64
 }
 
-/// What was filled.
+/// Counts of filled pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ColorDepth {
-    /// Share of the object that is far from any reading of it.
+    /// Share of the object far from any reading of it.
     pub unread: f64,
     /// Pixels of the object without depth.
     pub holes: usize,
-    /// ... that have one now.
+    /// ... with one now.
     pub filled: usize,
     /// Relative standard deviation of such a depth, by how views differ; 0 where none was filled.
     pub relative_sigma: f64,
 }
 
-/// Fills holes on the object by what the views of one state see alike, and sets the `readings` of these
-/// pixels by how far views differ there. Depth that was read stays as it is. Masks must have come with the
-/// recording: without, a pixel without depth may show anything. `None` where it is not due.
+/// Fills holes on the object by alike patches of the views of one state, and sets the `readings` of these
+/// pixels by the difference of views there. Read depth stays as it is. Masks must be the recording's:
+/// without, a pixel without depth may show anything. `None` where it is not due.
 #[must_use]
 pub fn fill_from_color(
     frames: &mut [RgbdFrame],
@@ -99,17 +98,18 @@ pub fn fill_from_color(
         .par_iter_mut()
         .zip(&views)
         .zip(planes.par_iter().zip(&agreed))
-        .map(|((frame, view), (planes, agreed))| fill(frame, view, (planes, agreed), relative_sigma, noise))
+        .map(|((frame, view), (planes, agreed))| fill(frame, view, planes, agreed, relative_sigma, noise))
         .sum();
     let holes = views.iter().map(|view| 4 * view.hole.iter().filter(|h| **h).count()).sum();
     Some(ColorDepth { unread, holes, filled, relative_sigma })
 }
 
-/// Writes the depths of a view's cells that others agree with to the pixels that have none.
+/// Writes a view's agreed depths to the pixels without one.
 fn fill(
     frame: &mut RgbdFrame,
     view: &Cells,
-    (planes, agreed): (&Planes, &[bool]),
+    planes: &Planes,
+    agreed: &[bool],
     relative_sigma: f64,
     noise: &NoiseConfig,
 ) -> usize {

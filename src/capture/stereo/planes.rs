@@ -12,17 +12,17 @@ use super::{
 };
 use numeric::random::{self, stage_rng};
 
-/// Rounds in which planes are passed on, each to one half of the cells and then to the other.
-/// assumed; steps that narrow faster changed no figure of one made object.
+/// Rounds of passing planes on, each to one half of the cells and then to the other. assumed; faster
+/// narrowing steps changed no figure of one made object.
 const ROUNDS: usize = 4;
-/// Neighbors whose planes a cell tries: beside it, and further off (Galliani 2015).
+/// Neighbors with planes tried by a cell: beside it, and further off (Galliani 2015).
 const NEIGHBORS: [(i32, i32); 8] = [(-1, 0), (1, 0), (0, -1), (0, 1), (-5, 0), (5, 0), (0, -5), (0, 5)];
-/// Perturbations that a cell tries in a round.
+/// Perturbations of a cell in a round.
 const TRIES: usize = 3;
 /// Largest perturbation of the first round: share of the inverse depth, and of it across a ray's unit.
 /// chosen: a wide first search
 const SPREAD: (f64, f64) = (0.02, 0.5);
-/// Cells on each side over which the slope of depth that was read is taken.
+/// Cells on each side for the slope of read depth.
 const SLOPE: usize = 2;
 
 /// Planes `n . x = 1` of a view's cells in its optical frame, 1/m; `cost` says how unlike other views look.
@@ -31,7 +31,7 @@ pub(super) struct Planes {
     pub cost: Vec<f32>,
 }
 
-/// The planes of a view's holes that other views bear out best.
+/// The best confirmed planes of a view's holes.
 pub(super) fn propagated(view: &Cells, eyes: &[Eye<'_>], seed: u64) -> Planes {
     let mut planes = extended(view);
     let width = view.camera.width;
@@ -46,15 +46,15 @@ pub(super) fn propagated(view: &Cells, eyes: &[Eye<'_>], seed: u64) -> Planes {
     for round in 0..ROUNDS {
         for half in 0..2 {
             // Cells of one color read those of the other alone: any number of threads gives the same.
-            let is_due = |cell: usize| (cell % width + cell / width) % 2 == half;
             let better: Vec<Option<(Vector3<f32>, f32)>> = holes
                 .par_iter()
                 .zip(&patches)
                 .map(|(&cell, patch)| {
-                    let patch = patch.as_ref().filter(|_| is_due(cell))?;
+                    let is_due = (cell % width + cell / width) % 2 == half;
+                    let patch = patch.as_ref().filter(|_| is_due)?;
                     let step = (round * 2 + half) * view.hole.len() + cell;
                     let rng = &mut stage_rng(seed, "capture/stereo", step as u64);
-                    Some(best(view, cell, &planes, (patch, eyes), round, rng))
+                    Some(best(view, cell, &planes, patch, eyes, round, rng))
                 })
                 .collect();
             for (&cell, better) in holes.iter().zip(better) {
@@ -72,7 +72,8 @@ fn best(
     view: &Cells,
     cell: usize,
     planes: &Planes,
-    (patch, eyes): (&Patch<'_>, &[Eye<'_>]),
+    patch: &Patch<'_>,
+    eyes: &[Eye<'_>],
     round: usize,
     rng: &mut impl Rng,
 ) -> (Vector3<f32>, f32) {
@@ -83,13 +84,23 @@ fn best(
     let neighbors = NEIGHBORS.iter().map(|(dx, dy)| (x + dx, y + dy));
     let inside = neighbors.filter(|(x, y)| (0..w).contains(x) && (0..h).contains(y));
     let passed_on = inside.map(|(x, y)| planes.at[(y * w + x) as usize]).filter(|p| *p != Vector3::zeros());
-    let better = |old: (Vector3<f32>, f32), plane: Vector3<f32>| {
+    let mut best = planes.at[cell];
+    let mut least = planes.cost[cell];
+    for plane in passed_on {
         let cost = patch.cost(&plane, eyes);
-        if cost < old.1 { (plane, cost) } else { old }
-    };
-    let found = passed_on.fold((planes.at[cell], planes.cost[cell]), better);
+        if cost < least {
+            (best, least) = (plane, cost);
+        }
+    }
     let ray = view.ray(cell);
-    (0..TRIES).fold(found, |found, _| better(found, perturbed(&found.0, &ray, round, rng)))
+    for _ in 0..TRIES {
+        let plane = perturbed(&best, &ray, round, rng);
+        let cost = patch.cost(&plane, eyes);
+        if cost < least {
+            (best, least) = (plane, cost);
+        }
+    }
+    (best, least)
 }
 
 /// A plane turned and moved along the ray, by less from round to round.
@@ -103,7 +114,7 @@ fn perturbed(plane: &Vector3<f32>, ray: &Vector3<f32>, round: usize, rng: &mut i
     next
 }
 
-/// Planes of the depth that was read, and in holes those of the nearest reading on the object.
+/// Planes of the read depth, and in holes those of the nearest reading on the object.
 fn extended(view: &Cells) -> Planes {
     let count = view.hole.len();
     let mut planes = Planes { at: vec![Vector3::zeros(); count], cost: vec![UNKNOWN; count] };
@@ -136,26 +147,32 @@ fn extended(view: &Cells) -> Planes {
     planes
 }
 
-/// The plane of the depth read about a cell.
-fn read(view: &Cells, cell: usize) -> Option<Vector3<f32>> {
-    let w = view.camera.width;
-    let inverse = |x: usize, y: usize| {
-        let depth_m = *view.depth_m.get(y * w + x)?;
-        (x < w && depth_m > 0.0).then(|| 1.0 / depth_m)
-    };
-    let x = cell % w;
-    let y = cell / w;
-    let here = inverse(x, y)?;
-    // Between the readings on both sides, or beside the hole on one.
-    let slope = |before: Option<f32>, after: Option<f32>| match (before, after) {
+/// Inverse depth read at a cell, 1/meter.
+fn inverse_depth(view: &Cells, x: usize, y: usize) -> Option<f32> {
+    let depth_m = *view.depth_m.get(y * view.camera.width + x)?;
+    (x < view.camera.width && depth_m > 0.0).then(|| 1.0 / depth_m)
+}
+
+/// Slope between the readings on both sides, or beside the hole on one.
+fn slope(before: Option<f32>, here: f32, after: Option<f32>) -> Option<f32> {
+    match (before, after) {
         (Some(a), Some(b)) => Some((b - a) / (2 * SLOPE) as f32),
         (Some(a), None) => Some((here - a) / SLOPE as f32),
         (None, Some(b)) => Some((b - here) / SLOPE as f32),
         (None, None) => None,
-    };
-    let back = |v: usize| v.checked_sub(SLOPE);
-    let across = slope(back(x).and_then(|x| inverse(x, y)), inverse(x + SLOPE, y))?;
-    let down = slope(back(y).and_then(|y| inverse(x, y)), inverse(x, y + SLOPE))?;
+    }
+}
+
+/// The plane of the depth read about a cell.
+fn read(view: &Cells, cell: usize) -> Option<Vector3<f32>> {
+    let w = view.camera.width;
+    let x = cell % w;
+    let y = cell / w;
+    let here = inverse_depth(view, x, y)?;
+    let left = x.checked_sub(SLOPE).and_then(|x| inverse_depth(view, x, y));
+    let above = y.checked_sub(SLOPE).and_then(|y| inverse_depth(view, x, y));
+    let across = slope(left, here, inverse_depth(view, x + SLOPE, y))?;
+    let down = slope(above, here, inverse_depth(view, x, y + SLOPE))?;
     let nx = across * view.camera.fx as f32;
     let ny = down * view.camera.fy as f32;
     let ray = view.ray(cell);

@@ -1,8 +1,7 @@
-//! Poses of frames by what they see of each other: Gauss-Newton over the surfels and landmarks that pairs
-//! share.
+//! Poses of frames against each other: Gauss-Newton over the common surfels and landmarks of pairs.
 //!
 //! These are the equations of the refinement of reported poses (docs/method.md 2.7), without its prior:
-//! nothing was reported. What no surface and no landmark shows stays where it began.
+//! nothing was reported. Directions without surface and landmark stay as they began.
 
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
@@ -13,32 +12,32 @@ use crate::poses::{
 };
 use geometry::Pose;
 
-/// Share of the displacement expected of the start that counts as noise, by round.
+/// Share of the expected displacement of the start, counted as noise, by round.
 /// chosen: it falls slowly enough for matches to follow
 const LOOSE: [f64; 5] = [1.0, 0.5, 0.25, 0.1, 0.05];
 /// Rounds at most.
 const ROUNDS: usize = 10;
-/// Rounds end when nothing moves further than this, meters (radians times one meter).
-/// chosen: a fifth of what one pose errs by with the surfels of a frame, 0.2 mm
+/// Rounds end with a smaller motion, meters (radians times one meter).
+/// chosen: a fifth of the error of one pose by the surfels of a frame, 0.2 mm
 const STEP_M: f64 = 4e-5;
 /// Surfels compared in a round about one frame.
 /// tuned: shared/bags; more of them changed no pose by a tenth of its deviation
 const COMPARED: usize = 16_000;
 
-/// Frames whose poses are compared.
+/// Frames with compared poses.
 pub(super) struct Adjustment<'a> {
     pub surfels: &'a [Surfels],
     /// So many frames in front stay where they are.
     pub fixed: usize,
-    /// Pairs that share surface, each once.
+    /// Pairs with common surface, each once.
     pub pairs: &'a [[usize; 2]],
-    /// Landmarks that look alike, of those pairs.
+    /// Similar landmarks of those pairs.
     pub matches: &'a Matches,
     /// How far the poses to start from may be off.
     pub start: PoseNoise,
 }
 
-/// Poses that agree.
+/// Agreeing poses.
 pub(super) struct Adjusted {
     pub poses: Vec<Pose>,
     /// Normal equations of the ordered pairs about them.
@@ -48,10 +47,9 @@ pub(super) struct Adjusted {
 }
 
 impl Adjustment<'_> {
-    /// Poses near those to start from that agree.
+    /// Agreeing poses near a start.
     pub fn solve(&self, start: &[Pose]) -> Option<Adjusted> {
-        let both_ways = |[i, j]: &[usize; 2]| [[*i, *j], [*j, *i]];
-        let mut pairs: Vec<[usize; 2]> = self.pairs.iter().flat_map(both_ways).collect();
+        let mut pairs: Vec<[usize; 2]> = self.pairs.iter().flat_map(|[i, j]| [[*i, *j], [*j, *i]]).collect();
         pairs.sort_unstable();
         pairs.dedup();
         let mut matches = self.matches.clone();
@@ -84,14 +82,13 @@ impl Adjustment<'_> {
         Views { surfels: self.surfels, world_from_camera: poses }
     }
 
-    /// The step that the normal equations ask for, six values a free frame.
+    /// The step by the normal equations, six values a free frame.
     fn step(&self, sums: &[PairSums], start: &[Pose], poses: &[Pose]) -> Option<DVector<f64>> {
         let count = poses.len() - self.fixed;
         let mut information = DMatrix::zeros(6 * count, 6 * count);
         let mut gradient = DVector::zeros(6 * count);
-        let place = |frame: usize| frame.checked_sub(self.fixed).map(|k| 6 * k);
         for pair in sums {
-            let [i, j] = pair.frames.map(place);
+            let [i, j] = pair.frames.map(|frame| frame.checked_sub(self.fixed).map(|k| 6 * k));
             let [own, between, other] = pair.information;
             for (r, c, block) in [(i, i, own), (i, j, between), (j, i, between.transpose()), (j, j, other)] {
                 if let (Some(r), Some(c)) = (r, c) {
@@ -106,7 +103,7 @@ impl Adjustment<'_> {
                 }
             }
         }
-        // The start is known as well as it is: along what nothing shows it alone decides.
+        // The start has an error of its own: along undetermined directions it alone decides.
         let known = Vector6::from_fn(|k, _| {
             let sigma = if k < 3 { self.start.translation_m } else { self.start.rotation_rad };
             (START_SPREAD * sigma).powi(-2)
@@ -125,13 +122,12 @@ impl Adjustment<'_> {
     }
 }
 
-/// The start counts as if it erred by so many times what is expected: it holds only what nothing else does.
-/// chosen: its weight is a hundredth of that of a reading
+/// The start counts with so many times the expected error: it holds only otherwise free directions.
+/// chosen: its weight is a hundredth of a reading's
 const START_SPREAD: f64 = 10.0;
 
 impl Adjusted {
-    /// Information that all pairs have about the pose of one frame in its own camera's frame, the others
-    /// held.
+    /// Information of all pairs about the pose of one frame in its own camera's frame, the others held.
     pub fn information(&self, frame: usize) -> Matrix6<f64> {
         self.sums.iter().map(|s| information_of(s, frame)).sum()
     }
@@ -152,17 +148,17 @@ fn information_of(sums: &PairSums, frame: usize) -> Matrix6<f64> {
     }
 }
 
-/// Standard deviation of what a camera sees at a depth, in the direction that is known least, meters.
-/// See docs/method.md (2.27).
+/// Standard deviation of points at a depth before a camera, in the least known direction, meters. See
+/// docs/method.md (2.27).
 pub(super) fn least_known_m(information: &Matrix6<f64>, depth_m: f64) -> f64 {
-    // Turns as what they move at that depth.
+    // Turns as shifts of points at the depth.
     let scale = Vector6::from_fn(|k, _| if k < 3 { 1.0 } else { 1.0 / depth_m });
     let unit = Matrix6::from_diagonal(&scale);
     let least = (unit * information * unit).symmetric_eigenvalues().min();
     if least > 0.0 { least.powf(-0.5) } else { f64::INFINITY }
 }
 
-/// Information that matched landmarks have about the second of two cameras, in its own frame.
+/// Information of matched landmarks about the second of two cameras, in its own frame.
 pub(super) fn landmark_information(
     frames: [&Surfels; 2],
     matches: &[[u32; 2]],

@@ -1,8 +1,8 @@
-//! The motion between the maps of two states by what stands still.
+//! The motion between the maps of two states by still surfaces.
 //!
-//! Landmarks of both states that look alike propose motions: that of what stands still, and those of parts.
-//! Most motions of parts are contradicted by the surface of all that stands still; of those that are not,
-//! the one that landmarks in the most places follow is the maps'.
+//! Similar landmarks of both states propose motions: one of the still surroundings, and those of parts. Most
+//! motions of parts are contradicted by the still surface; of the others, the motion followed by landmarks in
+//! the most places is the maps'.
 
 use std::collections::BTreeSet;
 
@@ -27,28 +27,28 @@ use crate::{
 use geometry::Pose;
 use numeric::random::stage_rng;
 
-/// Keyframes of each state that are compared.
+/// Compared keyframes of each state.
 /// derived: 144 pairs take a second
 const KEYFRAMES: usize = 12;
-/// Motions that are looked for: what stands still and three parts.
-/// derived: recordings have few parts that move, and the largest come first
+/// Number of motions: the still surroundings and three parts.
+/// derived: recordings have few moving parts, and the largest come first
 const MOTIONS: usize = 4;
 /// Views that differ by more are not compared, radians.
 /// derived: twice the reach of features (`closure`), as surfaces are compared here
 const REACH_RAD: f64 = 1.0;
-/// Of the surface that both states can judge, what stands still must agree in no less than this share of
-/// what the best motion does.
-/// tuned: shared/bags: motions of parts that a floor contradicts have 0.83 and less, those of halves of
-/// scissors on a floor, which lie in it, 1.0
+/// Least agreement of the still surface, of the surface judged by both states, as a share of the best
+/// motion's.
+/// tuned: shared/bags: motions of parts contradicted by a floor have 0.83 and less, those of halves of
+/// scissors flat on a floor 1.0
 const POSSIBLE: f64 = 0.9;
-/// What stands still must be followed by landmarks in this many times as many cells as the next possible
-/// motion. derived: as between states with poses (docs/method.md 5)
+/// Least ratio between the cells of landmarks with the still motion and with the next possible one. derived:
+/// as between states with poses (docs/method.md 5)
 const CLEAR: f64 = 2.0;
-/// Side of the cells in which landmarks are counted, as a share of the depth.
+/// Side of the cells for the count of landmarks, as a share of the depth.
 /// derived: as between states with poses, where the object is as large as its depth
 const CELL_SHARE: f64 = 0.05;
-/// Motions between maps that take what is seen no further apart than this share of its depth, and turn it
-/// by no more than as many radians, are one.
+/// Motions between maps are one if they take the seen surface no further apart than this share of its depth,
+/// and turn it by no more than as many radians.
 /// measured: motions of one floor by different landmarks of shared/bags/drawer were 0.012 apart
 const SAME_SHARE: f64 = 0.03;
 
@@ -59,18 +59,18 @@ pub enum Unaligned {
     NothingAlike,
     /// Two motions explain about as much.
     Ambiguous {
-        /// Cells with landmarks that follow each.
+        /// Cells with landmarks of each.
         cells: [usize; 2],
     },
 }
 
-/// The motion from the second state's map to the first one's, and the share of the surfels that both can see
-/// which agree after it.
+/// The motion from the second state's map to the first one's, and the agreeing share of the surfels in view
+/// of both.
 ///
 /// # Errors
 /// [`Unaligned`].
 pub fn align_tracks(first: &Track, second: &Track, seed: u64) -> Result<(Pose, f64), Unaligned> {
-    let sides = [first, second].map(Side::of);
+    let sides = [first, second].map(TrackSide::of);
     let pairs: Vec<[usize; 2]> =
         (0..sides[0].poses.len()).flat_map(|i| (0..sides[1].poses.len()).map(move |j| [i, j])).collect();
     let matches: Vec<Vec<[u32; 2]>> = pairs
@@ -86,10 +86,8 @@ pub fn align_tracks(first: &Track, second: &Track, seed: u64) -> Result<(Pose, f
     // By cells; of equals the first.
     found.sort_by_key(|p| std::cmp::Reverse(p.cells));
     let &Proposal { motion: coarse, cells, overlap } = found.first().ok_or(Unaligned::NothingAlike)?;
-    let rivals = |p: &&Proposal| {
-        (cells as f64) < CLEAR * p.cells as f64 && !is_same(&p.motion, &coarse, &sides[0].poses[0], depth_m)
-    };
-    if let Some(next) = found[1..].iter().find(rivals) {
+    let mut rivals = found[1..].iter().filter(|p| (cells as f64) < CLEAR * p.cells as f64);
+    if let Some(next) = rivals.find(|p| !is_same(&p.motion, &coarse, &sides[0].poses[0], depth_m)) {
         return Err(Unaligned::Ambiguous { cells: [cells, next.cells] });
     }
     let fine = refined(&sides, &pairs, &matches, &coarse).unwrap_or(coarse);
@@ -97,13 +95,13 @@ pub fn align_tracks(first: &Track, second: &Track, seed: u64) -> Result<(Pose, f
 }
 
 /// Some keyframes of a state.
-struct Side<'a> {
+struct TrackSide<'a> {
     keyframes: Vec<usize>,
     poses: Vec<Pose>,
     surfels: Vec<&'a Surfels>,
 }
 
-impl<'a> Side<'a> {
+impl<'a> TrackSide<'a> {
     fn of(track: &'a Track) -> Self {
         let keyframes = spread_views(&track.key_poses, KEYFRAMES);
         Self {
@@ -117,26 +115,26 @@ impl<'a> Side<'a> {
 /// A motion from the first map to the second.
 struct Proposal {
     motion: Pose,
-    /// Cells with landmarks that follow it.
+    /// Cells with its landmarks.
     cells: usize,
-    /// What both states see of each other's surfels after it.
+    /// Views of both states of each other's surfels after it.
     overlap: Overlap,
 }
 
-/// Motions that landmarks follow, the most followed first.
+/// Motions followed by landmarks, the most followed first.
 fn proposals(
-    sides: &[Side<'_>; 2],
+    sides: &[TrackSide<'_>; 2],
     pairs: &[[usize; 2]],
     matches: &[Vec<[u32; 2]>],
     depth_m: f64,
     seed: u64,
 ) -> Vec<Proposal> {
-    let of_pair = |(&[i, j], matched): (&[usize; 2], &Vec<[u32; 2]>)| -> Vec<LandmarkPair> {
+    let mut left: Vec<LandmarkPair> = Vec::new();
+    for (&[i, j], matched) in pairs.iter().zip(matches) {
         let cameras = [&sides[0].poses[i], &sides[1].poses[j]];
         let frames = [sides[0].surfels[i], sides[1].surfels[j]];
-        matched.iter().map(|m| LandmarkPair::new(cameras, frames, *m)).collect()
-    };
-    let mut left: Vec<LandmarkPair> = pairs.iter().zip(matches).flat_map(of_pair).collect();
+        left.extend(matched.iter().map(|m| LandmarkPair::new(cameras, frames, *m)));
+    }
     let mut motions = Vec::new();
     for attempt in 0..MOTIONS {
         let mut rng = stage_rng(seed, "track/states", attempt as u64);
@@ -149,20 +147,19 @@ fn proposals(
     motions
 }
 
-/// Surfels that lie where the other state sees them, of both states.
-fn agreement(sides: &[Side<'_>; 2], pairs: &[[usize; 2]], motion: &Pose) -> Overlap {
-    let of_pair = |&[i, j]: &[usize; 2]| {
+/// Surfels in place by the other state, of both states.
+fn agreement(sides: &[TrackSide<'_>; 2], pairs: &[[usize; 2]], motion: &Pose) -> Overlap {
+    let overlaps = pairs.par_iter().map(|&[i, j]| {
         let moved = motion * sides[0].poses[i];
         let a = sides[0].surfels[i];
         let b = sides[1].surfels[j];
         let near = view_distance_rad(&moved, &sides[1].poses[j], mean_depth_m(a)) < REACH_RAD;
         if near { overlap([a, b], &(sides[1].poses[j].inverse() * moved)) } else { Overlap::default() }
-    };
-    let all: Vec<Overlap> = pairs.par_iter().map(of_pair).collect();
-    all.into_iter().fold(Overlap::default(), Overlap::plus)
+    });
+    overlaps.collect::<Vec<Overlap>>().into_iter().fold(Overlap::default(), Overlap::plus)
 }
 
-/// Whether two motions of the first map take what its camera sees to about the same place.
+/// Whether two motions of the first map take the view of its camera to about the same place.
 fn is_same(a: &Pose, b: &Pose, camera: &Pose, depth_m: f64) -> bool {
     let seen = camera * nalgebra::Point3::from(Vector3::z() * depth_m);
     (a * seen - b * seen).norm() < SAME_SHARE * depth_m && (a.rotation.angle_to(&b.rotation)) < SAME_SHARE
@@ -170,7 +167,7 @@ fn is_same(a: &Pose, b: &Pose, camera: &Pose, depth_m: f64) -> bool {
 
 /// The motion by surfaces and landmarks, where held-out ones gain by it.
 fn refined(
-    sides: &[Side<'_>; 2],
+    sides: &[TrackSide<'_>; 2],
     pairs: &[[usize; 2]],
     matches: &[Vec<[u32; 2]>],
     motion: &Pose,

@@ -1,22 +1,22 @@
-//! Keyframes that show the same and were not compared on the way: loops are closed, pieces are joined.
+//! Keyframes with common surface, not compared on the way: loops are closed, pieces are joined.
 
 use rayon::prelude::*;
 
 use super::{
-    keyframes::{Edge, Keyframes, view_distance_rad},
+    keyframes::{KeyframeEdge, Keyframes, view_distance_rad},
     locate::{Guess, Known, Located, locate},
 };
 use crate::poses::pose_noise::PoseNoise;
 use geometry::Pose;
 use numeric::random::stage_rng;
 
-/// Keyframes that each is compared with at most, of those that see it from near by.
+/// Most keyframes compared with each, of those seen from near by.
 /// tuned: shared/bags; more change no trajectory by a tenth of its error
 const NEIGHBORS: usize = 6;
-/// Views that differ by more share few features, radians.
+/// Largest difference of views with common features, radians.
 /// chosen: as for keyframes (Mikolajczyk and Schmid 2005)
 const REACH_RAD: f64 = 0.5;
-/// Adds what pairs of keyframes of one piece say that see the same; returns their number.
+/// Adds the pairs of keyframes of one piece with common surface; returns their number.
 pub(super) fn close_loops(keyframes: &mut Keyframes, seed: u64) -> usize {
     let count = keyframes.all.len();
     let mut pairs: Vec<[usize; 2]> = Vec::new();
@@ -32,7 +32,7 @@ pub(super) fn close_loops(keyframes: &mut Keyframes, seed: u64) -> usize {
     pairs.sort_unstable();
     pairs.dedup();
     pairs.retain(|pair| !keyframes.has_edge(*pair));
-    let found: Vec<Option<Edge>> = pairs
+    let found: Vec<Option<KeyframeEdge>> = pairs
         .par_iter()
         .map(|&[i, j]| {
             let pose = keyframes.all[i].pose.inverse() * keyframes.all[j].pose;
@@ -45,12 +45,12 @@ pub(super) fn close_loops(keyframes: &mut Keyframes, seed: u64) -> usize {
     keyframes.edges.len() - before
 }
 
-/// What following a camera is expected to be off by between keyframes that see the same, in errors of poses
-/// that are refined afterwards; landmarks may say more.
+/// Expected drift between keyframes with common surface, in errors of poses before refinement; landmarks may
+/// say more.
 /// chosen: landmarks are less exact than surfaces by a few times
 const CLOSE: f64 = 4.0;
 
-/// Joins pieces that show the same, the largest first.
+/// Joins pieces with common surface, the largest first.
 pub(super) fn join_pieces(keyframes: &mut Keyframes, seed: u64) {
     let mut sizes: Vec<(usize, usize)> = Vec::new();
     for k in &keyframes.all {
@@ -63,7 +63,7 @@ pub(super) fn join_pieces(keyframes: &mut Keyframes, seed: u64) {
     let mut pieces: Vec<usize> = sizes.into_iter().map(|(_, piece)| piece).collect();
     let mut at = 0;
     while at < pieces.len() {
-        // What was joined may reach a piece that the largest did not.
+        // Joined pieces may reach a piece out of reach of the largest.
         let joined = (at + 1..pieces.len()).find(|&k| join(keyframes, [pieces[at], pieces[k]], seed));
         match joined {
             Some(k) => _ = pieces.remove(k),
@@ -72,7 +72,7 @@ pub(super) fn join_pieces(keyframes: &mut Keyframes, seed: u64) {
     }
 }
 
-/// Joins the second piece to the first, if one of its keyframes shows what the first does.
+/// Joins the second piece to the first, if one of its keyframes has common surface with the first.
 fn join(keyframes: &mut Keyframes, pieces: [usize; 2], seed: u64) -> bool {
     let [into, from] = pieces;
     let [of_into, of_from] = pieces.map(|piece| keyframes.of_piece(piece));
@@ -94,23 +94,28 @@ fn join(keyframes: &mut Keyframes, pieces: [usize; 2], seed: u64) -> bool {
     false
 }
 
-/// Keyframes of a piece that are looked at to join it to another, at most ...
+/// Most keyframes of a piece tried to join it to another ...
 /// derived: those of its ends and two between
 const TRIED: usize = 4;
-/// ... keyframes of the other that each is compared with by looks ...
+/// ... keyframes of the other compared with each by looks ...
 /// derived: a second of looking at pairs
 const LOOKED_AT: usize = 100;
-/// ... and those that it is placed by.
+/// ... and those to place it by.
 /// derived: as while the camera is followed
 const JOINED_BY: usize = 4;
 
-/// What two keyframes say of each other; `None` where that is too little, or contradicts itself.
-fn compared(keyframes: &Keyframes, [i, j]: [usize; 2], guess: Option<Guess>, seed: u64) -> Option<Edge> {
+/// The edge between two keyframes; `None` for too little in common, or contradictions.
+fn compared(
+    keyframes: &Keyframes,
+    [i, j]: [usize; 2],
+    guess: Option<Guess>,
+    seed: u64,
+) -> Option<KeyframeEdge> {
     let mut rng = stage_rng(seed, "track/close", (i * keyframes.all.len() + j) as u64);
     let known = Known { observation: &keyframes.all[i].observation, pose: Pose::identity(), matches: None };
     let new = &keyframes.all[j].observation;
     let Located { pose, by_known, mut matches, .. } = locate(&[known], new, guess, &mut rng).ok()?;
-    Some(Edge {
+    Some(KeyframeEdge {
         frames: [i, j],
         first_from_second: pose,
         information: by_known[0],

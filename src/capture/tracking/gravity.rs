@@ -1,5 +1,5 @@
-//! Which way is up, where no pose says so: by accelerations, by the plane that the object stands on, or by
-//! the images.
+//! The direction of up, without reported poses: by accelerations, by the object's support plane, or by the
+//! images.
 
 use nalgebra::{Matrix3, Point3, Unit, UnitQuaternion, Vector3};
 
@@ -10,34 +10,34 @@ use numeric::statistics::median;
 
 /// Surfels looked at.
 const LOOKED_AT: usize = 8_000;
-/// Of those, one in so many proposes the plane on which it lies.
+/// Of those, one in so many proposes its plane.
 const PROPOSING: usize = 20;
 /// A surfel within so many standard deviations lies on a plane.
 /// chosen: 0.3 % of a normal distribution
 const GATE: f64 = 3.0;
 /// Depth of surfels errs by this share, warp included. chosen: the warp of a depth sensor, and a little more
 const DEPTH_SHARE: f64 = 0.005;
-/// Cosine between the normals of a surfel and of the plane that it lies on, at least. chosen: 20 deg
+/// Least cosine between the normals of a surfel and of its plane. chosen: 20 deg
 const SAME_COSINE: f64 = 0.94;
-/// A support looks up in the images by at least this sine. A wall looks down in those of a camera that looks
-/// down. chosen: 10 deg
+/// A support looks up in the images by at least this sine. A wall looks down for a camera turned down.
+/// chosen: 10 deg
 const LEAST_UP: f64 = 0.17;
-/// Share of all surface that a support holds, at least.
-/// chosen: what is smaller may be a shelf or a step of the object
+/// Least share of all surface on a support.
+/// chosen: a smaller one may be a shelf or a step of the object
 const LEAST_SHARE: f64 = 0.05;
-/// Share of the surface that may lie below a support. derived: as for background planes (`isolate::plane`)
+/// Largest share of the surface below a support. derived: as for background planes (`isolate::plane`)
 const BELOW_SHARE: f64 = 0.05;
-/// What things stand on is level within this, one standard deviation, radians.
+/// Tilt of supports, one standard deviation, radians.
 /// chosen: the feet of a table of 1 m differ by 1 cm; floors are better (DIN 18202: 4 mm on 1 m)
 const LEVEL_RAD: f64 = 0.01;
 /// Directions further apart than so many of their deviations contradict each other.
 /// chosen: 0.3 % of a normal distribution
 const APART: f64 = 3.0;
 
-/// What says which way is up.
+/// Source of the direction of up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UpBy {
-    /// The largest plane below everything that looks up in the images.
+    /// The largest plane below everything, with its normal up in the images.
     Support,
     /// The images' own upright, for want of such a plane.
     Images,
@@ -45,29 +45,29 @@ pub enum UpBy {
     Imu,
 }
 
-/// The world in which a tracked thing stands.
+/// The world of a tracked thing.
 #[derive(Clone, Copy, Debug)]
 pub struct Upright {
     /// From the map.
     pub world_from_map: Pose,
-    /// What says which way is up.
+    /// Source of the direction of up.
     pub by: UpBy,
-    /// Standard deviation of that, radians; `None` where only the images say so.
+    /// Standard deviation of up, radians; `None` where only the images say so.
     pub sigma_rad: Option<f64>,
-    /// Angle between measured gravity and what the support stands square to, radians, where there are both.
+    /// Angle between measured gravity and the support's normal, radians, where there are both.
     pub apart_rad: Option<f64>,
-    /// Whether that is more than both allow.
+    /// Whether the angle is beyond the errors of both.
     pub contradicted: bool,
 }
 
-/// Views whose places are known.
+/// Views with known places.
 pub(super) struct Placed<'a> {
     pub observations: Vec<&'a Observation>,
     pub poses: &'a [Pose],
 }
 
 /// The plane below everything.
-struct Support {
+struct SupportPlane {
     normal: Unit<Vector3<f64>>,
     offset_m: f64,
     /// Standard deviation of up by it, radians.
@@ -75,18 +75,18 @@ struct Support {
 }
 
 /// A piece of surface.
-struct Patch {
+struct SurfacePatch {
     point: Point3<f64>,
     /// Towards the camera.
     normal: Vector3<f64>,
-    /// Area that it stands for, up to a factor.
+    /// Its area, up to a factor.
     weight: f64,
     gate_m: f64,
 }
 
 impl Track {
-    /// The world in which the twin stands: z up, x to where the cameras look, the origin on the support below
-    /// what they look at. Up is what accelerations or the support say, whichever is known better.
+    /// The world of the twin: z up, x along the cameras' view, the origin on the support below their focus.
+    /// Up is from accelerations or the support, the better known of both.
     #[must_use]
     pub fn upright(&self) -> Upright {
         let measured = self.measured_up.as_ref().and_then(|m| m.as_ref().ok());
@@ -99,8 +99,8 @@ impl Placed<'_> {
         let patches = self.patches();
         let upright = self.images_upright();
         let by_images = support(&patches, &upright);
-        // A camera held on its side sees walls below; axes mixed up make a wall of the floor. What agrees
-        // with gravity is the support, if anything does.
+        // A camera held on its side sees walls below; axes mixed up make a wall of the floor. A plane in
+        // agreement with gravity is the support, if there is one.
         let support = match measured {
             None => by_images,
             Some(m) => {
@@ -129,14 +129,14 @@ impl Placed<'_> {
 
     fn world_from_map(
         &self,
-        patches: &[Patch],
+        patches: &[SurfacePatch],
         normal: &Unit<Vector3<f64>>,
-        support: Option<&Support>,
+        support: Option<&SupportPlane>,
     ) -> Pose {
         let ahead = self.poses.iter().map(|p| p.rotation * Vector3::z()).sum::<Vector3<f64>>();
         let focus =
             common_focus(self.poses).unwrap_or_else(|| self.poses[0] * Point3::new(0.0, 0.0, self.depth_m()));
-        // Below the focus: on the support, or on the lowest tenth of what is seen.
+        // Below the focus: on the support, or on the lowest tenth of the seen surface.
         let height_m = |p: &Point3<f64>| normal.dot(&p.coords);
         let floor_m = match support {
             Some(plane) if plane.normal.dot(normal) > SAME_COSINE => {
@@ -147,7 +147,7 @@ impl Placed<'_> {
         };
         let origin = focus + normal.into_inner() * (floor_m - height_m(&focus));
         let flat = ahead - normal.into_inner() * normal.dot(&ahead);
-        // Cameras that look straight down have no direction ahead; any will do.
+        // Cameras turned straight down have no direction ahead; any will do.
         let x = flat.try_normalize(1e-3 * ahead.norm().max(1e-12)).unwrap_or_else(|| {
             let aside = if normal.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
             normal.cross(&aside).normalize()
@@ -159,7 +159,7 @@ impl Placed<'_> {
         map_from_world.inverse()
     }
 
-    /// Mean of what is up in the images.
+    /// Mean direction of up in the images.
     fn images_upright(&self) -> Unit<Vector3<f64>> {
         let up = self.poses.iter().map(|p| p.rotation * -Vector3::y()).sum::<Vector3<f64>>();
         Unit::try_new(up, 1e-9).unwrap_or_else(|| Unit::new_unchecked(-Vector3::y()))
@@ -169,25 +169,25 @@ impl Placed<'_> {
         median(self.observations.iter().map(|o| mean_depth_m(&o.surfels)).collect()).unwrap_or(1.0)
     }
 
-    fn patches(&self) -> Vec<Patch> {
+    fn patches(&self) -> Vec<SurfacePatch> {
         let count: usize = self.observations.iter().map(|o| o.surfels.sum().1 as usize).sum();
         let every = count.div_ceil(LOOKED_AT).max(1);
-        let of_keyframe = |(observation, pose): (&&Observation, &Pose)| -> Vec<Patch> {
-            let patch = |(point, normal): (Point3<f64>, Vector3<f64>)| Patch {
+        let mut patches = Vec::new();
+        for (observation, pose) in self.observations.iter().zip(self.poses) {
+            patches.extend(observation.surfels.points(every).map(|(point, normal)| SurfacePatch {
                 // A surfel covers more where it is further away, and where it is seen from aside.
                 weight: point.z.powi(2) / normal.dot(&point.coords.normalize()).max(0.1),
                 gate_m: GATE * DEPTH_SHARE * point.z,
                 point: pose * point,
                 normal: -(pose.rotation * normal),
-            };
-            observation.surfels.points(every).map(patch).collect()
-        };
-        self.observations.iter().zip(self.poses).flat_map(of_keyframe).collect()
+            }));
+        }
+        patches
     }
 }
 
-/// Normal and offset of the largest plane below everything that faces up by about `upright`.
-fn support(patches: &[Patch], upright: &Unit<Vector3<f64>>) -> Option<Support> {
+/// Normal and offset of the largest plane below everything, facing up by about `upright`.
+fn support(patches: &[SurfacePatch], upright: &Unit<Vector3<f64>>) -> Option<SupportPlane> {
     let total: f64 = patches.iter().map(|p| p.weight).sum();
     let mut best: Option<(f64, Unit<Vector3<f64>>, f64)> = None;
     for proposing in patches.iter().step_by(PROPOSING) {
@@ -196,31 +196,31 @@ fn support(patches: &[Patch], upright: &Unit<Vector3<f64>>) -> Option<Support> {
             continue;
         }
         let offset_m = normal.dot(&proposing.point.coords);
-        let on = |p: &&Patch| is_on(p, &normal, offset_m);
-        let held: f64 = patches.iter().filter(on).map(|p| p.weight).sum();
-        let below = |p: &&Patch| normal.dot(&p.point.coords) - offset_m < -2.0 * p.gate_m;
-        let lower: f64 = patches.iter().filter(below).map(|p| p.weight).sum();
+        let on = patches.iter().filter(|p| is_on(p, &normal, offset_m));
+        let held: f64 = on.map(|p| p.weight).sum();
+        let below = patches.iter().filter(|p| normal.dot(&p.point.coords) - offset_m < -2.0 * p.gate_m);
+        let lower: f64 = below.map(|p| p.weight).sum();
         if lower <= BELOW_SHARE * total && held >= LEAST_SHARE * total && best.is_none_or(|b| held > b.0) {
             best = Some((held, normal, offset_m));
         }
     }
     let (_, normal, offset_m) = best?;
-    let mut found = Support { normal, offset_m, sigma_rad: LEVEL_RAD };
+    let mut found = SupportPlane { normal, offset_m, sigma_rad: LEVEL_RAD };
     for _ in 0..5 {
         found = refit(patches, &found)?;
     }
     Some(found)
 }
 
-fn is_on(patch: &Patch, normal: &Unit<Vector3<f64>>, offset_m: f64) -> bool {
+fn is_on(patch: &SurfacePatch, normal: &Unit<Vector3<f64>>, offset_m: f64) -> bool {
     (normal.dot(&patch.point.coords) - offset_m).abs() <= patch.gate_m
         && normal.dot(&patch.normal) >= SAME_COSINE
 }
 
 /// Least squares over the patches on a plane.
-fn refit(patches: &[Patch], plane: &Support) -> Option<Support> {
-    let on: Vec<&Patch> = patches.iter().filter(|p| is_on(p, &plane.normal, plane.offset_m)).collect();
-    let weight = |p: &Patch| p.weight / p.gate_m.powi(2);
+fn refit(patches: &[SurfacePatch], plane: &SupportPlane) -> Option<SupportPlane> {
+    let on: Vec<&SurfacePatch> = patches.iter().filter(|p| is_on(p, &plane.normal, plane.offset_m)).collect();
+    let weight = |p: &SurfacePatch| p.weight / p.gate_m.powi(2);
     let total: f64 = on.iter().map(|p| weight(p)).sum();
     let mean = on.iter().map(|p| p.point.coords * weight(p)).sum::<Vector3<f64>>() / total;
     let spread = on
@@ -232,19 +232,19 @@ fn refit(patches: &[Patch], plane: &Support) -> Option<Support> {
     let least = eigen.eigenvalues.imin();
     let found = Unit::try_new(eigen.eigenvectors.column(least).into_owned(), 1e-9)?;
     let normal = if found.dot(&plane.normal) < 0.0 { -found } else { found };
-    // The warp of a sensor is the same in all that it reads: more patches do not average it away, only the
-    // reach of the plane counts, in the direction in which it is shortest.
+    // The warp of a sensor is the same in all its readings: more patches do not average it away, only the
+    // reach of the plane counts, in its shortest direction.
     let reach_m =
         (0..3).filter(|k| *k != least).map(|k| eigen.eigenvalues[k].sqrt()).fold(f64::INFINITY, f64::min);
     let error_m = on.iter().map(|p| p.gate_m * weight(p)).sum::<f64>() / (GATE * total);
-    Some(Support {
+    Some(SupportPlane {
         normal,
         offset_m: normal.dot(&mean),
         sigma_rad: LEVEL_RAD.hypot(error_m / reach_m.max(1e-9)),
     })
 }
 
-/// The value that a tenth lie below; 0 of none.
+/// The tenth percentile; 0 of none.
 fn low(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 10).copied().unwrap_or(0.0)

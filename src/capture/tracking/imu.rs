@@ -1,8 +1,8 @@
-//! Which way is up, by an accelerometer that is fixed to a tracked camera. See docs/method.md 2.14.
+//! The direction of up, by an accelerometer fixed to a tracked camera. See docs/method.md 2.14.
 //!
-//! A reading is what holds the sensor up and what moves it. The tracked poses say what moved it: the second
-//! difference of its places is the mean of its acceleration, weighed by a triangle over the same time,
-//! whatever happened between. What is left is gravity, and the sensor's bias, which turns with it.
+//! A reading is the support of the sensor against gravity, and its acceleration. The tracked poses give the
+//! acceleration: the second difference of the places is its mean, weighed by a triangle over the same time,
+//! for any motion between. The remainder is gravity, and the sensor's bias, turning with it.
 
 use std::fmt;
 
@@ -17,23 +17,23 @@ const GRAVITY: f64 = 9.806_65;
 /// Prior standard deviation of the bias, m/s².
 /// derived: 70 mg, the zero-g offset in the data sheet of the BMI055 of depth cameras
 const BIAS: f64 = 0.07 * GRAVITY;
-/// Error of a direction by axes that are not square to each other, radians.
+/// Error of a direction by axes not square to each other, radians.
 /// derived: 1 % cross-axis sensitivity in the same data sheet
 const CROSS_AXIS_RAD: f64 = 0.01;
 /// Free fall may seem wrong by this share, beside its deviation.
 /// derived: 3 % tolerance of the sensitivity in data sheets of such sensors
 const SENSITIVITY: f64 = 0.03;
 /// Half of the time of a window, nanoseconds.
-/// derived: places that err by 1 mm are then 1 cm/s² of acceleration, a thousandth of gravity
+/// derived: errors of places of 1 mm are then 1 cm/s² of acceleration, a thousandth of gravity
 const HALF_NANOS: i64 = 500_000_000;
 /// Views further apart leave open how the camera turned between, nanoseconds.
 /// derived: a hand turns on its way in no less
 const GAP_NANOS: i64 = 300_000_000;
-/// Readings that a window needs.
-/// derived: 20 a second; what moves a hand is slower than 10 Hz
+/// Least readings of a window.
+/// derived: 20 a second; motions of a hand are slower than 10 Hz
 const LEAST_READINGS: usize = 20;
-/// Windows that an estimate needs.
-/// derived: two more than have as many numbers as gravity and bias
+/// Least windows of an estimate.
+/// derived: two more than those with as many numbers as gravity and bias
 const LEAST_WINDOWS: usize = 4;
 /// Residuals beyond so many deviations count less (Huber 1964). chosen: 95 % of normal residuals are within
 const HUBER: f64 = 2.0;
@@ -43,11 +43,11 @@ const LEAST_DEVIATION: f64 = 1.5e-3;
 /// Rounds of weighing.
 const ROUNDS: usize = 20;
 
-/// What an accelerometer that is fixed to the camera read.
+/// Readings of an accelerometer fixed to the camera.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Accelerometer {
-    /// Stamps, nanoseconds, in their order, and what was read, m/s², in the axes of the camera's optical
-    /// frame. One at rest reads upwards.
+    /// Stamps, nanoseconds, in their order, and readings, m/s², in the axes of the camera's optical frame.
+    /// One at rest reads upwards.
     pub readings: Vec<(i64, Vector3<f64>)>,
     /// Where it sits in the optical frame, meters.
     pub place_m: Vector3<f64>,
@@ -58,23 +58,23 @@ pub struct Accelerometer {
 pub struct MeasuredUp {
     /// In the map.
     pub up: Unit<Vector3<f64>>,
-    /// Its standard deviation in the direction that is known least, radians.
+    /// Its standard deviation in the least known direction, radians.
     pub sigma_rad: f64,
     /// The sensor's bias, m/s².
     pub bias: Vector3<f64>,
-    /// Windows of time that say so.
+    /// Windows of time with it.
     pub windows: usize,
 }
 
-/// Why accelerations do not say which way is up.
+/// Reason against a direction of up by accelerations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NoGravity {
     /// Too little time with readings and poses.
     Short {
-        /// Windows of time that there are.
+        /// Number of windows of time.
         windows: usize,
     },
-    /// What was read at rest is not the acceleration of free fall, m/s².
+    /// The reading at rest is not the acceleration of free fall, m/s².
     NotGravity(f64),
 }
 
@@ -96,14 +96,14 @@ impl fmt::Display for NoGravity {
 }
 
 /// Means over a triangle of time.
-struct Window {
-    /// Of what was read but for what moved the sensor, in the map.
+struct TimeWindow {
+    /// Of readings less the sensor's acceleration, in the map.
     rest: Vector3<f64>,
     /// Of the rotation from the sensor to the map.
     turn: Matrix3<f64>,
 }
 
-/// Which way is up in the map of views with stamps, nanoseconds, and poses, in the order of time.
+/// The direction of up in the map of views with stamps, nanoseconds, and poses, in the order of time.
 ///
 /// # Errors
 /// [`NoGravity`].
@@ -119,7 +119,7 @@ pub(super) fn measured_up(
 }
 
 /// Windows side by side, each from a view to another about half a second from one between.
-fn windows(placed: &[(i64, Pose)], accelerometer: &Accelerometer) -> Vec<Window> {
+fn windows(placed: &[(i64, Pose)], accelerometer: &Accelerometer) -> Vec<TimeWindow> {
     let mut all = Vec::new();
     let mut begin = 0;
     while begin < placed.len() {
@@ -136,7 +136,7 @@ fn window(
     placed: &[(i64, Pose)],
     [begin, middle, end]: [usize; 3],
     accelerometer: &Accelerometer,
-) -> Option<Window> {
+) -> Option<TimeWindow> {
     let views = &placed[begin..=end];
     if views.windows(2).any(|pair| pair[1].0 - pair[0].0 > GAP_NANOS) {
         return None;
@@ -169,7 +169,7 @@ fn window(
         read += weight * (rotation * value);
         turn += weight * rotation.matrix();
     }
-    (sum > 0.0).then(|| Window { rest: read / sum - moved, turn: turn / sum })
+    (sum > 0.0).then(|| TimeWindow { rest: read / sum - moved, turn: turn / sum })
 }
 
 /// Rotation of the camera between two views.
@@ -180,7 +180,7 @@ fn rotation_at(views: &[(i64, Pose)], stamp: i64) -> Option<nalgebra::UnitQuater
 }
 
 /// Gravity and bias by weighted least squares.
-fn solve(windows: &[Window]) -> Result<MeasuredUp, NoGravity> {
+fn solve(windows: &[TimeWindow]) -> Result<MeasuredUp, NoGravity> {
     let mut weights = vec![1.0; windows.len()];
     let mut state = Vector6::<f64>::zeros();
     let mut covariance = Matrix6::<f64>::identity();
@@ -225,7 +225,7 @@ fn solve(windows: &[Window]) -> Result<MeasuredUp, NoGravity> {
     })
 }
 
-fn row(window: &Window) -> SMatrix<f64, 3, 6> {
+fn row(window: &TimeWindow) -> SMatrix<f64, 3, 6> {
     let mut row = SMatrix::<f64, 3, 6>::zeros();
     row.fixed_view_mut::<3, 3>(0, 0).copy_from(&Matrix3::identity());
     row.fixed_view_mut::<3, 3>(0, 3).copy_from(&window.turn);

@@ -1,4 +1,4 @@
-//! Frames that others are placed by, and what pairs of them say of each other.
+//! Frames for the placement of others, and edges between pairs of them.
 
 use nalgebra::{Matrix6, Vector3};
 use rayon::prelude::*;
@@ -9,27 +9,27 @@ use super::{
 };
 use geometry::Pose;
 
-/// A frame that others are placed by.
+/// A frame for the placement of others.
 pub(super) struct Keyframe {
     /// Number of the view.
     pub view: usize,
     pub observation: Observation,
-    /// Piece of the recording that it hangs together with.
+    /// Its piece of the recording.
     pub piece: usize,
     /// Pose of its camera in its piece.
     pub pose: Pose,
-    /// Mean depth of what it shows, meters.
+    /// Mean depth of its surface, meters.
     pub depth_m: f64,
 }
 
-/// What two keyframes say of each other.
+/// Relative pose of two keyframes.
 #[derive(Clone)]
-pub(super) struct Edge {
+pub(super) struct KeyframeEdge {
     pub frames: [usize; 2],
     pub first_from_second: Pose,
     /// Information about the second one's pose, in its own frame.
     pub information: Matrix6<f64>,
-    /// Landmarks that look alike.
+    /// Similar landmarks.
     pub matches: Vec<[u32; 2]>,
     /// Found by looks alone, not by following the camera.
     pub closure: bool,
@@ -39,7 +39,7 @@ pub(super) struct Edge {
 #[derive(Default)]
 pub(super) struct Keyframes {
     pub all: Vec<Keyframe>,
-    pub edges: Vec<Edge>,
+    pub edges: Vec<KeyframeEdge>,
 }
 
 impl Keyframe {
@@ -53,8 +53,8 @@ impl Keyframe {
     }
 }
 
-/// How differently two cameras see what lies at a depth: the angle between their axes, and that by which the
-/// shift between them is seen, radians.
+/// Difference between two cameras' views of points at a depth: the angle between their axes, and the angle of
+/// the shift between them, radians.
 pub(super) fn view_distance_rad(a: &Pose, b: &Pose, depth_m: f64) -> f64 {
     let [axis_a, axis_b] = [a, b].map(|p| p.rotation * Vector3::z());
     let turned = axis_a.dot(&axis_b).clamp(-1.0, 1.0).acos();
@@ -72,7 +72,7 @@ impl Keyframes {
         order.into_iter().map(|(_, k)| k).collect()
     }
 
-    /// Those of some keyframes that look most like a frame and hang together, the most alike first.
+    /// Keyframes of one piece most similar to a frame, the most alike first.
     pub fn most_alike(
         &self,
         candidates: &[usize],
@@ -91,12 +91,12 @@ impl Keyframes {
             .collect()
     }
 
-    /// What the neighbors of a new keyframe say of it.
+    /// Edges between a new keyframe and its neighbors.
     pub fn add_edges(&mut self, known: &[usize], number: usize, located: &Located, closure: bool) {
         for (at, &k) in known.iter().enumerate() {
             // A frame beyond sight says nothing.
             if located.overlaps[at].agreeing > 0 {
-                self.edges.push(Edge {
+                self.edges.push(KeyframeEdge {
                     frames: [k, number],
                     first_from_second: self.all[k].pose.inverse() * located.pose,
                     information: located.by_known[at],
@@ -117,7 +117,7 @@ impl Keyframes {
         self.edges.iter().any(|e| e.frames == [i, j] || e.frames == [j, i])
     }
 
-    /// Takes a piece into that of another, by a motion between their frames.
+    /// Takes a piece into another, by a motion between their frames.
     pub fn merge(&mut self, piece: usize, into: usize, into_from_piece: &Pose) {
         for keyframe in self.all.iter_mut().filter(|k| k.piece == piece) {
             keyframe.piece = into;

@@ -1,5 +1,5 @@
-//! The motion between two cameras by landmarks that look alike: RANSAC (Fischler and Bolles 1981) over
-//! triples, each fitted by least squares (Kabsch 1976).
+//! The motion between two cameras by similar landmarks: RANSAC (Fischler and Bolles 1981) over triples, each
+//! fitted by least squares (Kabsch 1976).
 
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
@@ -27,13 +27,13 @@ const LEAST_FOLLOWERS: usize = 12;
 /// Smooth error of a depth sensor as a share of the depth, one standard deviation.
 /// derived: as in the refinement of poses (docs/method.md 2.11)
 const SMOOTH: f64 = 0.004;
-/// Rounds in which a motion settles on its followers.
+/// Rounds for a motion to settle on its followers.
 const ROUNDS: usize = 4;
 
-/// A landmark that two cameras saw, each in a map.
+/// A landmark seen by two cameras, each in a map.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LandmarkPair {
-    /// Where the first saw it, in the first map, meters, and along which ray.
+    /// Where the first saw it, in the first map, meters, and its ray.
     from: Point3<f64>,
     from_ray: Vector3<f64>,
     /// The same of the second, in the second map.
@@ -46,7 +46,7 @@ pub(super) struct LandmarkPair {
 }
 
 impl LandmarkPair {
-    /// Landmarks of two cameras that stand in two maps, by their numbers.
+    /// Landmarks of two cameras in two maps, by their numbers.
     pub fn new(cameras: [&Pose; 2], frames: [&Surfels; 2], numbers: [u32; 2]) -> Self {
         let [(from, [depth0, place0]), (to, [depth1, place1])] =
             [0, 1].map(|k| frames[k].landmark(numbers[k]));
@@ -74,17 +74,16 @@ impl LandmarkPair {
 
     /// Whether it lies where a motion between the maps takes it.
     pub fn follows(&self, motion: &Pose) -> bool {
-        // Two directions across have the same chance beyond a gate that is somewhat wider; one is taken for
-        // both.
+        // Two directions across have the same chance beyond a somewhat wider gate; one is taken for both.
         self.off(motion).iter().all(|square| *square <= GATE * GATE)
     }
 
-    /// Whether it may be one that follows a motion that is somewhat inexact.
+    /// Whether it may follow a somewhat inexact motion.
     pub fn is_near(&self, motion: &Pose) -> bool {
         self.off(motion).iter().all(|square| *square <= (NEAR * GATE).powi(2))
     }
 
-    /// Cell of space that it lies in, in the first map.
+    /// Its cell of space, in the first map.
     pub fn cell(&self, side_m: f64) -> [i64; 3] {
         [0, 1, 2].map(|k| (self.from[k] / side_m).floor() as i64)
     }
@@ -95,7 +94,7 @@ impl LandmarkPair {
     }
 }
 
-/// The motion that the most landmarks follow, and how many do; `None` where too few do.
+/// The motion followed by the most landmarks, and their number; `None` where too few do.
 pub(super) fn landmark_motion(pairs: &[LandmarkPair], rng: &mut impl Rng) -> Option<(Pose, usize)> {
     if pairs.len() < LEAST_FOLLOWERS {
         return None;
@@ -126,14 +125,16 @@ pub(super) fn landmark_motion(pairs: &[LandmarkPair], rng: &mut impl Rng) -> Opt
 
 /// The motion of a triple, if it keeps the lengths between its points.
 fn motion_of(triple: &[LandmarkPair; 3]) -> Option<Pose> {
-    let keeps = |a: &LandmarkPair, b: &LandmarkPair| {
-        let lengths = [(a.from - b.from).norm(), (a.to - b.to).norm()];
-        let sigma_m = (1.0 / a.weight() + 1.0 / b.weight()).sqrt();
-        lengths[0] > sigma_m && (lengths[0] - lengths[1]).abs() <= GATE * sigma_m
-    };
     let [a, b, c] = triple;
-    (keeps(a, b) && keeps(b, c) && keeps(c, a)).then_some(())?;
+    (keeps_length(a, b) && keeps_length(b, c) && keeps_length(c, a)).then_some(())?;
     rigid_fit(triple.iter().map(|p| (p.from, p.to, 1.0)))
+}
+
+/// Whether the points of two landmarks are as far from each other in both frames.
+fn keeps_length(a: &LandmarkPair, b: &LandmarkPair) -> bool {
+    let lengths = [(a.from - b.from).norm(), (a.to - b.to).norm()];
+    let sigma_m = (1.0 / a.weight() + 1.0 / b.weight()).sqrt();
+    lengths[0] > sigma_m && (lengths[0] - lengths[1]).abs() <= GATE * sigma_m
 }
 
 #[cfg(test)]

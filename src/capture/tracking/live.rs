@@ -1,13 +1,13 @@
 //! A camera followed while its views come in: the steps of [`Tracker`], with a pose at once and a bounded
-//! map. What comes later changes nothing: no loop is closed, and a lost view leaves no trace.
+//! map. Later views change nothing: no loop is closed, and a lost view leaves no trace.
 
 use super::{
     gravity::Placed, keyframes::view_distance_rad, lost::Lost, observation::Observation, tracker::Tracker,
 };
 use geometry::Pose;
 
-/// A camera that sees so differently from one view to the next is near what cannot be followed, radians.
-/// chosen: half of the 0.5 rad over which features of images match (`closure`)
+/// Change between two views near the limit of tracking, radians.
+/// chosen: half of the 0.5 rad of matching features (`closure`)
 const FAST_RAD: f64 = 0.25;
 
 /// Follows a camera.
@@ -23,16 +23,14 @@ pub struct LiveTracker {
     errors_m: Vec<f64>,
 }
 
-/// Where a view was taken, and how well that is known.
+/// Place of a view, and its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LiveView {
-    /// Pose of the optical frame: z up, x to where the first view looks, the origin on the support below
-    /// what it looks at.
+    /// Pose of the optical frame: z up, x along the first view, the origin on the support below its focus.
     pub world_from_camera: Pose,
-    /// Share of the surface that it and the keyframes should see alike which they do; 1 of the first view.
+    /// Agreeing share of its common surface with the keyframes; 1 of the first view.
     pub inliers: f64,
-    /// Standard deviation of its place against the first view's, meters, in the direction that is known
-    /// least.
+    /// Standard deviation of its place against the first view's, meters, in the least known direction.
     pub error_m: f64,
     /// Whether the camera moves nearly too fast.
     pub is_fast: bool,
@@ -53,13 +51,13 @@ impl LiveTracker {
         }
     }
 
-    /// Keyframes that there are.
+    /// Number of keyframes.
     #[must_use]
     pub fn keyframes(&self) -> usize {
         self.tracker.keyframes.all.len()
     }
 
-    /// Whether no more keyframes are kept: what is new can then be seen from near the old ones alone.
+    /// Whether no more keyframes are kept: new surface can then be seen from near the old ones alone.
     #[must_use]
     pub fn is_full(&self) -> bool {
         self.keyframes() >= self.most
@@ -89,10 +87,13 @@ impl LiveTracker {
             }
         };
         let located = &found.located;
-        // By the way from keyframe to keyframe that errs least: who comes back knows where that was.
-        let sees =
-            |k: &&usize| found.known.iter().zip(&located.overlaps).any(|(n, o)| n == *k && o.agreeing > 0);
-        let before = found.known.iter().filter(sees).map(|&k| self.errors_m[k]).fold(f64::INFINITY, f64::min);
+        // By the way of least error from keyframe to keyframe: after a return the old place is known.
+        let mut before = f64::INFINITY;
+        for k in &found.known {
+            if found.known.iter().zip(&located.overlaps).any(|(n, o)| n == k && o.agreeing > 0) {
+                before = before.min(self.errors_m[*k]);
+            }
+        }
         let error_m = before.hypot(located.least_known_m);
         let pose = located.pose;
         let inliers = located.agreement;

@@ -1,4 +1,4 @@
-//! Where a frame was taken, by keyframes whose places are known.
+//! Place of a frame, by keyframes with known places.
 
 use nalgebra::Matrix6;
 use rand_core::Rng;
@@ -20,39 +20,38 @@ use geometry::Pose;
 
 /// Of so many surfels one is looked for in the other frame.
 const CHECKED_EVERY: usize = 4;
-/// Of the surfels that frames can judge, this share must be seen where they are.
+/// Least share of judged surfels seen in place.
 /// tuned: shared/bags and synth --sensor handheld; right poses have 0.95 and more, wrong ones less than 0.8
 const LEAST_AGREEMENT: f64 = 0.88;
-/// Of a frame's surfels this share must be seen by the frames that it is placed with.
+/// Least share of a frame's surfels in view of its partners.
 /// tuned: shared/bags: views of one sweep share half and more
 const LEAST_SHARE: f64 = 0.2;
 
-/// A direction that has less than this share of the information about the best one may have it from the
-/// noise of normals.
-/// derived: the square of 4 deg, by which the worst normals of surfels err
+/// Least share of the information about the best direction: less may come from the noise of normals.
+/// derived: the square of 4 deg, the error of the worst normals of surfels
 const LEAST_OBSERVED: f64 = 0.005;
 
-/// A frame whose place is known.
+/// A frame with a known place.
 #[derive(Clone)]
 pub(super) struct Known<'a> {
     pub observation: &'a Observation,
     pub pose: Pose,
-    /// Its landmarks that look like those of the new frame, where they were looked for before.
+    /// Its landmarks similar to those of the new frame, where already searched.
     pub matches: Option<Vec<[u32; 2]>>,
 }
 
-/// What the frame's neighbors say of its place.
+/// The frame's place by its neighbors.
 pub(super) struct Located {
     pub pose: Pose,
-    /// Of each known frame: information that it has about the new one's pose, in the new camera's frame.
+    /// Of each known frame: its information about the new one's pose, in the new camera's frame.
     pub by_known: Vec<Matrix6<f64>>,
-    /// Surfels of both that agree, of each known frame.
+    /// Agreeing surfels of both, of each known frame.
     pub overlaps: Vec<Overlap>,
-    /// Landmarks that look alike, of each known frame.
+    /// Similar landmarks, of each known frame.
     pub matches: Vec<Vec<[u32; 2]>>,
     /// Standard deviation in the least known direction at the frame's mean depth, meters.
     pub least_known_m: f64,
-    /// Of the surfels that frames can judge, the share seen where they are.
+    /// Share of the judged surfels seen in place.
     pub agreement: f64,
 }
 
@@ -63,11 +62,11 @@ pub(super) struct Guess {
     pub noise: PoseNoise,
 }
 
-/// A guess by landmarks errs by little more than the poses that are refined afterwards.
+/// A guess by landmarks errs by little more than poses before refinement.
 /// chosen: landmarks are less exact than surfaces by a few times
 const BY_LANDMARKS: f64 = 3.0;
 
-/// Places a frame among known ones: by the landmarks that it shares with them, else by a guess.
+/// Places a frame among known ones: by common landmarks, else by a guess.
 pub(super) fn locate(
     known: &[Known<'_>],
     new: &Observation,
@@ -98,7 +97,7 @@ pub(super) fn locate(
             Ok(located) => return Ok(located),
             Err(why) => lost = why,
         }
-        // A guess by other means leaves open what landmarks and surfaces together left open.
+        // Another guess leaves open the same directions as landmarks and surfaces together.
         if lost == Lost::Undetermined {
             break;
         }
@@ -137,7 +136,7 @@ fn settled(
     }
     let depth_m = mean_depth_m(&new.surfels);
     let least_known_m = least_known_m(&observed(known, new, matched, &adjusted), depth_m);
-    // What the joint refinement of poses takes as an error must hold the truth.
+    // The truth must lie within the assumed error of the joint refinement.
     if !(least_known_m <= PoseNoise::EXPECTED.displacement_m(depth_m)) {
         return Err(Lost::Undetermined);
     }
@@ -145,8 +144,7 @@ fn settled(
     Ok(Located { pose, by_known, overlaps, matches: matched.to_vec(), least_known_m, agreement })
 }
 
-/// Information about the new frame without that of directions that the surfaces show by the noise of their
-/// normals alone.
+/// Information about the new frame without directions shown by noise of normals alone.
 fn observed(
     known: &[Known<'_>],
     new: &Observation,
@@ -169,7 +167,7 @@ fn observed(
     Observed::above(&all, LEAST_OBSERVED).information + by_landmarks
 }
 
-/// What two frames see of each other's surfels.
+/// Two frames' views of each other's surfels.
 pub(super) fn overlap(frames: [&Surfels; 2], second_from_first: &Pose) -> Overlap {
     let [first, second] = frames;
     let noise = PoseNoise::EXPECTED;

@@ -5,11 +5,11 @@
 pub enum Lost {
     /// Neither features nor the motion before gave a guess.
     NoGuess,
-    /// It shows too little that the keyframes show.
+    /// It shows too little of the keyframes' surface.
     LittleShared,
     /// Surfaces contradict each other.
     Contradicted,
-    /// What is shared leaves a motion open.
+    /// The common surface leaves a motion open.
     Undetermined,
     /// Neither light nor depth came in.
     Covered,
@@ -22,17 +22,18 @@ pub enum Lost {
 }
 
 impl Lost {
-    /// Why most of some views have no place, for people; views that were placed give no reason.
+    /// Reason of most of the views without a place, for people; placed views give none.
     #[must_use]
     pub fn mostly(reasons: &[Option<Self>]) -> &'static str {
-        let count = |why: Self| (reasons.iter().filter(|r| **r == Some(why)).count(), why);
-        reasons.iter().flatten().map(|why| count(*why)).max().map_or(
+        let counts =
+            reasons.iter().flatten().map(|why| (reasons.iter().filter(|r| **r == Some(*why)).count(), *why));
+        counts.max().map_or(
             "no other view hangs together with them; move slower, and look back at what was seen",
             |(_, why)| why.reason(),
         )
     }
 
-    /// What happened and what to do about it, for people.
+    /// The event and its remedy, for people.
     #[must_use]
     pub fn reason(self) -> &'static str {
         match self {
@@ -65,7 +66,7 @@ impl Lost {
         matches!(self, Self::Covered | Self::Dark | Self::Unread | Self::Blank)
     }
 
-    /// What to do about it, for people: the end of [`Self::reason`].
+    /// The remedy, for people: the end of [`Self::reason`].
     #[must_use]
     pub fn remedy(self) -> &'static str {
         self.reason().split_once("; ").map_or(self.reason(), |(_, remedy)| remedy)

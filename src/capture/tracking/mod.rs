@@ -1,10 +1,9 @@
-//! Camera poses of a recording that has none, by what its frames see of each other. See docs/method.md 2.14.
+//! Camera poses of a recording without any, by its frames alone. See docs/method.md 2.14.
 //!
-//! Every frame is placed by keyframes (frame to model): landmarks that look alike give a guess where the
-//! camera is, however far it moved; surfels and landmarks together say where exactly; surfaces that
-//! contradict each other, or that leave a motion open, say that the frame is lost. Keyframes that see the
-//! same again close loops. In the end all keyframes are put together by the equations that also refine
-//! reported poses.
+//! Every frame is placed by keyframes (frame to model): similar landmarks give a guess of the camera's place,
+//! after any motion; surfels and landmarks together give it exactly; with contradicting surfaces, or an open
+//! motion, the frame is lost. Keyframes with known surface close loops. In the end all keyframes are put
+//! together by the equations of the refinement of reported poses.
 
 mod adjust;
 mod between;
@@ -34,7 +33,7 @@ pub use self::{
     tracker::Tracker,
 };
 
-/// Whether the camera is tracked by what it sees.
+/// Whether the camera is tracked by its images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TrackCamera {

@@ -7,7 +7,7 @@ use crate::{
 };
 use common::ahead::Ahead;
 
-/// What a frame shows, about a megabyte.
+/// Surfels and landmarks of a frame, about a megabyte.
 pub struct Observation {
     /// Stamp of its color image, nanoseconds.
     pub stamp_nanos: i64,
@@ -20,10 +20,10 @@ pub struct Observation {
     read: f64,
 }
 
-/// Fewest features of an image in which others can be found again.
-/// derived: twice the followers that a motion needs
+/// Fewest features of an image for matches.
+/// derived: twice the needed followers of a motion
 const FEW_FEATURES: usize = 24;
-/// An image whose mean is darker shows little but the noise of its camera, of 255.
+/// Least mean of an image, of 255: a darker one shows little but the noise of its camera.
 /// chosen: sRGB of a third of a percent of the light of a white sheet
 const DARK: f64 = 12.0;
 /// Of the pixels of a frame so many must have depth.
@@ -31,8 +31,8 @@ const DARK: f64 = 12.0;
 const LEAST_READ: f64 = 0.05;
 
 impl Observation {
-    /// Of a frame without a mask, whose depth may have gaps of single pixels (as depth that was aligned to
-    /// color has): what stands around the object shows the camera's motion, too.
+    /// Of a frame without a mask, with possible gaps of single pixels in its depth (as of depth aligned to
+    /// color): the surroundings of the object show the camera's motion, too.
     #[must_use]
     pub fn of(mut frame: RgbdFrame, noise: &NoiseConfig, ahead: &Ahead) -> Self {
         fill_gaps(&mut frame);
@@ -60,16 +60,16 @@ impl Observation {
         }
     }
 
-    /// Landmarks of this frame and of another that look alike, by their numbers.
+    /// Similar landmarks of this frame and of another, by their numbers.
     pub(super) fn matches(&self, other: &Self) -> Vec<[u32; 2]> {
         self.landmarks.matches(&other.landmarks)
     }
 }
 
-/// Neighbors with depth that a pixel without needs, of eight.
+/// Least neighbors with depth of a pixel without, of eight.
 /// derived: every second column and row leaves two
 const LEAST_NEIGHBORS: usize = 2;
-/// Neighbors that differ by more than this share of their depth show an edge.
+/// Largest difference of neighbors without an edge, a share of their depth.
 /// chosen: a surface at 80 deg, seen over two pixels of 600 to the focal length
 const EDGE_SHARE: f32 = 0.02;
 

@@ -1,32 +1,32 @@
-//! Keyframes by what pairs of them say of each other (pose graph: Lu and Milios 1997).
+//! Keyframes by the relative poses of pairs (pose graph: Lu and Milios 1997).
 
 use nalgebra::{DMatrix, DVector, Matrix6, Vector6};
 
-use super::keyframes::Edge;
+use super::keyframes::KeyframeEdge;
 use crate::poses::{drift::adjoint, pose_noise::PoseNoise};
 use geometry::{Pose, shift_and_turn};
 
 /// Rounds of Gauss-Newton at most.
 const ROUNDS: usize = 24;
-/// Pairs that were found by looks are doubted at so many times the length at first, a tenth of it every
-/// other round: drift leaves right ones far off before a loop is closed (graduated non-convexity: Yang et
-/// al. 2020).
+/// Pairs found by looks are doubted at so many times the length at first, a tenth of it every other round:
+/// drift leaves right ones far off before a loop is closed (graduated non-convexity: Yang et al. 2020).
 /// derived: meters against a millimeter, squared
 const TRUSTED: f64 = 1e6;
-/// Rounds end when nothing moves further than this, meters (radians times one meter).
-/// chosen: a tenth of what poses may be off afterwards
+/// Rounds end with a smaller motion, meters (radians times one meter).
+/// chosen: a tenth of the error of poses afterwards
 const STEP_M: f64 = 1e-5;
-/// What two frames say of each other errs by at least this share of what is expected of poses: errors of
-/// depth run together over an image, which the information does not know.
+/// Least error of a relative pose, a share of the expected error of poses: errors of depth run together over
+/// an image, unknown to the information.
 /// measured: shared/bags/handheld, against their truth
 const FLOOR: f64 = 0.3;
-/// Squared length of a residual in standard deviations at which a pair that was found by looks alone counts
-/// half (Geman and McClure 1985).
+/// Squared length, in standard deviations, of a residual with half its weight, of a pair found by looks alone
+/// (Geman and McClure 1985).
 /// derived: six values with three standard deviations each
 const DOUBTED: f64 = 54.0;
 
-/// Poses that pairs agree on; the first frame stays. `edges` name their frames by place in `start`.
-pub(super) fn pose_graph(start: &[Pose], edges: &[Edge]) -> Vec<Pose> {
+/// Poses of best agreement with the pairs; the first frame stays. `edges` name their frames by place in
+/// `start`.
+pub(super) fn pose_graph(start: &[Pose], edges: &[KeyframeEdge]) -> Vec<Pose> {
     let mut poses = start.to_vec();
     if poses.len() < 2 {
         return poses;
@@ -44,8 +44,8 @@ pub(super) fn pose_graph(start: &[Pose], edges: &[Edge]) -> Vec<Pose> {
     poses
 }
 
-/// The step that the pairs ask for; those found by looks count half at the squared length `doubted`.
-fn step(poses: &[Pose], edges: &[Edge], doubted: f64) -> Option<DVector<f64>> {
+/// The step by the pairs; those found by looks count half at the squared length `doubted`.
+fn step(poses: &[Pose], edges: &[KeyframeEdge], doubted: f64) -> Option<DVector<f64>> {
     let size = 6 * (poses.len() - 1);
     let mut information = DMatrix::zeros(size, size);
     let mut gradient = DVector::zeros(size);
@@ -78,23 +78,23 @@ fn step(poses: &[Pose], edges: &[Edge], doubted: f64) -> Option<DVector<f64>> {
     Some(-information.cholesky()?.solve(&gradient))
 }
 
-/// What the poses make of a pair against what the pair says, in the second camera's frame, and its derivative
-/// by a motion of the first camera in its own.
-fn residual(poses: &[Pose], edge: &Edge) -> (Vector6<f64>, Matrix6<f64>) {
+/// Difference between the poses of a pair and its relative pose, in the second camera's frame, and its
+/// derivative by a motion of the first camera in its own.
+fn residual(poses: &[Pose], edge: &KeyframeEdge) -> (Vector6<f64>, Matrix6<f64>) {
     let [i, j] = edge.frames;
     let second_from_first = poses[j].inverse() * poses[i];
     let off = edge.first_from_second.inverse() * second_from_first.inverse();
     (shift_and_turn(&off), -adjoint(&second_from_first))
 }
 
-/// Information that a pair has, errors that run together included.
-fn edge_information(edge: &Edge) -> Matrix6<f64> {
+/// Information of a pair, common errors included.
+fn edge_information(edge: &KeyframeEdge) -> Matrix6<f64> {
     let floor = PoseNoise::EXPECTED.times(FLOOR);
     let floor = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| {
         (if k < 3 { floor.translation_m } else { floor.rotation_rad }).powi(2)
     }));
-    // A pair that leaves a motion open has no covariance. Every pair has the information of a meter and a
-    // radian, which is little against its own.
+    // A pair with an open motion has no covariance. Every pair has the information of a meter and a radian,
+    // little against its own.
     let least = Matrix6::identity();
     let covariance = (edge.information + least).cholesky().map(|c| c.inverse());
     covariance.and_then(|c| (c + floor).cholesky()).map_or(least, |c| c.inverse())
@@ -106,8 +106,8 @@ mod tests {
 
     use super::*;
 
-    fn edge(frames: [usize; 2], first_from_second: Pose, closure: bool) -> Edge {
-        Edge {
+    fn edge(frames: [usize; 2], first_from_second: Pose, closure: bool) -> KeyframeEdge {
+        KeyframeEdge {
             frames,
             first_from_second,
             information: Matrix6::identity() * 1e6,

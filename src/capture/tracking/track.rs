@@ -8,7 +8,7 @@ use super::{
     adjust::Adjustment,
     closure::{close_loops, join_pieces},
     imu::{Accelerometer, MeasuredUp, NoGravity, measured_up},
-    keyframes::{Edge, Keyframe},
+    keyframes::{Keyframe, KeyframeEdge},
     observation::Observation,
     pose_graph::pose_graph,
     tracker::Tracker,
@@ -17,23 +17,22 @@ use crate::poses::{pairs::Matches, pose_noise::PoseNoise, surfels::Surfels};
 use geometry::Pose;
 use numeric::statistics::median;
 
-/// What was found of a camera's way.
+/// Findings about a camera's trajectory.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TrackingFindings {
-    /// Views that were looked at.
+    /// Number of views.
     pub views: usize,
-    /// Views that have a pose.
+    /// Views with a pose.
     pub tracked: usize,
     /// Views without one, from the first to the last of each stretch, by their numbers.
     pub lost: Vec<[usize; 2]>,
-    /// Views that the others were placed by.
+    /// Keyframes, for the placement of the others.
     pub keyframes: usize,
-    /// Pairs of them that were compared: on the way, and behind it, as they show the same.
+    /// Compared pairs of them: on the way, and afterwards for common surface.
     pub pairs: [usize; 2],
     /// By how much the places of keyframes moved when all were put together, root mean square, meters.
     pub closed_m: f64,
-    /// Standard deviation of a keyframe against its neighbors in the direction that is known least, median,
-    /// meters.
+    /// Standard deviation of a keyframe against its neighbors in the least known direction, median, meters.
     pub least_known_m: f64,
 }
 
@@ -43,18 +42,18 @@ pub struct Track {
     pub stamps_nanos: Vec<i64>,
     /// Of every view; `None` where it was lost.
     pub poses: Vec<Option<Pose>>,
-    /// Which way is up in the map, where accelerations were recorded.
+    /// The direction of up in the map, where accelerations were recorded.
     pub measured_up: Option<Result<MeasuredUp, NoGravity>>,
-    /// What was found.
+    /// Counts and errors.
     pub findings: TrackingFindings,
-    /// What the keyframes show.
+    /// Observations of the keyframes.
     pub(super) observations: Vec<Observation>,
     /// Poses of the keyframes.
     pub(super) key_poses: Vec<Pose>,
 }
 
 impl Tracker {
-    /// Closes loops, joins pieces and puts all keyframes together; what hangs together with most views stays.
+    /// Closes loops, joins pieces and puts all keyframes together; the piece of most views stays.
     #[must_use]
     pub fn finish(mut self) -> Track {
         let seed = self.seed();
@@ -62,11 +61,13 @@ impl Tracker {
         let closures = close_loops(&mut self.keyframes, seed);
         let members = self.keyframes.of_piece(self.largest_piece());
         let place = |k: usize| members.binary_search(&k).ok();
-        let edges: Vec<Edge> = self
+        let edges: Vec<KeyframeEdge> = self
             .keyframes
             .edges
             .iter()
-            .filter_map(|e| Some(Edge { frames: [place(e.frames[0])?, place(e.frames[1])?], ..e.clone() }))
+            .filter_map(|e| {
+                Some(KeyframeEdge { frames: [place(e.frames[0])?, place(e.frames[1])?], ..e.clone() })
+            })
             .collect();
         let start: Vec<Pose> = members.iter().map(|&k| self.keyframes.all[k].pose).collect();
         let near = pose_graph(&start, &edges);
@@ -103,7 +104,7 @@ impl Tracker {
 }
 
 impl Track {
-    /// Which way is up in the map, by an accelerometer.
+    /// The direction of up in the map, by an accelerometer.
     ///
     /// # Errors
     /// [`NoGravity`].
@@ -114,8 +115,8 @@ impl Track {
     }
 }
 
-/// Keyframes whose surfels and landmarks agree, near where pairs of them say.
-fn together(observations: &[Observation], near: &[Pose], edges: &[Edge]) -> Vec<Pose> {
+/// Keyframe poses with agreeing surfels and landmarks, near those by the pairs.
+fn together(observations: &[Observation], near: &[Pose], edges: &[KeyframeEdge]) -> Vec<Pose> {
     let surfels: Vec<Surfels> = observations.iter().map(|o| o.surfels.clone()).collect();
     let mut pairs: Vec<[usize; 2]> = edges.iter().map(|e| e.frames).collect();
     pairs.sort_unstable();

@@ -12,16 +12,16 @@ use crate::poses::pose_noise::PoseNoise;
 use geometry::{Pose, shift_and_turn};
 use numeric::random::stage_rng;
 
-/// Keyframes that a frame is placed by: the last one, and those seen from nearest by.
+/// Keyframes for the placement of a frame: the last one, and those seen from nearest by.
 /// tuned: shared/bags; more cost time and change no pose by its deviation
 const NEIGHBORS: usize = 4;
-/// A frame that differs by more from all keyframes is one, radians.
-/// chosen: about a quarter of the 0.5 rad over which features match (Mikolajczyk and Schmid 2005)
+/// Difference from all keyframes of a new one, radians.
+/// chosen: about a quarter of the 0.5 rad of matching features (Mikolajczyk and Schmid 2005)
 const KEY_DISTANCE_RAD: f64 = 0.12;
-/// ... and one of whose surface the keyframes show less than this share.
-/// chosen: most of it, with a margin: half is the least that can be said to be known
+/// ... or the share of its surface shown by the keyframes, at most.
+/// chosen: most of it, with a margin: half is the least for a known surface
 const KEY_SHARE: f64 = 0.65;
-/// Keyframes that a lost frame is compared with, at most.
+/// Most keyframes compared with a lost frame.
 /// derived: a comparison of looks takes 10 ms; a lost frame takes no more than the time of two
 const LOOKED_AT: usize = 16;
 /// A hand's motion goes on as it was, but for this share and the jitter of a hand.
@@ -39,7 +39,7 @@ pub(super) struct Place {
     pub keyframe_from_camera: Pose,
 }
 
-/// A view that was placed by keyframes.
+/// A view placed by keyframes.
 pub(super) struct Found {
     pub piece: usize,
     /// The keyframes.
@@ -55,7 +55,7 @@ pub struct Tracker {
     pub(super) views: Vec<Option<Place>>,
     pub(super) stamps_nanos: Vec<i64>,
     pieces: usize,
-    /// Of the last view that was placed: its number, stamp and piece.
+    /// Of the last placed view: its number, stamp and piece.
     pub(super) last: Option<Last>,
     /// Standard deviations of the places of keyframes against those before, meters.
     pub(super) least_known_m: Vec<f64>,
@@ -90,7 +90,7 @@ impl Tracker {
         self.seed
     }
 
-    /// The piece that holds the most views.
+    /// The piece with the most views.
     pub(super) fn largest_piece(&self) -> usize {
         let mut counts = vec![0usize; self.pieces.max(1)];
         for place in self.views.iter().flatten() {
@@ -111,7 +111,7 @@ impl Tracker {
                 Ok(())
             }
             Err(why) => {
-                // It may be the first of frames that hang together; what comes later may join them.
+                // It may be the first frame of a piece; later frames may join it.
                 let first = self.views.is_empty();
                 let place = self.begin_piece(view, observation);
                 self.views.push(Some(place));
@@ -120,7 +120,7 @@ impl Tracker {
         }
     }
 
-    /// Where a frame was taken, by the keyframes that there are; `view` numbers its draws.
+    /// Place of a frame, by the present keyframes; `view` numbers its draws.
     pub(super) fn look(&self, view: usize, new: &Observation) -> Result<Found, Lost> {
         let placed = self.follow(view, new).or_else(|why| self.find_again(view, new).ok_or(why));
         placed.map_err(|why| new.blind().unwrap_or(why))
@@ -151,7 +151,7 @@ impl Tracker {
         let mut rng = stage_rng(self.seed, "track/again", view as u64);
         let located = locate(&known, new, None, &mut rng).ok()?;
         let piece = self.keyframes.all[numbers[0]].piece;
-        // Those that look alike need not be those that see the same from nearest by.
+        // Similar ones need not be the nearest.
         let near: Vec<usize> =
             self.keyframes.nearest(piece, &located.pose).into_iter().take(NEIGHBORS).collect();
         let guess = Guess { pose: located.pose, noise: PoseNoise::EXPECTED };
@@ -167,7 +167,7 @@ impl Tracker {
         keyframes.iter().map(|&k| self.keyframes.all[k].known()).collect()
     }
 
-    /// Takes a view where it was found. One that shows what the keyframes do not becomes one, if it `may`.
+    /// Takes a view at its place. One with new surface becomes a keyframe, if it `may`.
     pub(super) fn place(&mut self, view: usize, new: Observation, found: &Found, may: bool) -> Place {
         let &Found { piece, ref located, .. } = found;
         let pose = located.pose;
@@ -194,7 +194,7 @@ impl Tracker {
         number
     }
 
-    /// Takes a view that hangs together with none before.
+    /// Takes a view unconnected to those before.
     pub(super) fn begin_piece(&mut self, view: usize, new: Observation) -> Place {
         let piece = self.pieces;
         self.pieces += 1;

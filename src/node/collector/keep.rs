@@ -1,11 +1,11 @@
-//! Which views are kept.
+//! The choice of kept views.
 
 use super::{Collector, Held, Phase, Seen, View};
 use crate::{keyframes::Verdict, view::Pixels};
 use io::BagWriteError;
 
 impl Collector {
-    /// Keeps a view that is new. One that was tracked is decoded, and written without transforms.
+    /// Keeps a new view. A tracked one is decoded, and written without transforms.
     pub(super) fn judge(
         &mut self,
         view: View,

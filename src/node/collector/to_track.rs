@@ -1,10 +1,10 @@
-//! What a collector knows of views that are tracked.
+//! A collector's data about tracked views.
 
 use crate::live_tracking::ToTrack;
 
-/// What is tracked.
+/// The map of tracked views, and those on the way to it.
 #[derive(Default)]
-pub(super) struct Tracking {
+pub(super) struct TrackedMap {
     /// Number of the map.
     pub map: u64,
     /// Whether views are tracked.

@@ -1,4 +1,4 @@
-//! Views without a camera pose: which of them are to be tracked, and what becomes of those that were.
+//! Views without a camera pose: before tracking, and after it.
 //!
 //! They are written without a pose: the pipeline tracks them as those of any bag, with all views at hand, and
 //! brings the states together. A pose of now knows less, and would be a second way in.
@@ -17,36 +17,36 @@ use io::{
 };
 
 /// A view waits so long for a transform of its camera before it is tracked, nanoseconds.
-/// derived: who publishes transforms does it ten times a second and more
+/// derived: publishers of transforms send ten times a second and more
 const WAIT_NANOS: i64 = 500_000_000;
-/// The frame of the twin, which the pipeline tracks anew: it is none of the map that is published.
+/// The frame of the twin: the pipeline tracks it anew, so it is not the frame of the published map.
 const TWIN_FRAMES: [&str; 2] = ["world", "twin_world"];
 
 impl Collector {
-    /// Number of the map that views are placed in.
+    /// Number of the views' map.
     #[must_use]
     pub(crate) fn map(&self) -> u64 {
         self.tracking.map
     }
 
-    /// That number, where the views kept of this state are tracked; `None`: their poses were given.
+    /// Number of the map, where the kept views of this state are tracked; `None`: their poses were given.
     #[must_use]
     pub(crate) fn tracked_map(&self) -> Option<u64> {
         (self.tracking.kept == Some(true)).then_some(self.tracking.map)
     }
 
-    /// Begins another map: what was seen before says nothing any more.
+    /// Begins another map: earlier views say nothing any more.
     pub(crate) fn begin_map(&mut self) {
         self.tracking.map += 1;
         self.tracking.to_track.clear();
     }
 
-    /// Views that are to be tracked; they are given once.
+    /// Views to track; they are given once.
     pub(crate) fn take_to_track(&mut self) -> Vec<ToTrack> {
         std::mem::take(&mut self.tracking.to_track)
     }
 
-    /// Frame in which the twin stands, where it is not that of the recorded poses.
+    /// Frame of the twin, where it is not the one of the recorded poses.
     #[must_use]
     pub(crate) fn twin_frame(&self) -> Option<&'static str> {
         let root = self.optical().map(|optical| self.tf.root(&optical));
@@ -61,7 +61,7 @@ impl Collector {
         let on = match (self.settings.tracking, self.tracking.kept) {
             (TrackCamera::Never, _) => false,
             (TrackCamera::Always, _) => true,
-            // Who names a frame or a topic of poses wants those.
+            // A named frame or topic of poses goes first.
             (TrackCamera::Auto, _) if self.settings.poses_asked => false,
             // A state is of one kind: the pipeline tracks all of its views or none.
             (TrackCamera::Auto, Some(tracked)) => tracked,
@@ -80,7 +80,7 @@ impl Collector {
         });
     }
 
-    /// Takes a view that was tracked; it, with the transform to be published, where it has a place.
+    /// Takes a tracked view; returns it, with the transform to publish, where it has a place.
     ///
     /// # Errors
     /// If the disk refuses; then the state is not collected any further.
@@ -94,7 +94,7 @@ impl Collector {
         }
         let pixels = match tracked.outcome {
             Outcome::Placed(placed) => placed.0,
-            // It may hang together with what comes later: the pipeline will know.
+            // It may connect to later views: the pipeline will know.
             Outcome::Lost(why) if !why.is_blind() => {
                 self.keep_unplaced(tracked.view.stamp_nanos, tracked.view.images, now_nanos)?;
                 return Ok(None);
@@ -113,7 +113,7 @@ impl Collector {
         Ok(seen.map(|seen| (seen, transform)))
     }
 
-    /// Records a view whose pose is not known, where that may show something new.
+    /// Records a view without a pose, where it may show something new.
     ///
     /// # Errors
     /// If the disk refuses; then the state is not collected any further.
@@ -124,8 +124,8 @@ impl Collector {
         now_nanos: i64,
     ) -> Result<(), BagWriteError> {
         let Phase::Collecting(state) = self.phase else { return Ok(()) };
-        // With states that begin by themselves views are held back while the object may move: one without a
-        // pose cannot be watched.
+        // With automatic states views are held back while the object may move: one without a pose cannot be
+        // watched.
         if self.settings.hold > 0 || !self.keyframes[state].keep_unplaced(stamp_nanos, &self.settings.rule) {
             return Ok(());
         }
@@ -137,14 +137,14 @@ impl Collector {
         self.unless_failed(written)
     }
 
-    /// From the map to the top of the camera's own frames, so that none of them gets a second parent.
+    /// From the map to the top of the camera's own frames, none of them gets a second parent.
     fn camera_transform(&mut self, view: &View) -> Option<TransformStamped> {
         let map = &self.settings.map_frame;
         let (_, optical) = view.images[0].as_ref()?.header().checked()?;
         let root = self.tf.root(&optical);
         let optical_from_root = match root == optical {
             true => Pose::identity(),
-            // The transform of a frame that moves may not be there yet: then this view is not published.
+            // The transform of a moving frame may not be there yet: then this view is not published.
             false => self.tf.lookup(&optical, &root, view.stamp_nanos, self.settings.max_gap_nanos).ok()?,
         };
         if root == *map {

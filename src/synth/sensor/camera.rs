@@ -1,4 +1,4 @@
-//! One camera of the model and what it does to a recording.
+//! One camera of the model and its effects on a recording.
 
 use nalgebra::{Point3, Vector3};
 use rand_pcg::Pcg64Mcg;
@@ -8,14 +8,14 @@ use super::{
     flying_pixels, hand, highlights, lamp, motion_blur, pose_drift, pose_jitter, pose_lag, relocalization,
     vignetting,
 };
-use crate::{DepthErrors, Light, Scene, Solid, View};
+use crate::{BoundingSphere, DepthErrors, Light, Scene, Solid, View};
 use geometry::{Intrinsics, Pose};
 use numeric::random::stage_rng;
 
-/// A camera that a seed draws: what is fixed to it, for all of its recordings.
+/// A camera drawn by a seed: its constant errors, for all of its recordings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HandheldCamera {
-    /// What it was drawn from.
+    /// Its seed.
     pub sensor: HandheldSensor,
     /// Relative error of its depth.
     pub depth_scale: f64,
@@ -28,10 +28,10 @@ pub struct HandheldCamera {
     seed: u64,
 }
 
-/// What a take has of its own.
+/// Effects of one take.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TakePoses {
-    /// Where the true world stands in that of the take.
+    /// From the true world to the take's.
     pub relocalization: Pose,
     /// By how much odometry is off at each view: reported from true world.
     pub drift: Vec<Pose>,
@@ -40,21 +40,21 @@ pub struct TakePoses {
 }
 
 impl HandheldCamera {
-    /// Draws a camera. Every effect draws from a stream of its own, so that switches and level leave the
-    /// draws of the others as they are.
+    /// Draws a camera. Every effect draws from a stream of its own: switches and level leave the draws of the
+    /// others as they are.
     #[must_use]
     pub fn drawn(sensor: HandheldSensor, k: &Intrinsics, seed: u64) -> Self {
         let rng = |effect| stream(seed, "camera", effect, 0);
+        let mut warp = Vec::new();
         // Without the effect no field is made: one of zeros would cost as much.
-        let has_warp = sensor.of(Effect::DepthWarp) > 0.0;
-        let warp = || {
-            let rng = &mut rng(Effect::DepthWarp);
-            depth_warp::field(sensor.of(Effect::DepthWarp), k.width, k.height, rng)
-        };
+        let warp_level = sensor.of(Effect::DepthWarp);
+        if warp_level > 0.0 {
+            warp = depth_warp::field(warp_level, k.width, k.height, &mut rng(Effect::DepthWarp));
+        }
         Self {
             sensor,
             depth_scale: depth_scale::draw(sensor.of(Effect::DepthScale), &mut rng(Effect::DepthScale)),
-            depth_warp: if has_warp { warp() } else { Vec::new() },
+            depth_warp: warp,
             color_shift_px: color_shift::draw(
                 sensor.of(Effect::ColorShift),
                 k.width,
@@ -73,7 +73,7 @@ impl HandheldCamera {
         stream(self.seed, &format!("take{take}"), effect, step)
     }
 
-    /// What stands on the floor around the box that an object needs, in all takes.
+    /// Things on the floor around the box of an object, in all takes.
     #[must_use]
     pub fn clutter(&self, room: &[Point3<f64>; 2], floor_z_m: f64) -> Vec<Solid> {
         if !self.sensor.has(Effect::Clutter) {
@@ -89,21 +89,22 @@ impl HandheldCamera {
         take: usize,
         view: usize,
         world_from_camera: &Pose,
-        (center, radius_m): &(Point3<f64>, f64),
+        sphere: &BoundingSphere,
     ) -> Vec<Solid> {
         let rng = &mut self.rng(take, Effect::Hand, view);
-        hand::hand(self.level(Effect::Hand), world_from_camera, center, *radius_m, rng)
+        hand::hand(self.level(Effect::Hand), world_from_camera, &sphere.center, sphere.radius_m, rng)
     }
 
     /// The light of a view of a take on the object of a sphere, where the lamp of take 0 is `lamp`.
     #[must_use]
     pub fn light(
         &self,
-        (take, i): (usize, usize),
+        take: usize,
+        i: usize,
         lamp: &Vector3<f64>,
         scene: &Scene,
         world_from_camera: &Pose,
-        sphere: &(Point3<f64>, f64),
+        sphere: &BoundingSphere,
     ) -> Light {
         let mut light = Light::from_lamp(*lamp);
         if take > 0 {
@@ -131,17 +132,19 @@ impl HandheldCamera {
             self.level(Effect::Relocalization),
             &mut self.rng(take, Effect::Relocalization, 0),
         );
-        let jitter =
-            |i| pose_jitter::draw(self.level(Effect::PoseJitter), &mut self.rng(take, Effect::PoseJitter, i));
+        let level = self.level(Effect::PoseJitter);
+        let jitter = (0..cameras.len())
+            .map(|i| pose_jitter::draw(level, &mut self.rng(take, Effect::PoseJitter, i)))
+            .collect();
         TakePoses {
-            // Take 0 gives the world that the others are off from.
+            // Take 0 gives the world; the others are off from it.
             relocalization: if take == 0 { Pose::identity() } else { world },
             drift: pose_drift::walk(
                 self.level(Effect::PoseDrift),
                 cameras,
                 &mut self.rng(take, Effect::PoseDrift, 0),
             ),
-            jitter: (0..cameras.len()).map(jitter).collect(),
+            jitter,
         }
     }
 
@@ -151,8 +154,9 @@ impl HandheldCamera {
         let at = |effect: Effect| (self.level(effect), self.rng(take, effect, i));
         let mut errors = DepthErrors::default();
         if self.depth_scale != 0.0 || !self.depth_warp.is_empty() {
-            let warp = |p: usize| self.depth_warp.get(p).copied().unwrap_or(0.0);
-            errors.factor = (0..k.width * k.height).map(|p| 1.0 + self.depth_scale + warp(p)).collect();
+            errors.factor = (0..k.width * k.height)
+                .map(|p| 1.0 + self.depth_scale + self.depth_warp.get(p).copied().unwrap_or(0.0))
+                .collect();
         }
         let (level, mut rng) = at(Effect::DepthNoise);
         if level > 0.0 {
@@ -175,8 +179,7 @@ impl HandheldCamera {
         exposure::gain(self.level(Effect::Exposure), &mut self.rng(take, Effect::Exposure, i))
     }
 
-    /// Linear colors of a view as they reach the imager; `velocity` is that of the camera in its optical
-    /// frame.
+    /// Linear colors of a view as they reach the imager; `velocity` is the camera's in its optical frame.
     #[must_use]
     pub fn colors(
         &self,
@@ -247,12 +250,12 @@ mod tests {
         let (object, floor) = box_on_floor();
         let scene = Scene::new(&object, 0, &floor, 1.0);
         let eye = Pose::face_towards(&Point3::new(2.0, 0.0, 1.0), &Point3::origin(), &-Vector3::z());
-        let sphere = (Point3::new(0.0, 0.0, 0.2), 0.5);
+        let sphere = BoundingSphere { center: Point3::new(0.0, 0.0, 0.2), radius_m: 0.5 };
         // What each effect draws, by the effect.
         let draws = |camera: &HandheldCamera| {
             let errors = camera.depth_errors(1, 3, &view, &k);
             let poses = camera.poses(1, &cameras);
-            let light = camera.light((1, 3), &Vector3::x(), &scene, &eye, &sphere);
+            let light = camera.light(1, 3, &Vector3::x(), &scene, &eye, &sphere);
             [
                 (Effect::DepthScale, format!("{}", camera.depth_scale)),
                 (Effect::DepthWarp, format!("{:?}", camera.depth_warp)),
@@ -296,9 +299,10 @@ mod tests {
         assert_eq!(camera.colors(1, 0, &view, &k, &[Vector3::x(); 2]), view.color);
         let (object, floor) = box_on_floor();
         let scene = Scene::new(&object, 0, &floor, 1.0);
-        let sphere = (Point3::origin(), 0.5);
-        let light = camera.light((1, 0), &Vector3::x(), &scene, &Pose::identity(), &sphere);
+        let sphere = BoundingSphere { center: Point3::origin(), radius_m: 0.5 };
+        let light = camera.light(1, 0, &Vector3::x(), &scene, &Pose::identity(), &sphere);
         assert_eq!(light, Light::from_lamp(Vector3::x()));
-        assert!((0..200).all(|i| camera.hand(0, i, &Pose::identity(), &(Point3::origin(), 1.0)).is_empty()));
+        let sphere = BoundingSphere { center: Point3::origin(), radius_m: 1.0 };
+        assert!((0..200).all(|i| camera.hand(0, i, &Pose::identity(), &sphere).is_empty()));
     }
 }

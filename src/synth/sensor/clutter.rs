@@ -11,8 +11,8 @@ use numeric::random;
 
 /// How many.
 const THINGS: usize = 5;
-/// Smallest and largest half side, in radii: of the box that the object needs, half its diagonal. The highest
-/// stays below the camera's way. chosen: things that stand about an object
+/// Smallest and largest half side, in radii: of the object's box, half its diagonal. The highest stays below
+/// the camera's way. chosen: usual things about an object
 const HALF_RADII: [f64; 2] = [0.08, 0.2];
 /// Smallest and largest gap to that box, in radii. chosen: near enough to be seen with it
 const GAP_RADII: [f64; 2] = [0.05, 0.6];
@@ -20,15 +20,16 @@ const GAP_RADII: [f64; 2] = [0.05, 0.6];
 const DARK_SHARE: f64 = 0.6;
 const DARK: f64 = 0.03;
 
-/// What stands on the floor around a box.
+/// Things on the floor around a box.
 pub(super) fn things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut impl Rng) -> Vec<Solid> {
     let [lower, upper] = room;
     let center = nalgebra::center(lower, upper);
     let half_m = (upper - lower) * 0.5;
     let radius_m = half_m.norm();
-    let thing = |k: usize| {
+    let mut things = Vec::with_capacity(THINGS);
+    for k in 0..THINGS {
         let half = Vector3::from_fn(|_, _| radius_m * random::range(rng, HALF_RADII[0], HALF_RADII[1]));
-        // One thing a sector, so that they do not stand in each other.
+        // One thing a sector: they do not stand in each other.
         let azimuth = TAU * (k as f64 + random::range(rng, 0.1, 0.9)) / THINGS as f64;
         let gap_m = radius_m * random::range(rng, GAP_RADII[0], GAP_RADII[1]);
         let yaw = random::range(rng, 0.0, TAU);
@@ -50,13 +51,13 @@ pub(super) fn things(room: &[Point3<f64>; 2], floor_z_m: f64, rng: &mut impl Rng
             lacquer: None,
         };
         let stands = Pose::new(Vector3::new(at.x, at.y, floor_z_m + half.z), Vector3::z() * yaw);
-        if is_can {
+        things.push(if is_can {
             Solid::cylinder(half.x, half.z, stands, &material)
         } else {
             Solid { part_from_solid: stands, ..Solid::between((-half).into(), half.into(), &material) }
-        }
-    };
-    (0..THINGS).map(thing).collect()
+        });
+    }
+    things
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Color shifted against depth: the pose between the two imagers is not that of the calibration.
+//! Color shifted against depth: the pose between the two imagers differs from the calibration.
 
 use std::f64::consts::TAU;
 
@@ -9,7 +9,7 @@ use super::bilinear::bilinear;
 use numeric::random;
 
 /// Length of the shift, as a share of the image's width (1.5 of 640 pixels), in a direction of its own for
-/// each camera. chosen: of the order that calibrations leave
+/// each camera. chosen: of the order left by calibrations
 const SHIFT_SHARE: f64 = 1.5 / 640.0;
 
 /// By how much the color of one camera lies off, pixels along u and v.
@@ -20,9 +20,8 @@ pub(super) fn draw(level: f64, width: usize, rng: &mut impl Rng) -> [f64; 2] {
 
 /// Colors moved by a number of pixels; the border repeats.
 pub(super) fn shifted(colors: &[Vector3<f64>], width: usize, by_px: [f64; 2]) -> Vec<Vector3<f64>> {
-    let from =
-        |i: usize| bilinear(colors, width, [(i % width) as f64 - by_px[0], (i / width) as f64 - by_px[1]]);
-    (0..colors.len()).map(from).collect()
+    let places = (0..colors.len()).map(|i| [(i % width) as f64 - by_px[0], (i / width) as f64 - by_px[1]]);
+    places.map(|place| bilinear(colors, width, place)).collect()
 }
 
 #[cfg(test)]

@@ -10,30 +10,31 @@ use rand_core::Rng;
 use crate::View;
 use numeric::random;
 
-/// Reflectance below which a surface is dark. chosen: black plastic
+/// Largest reflectance of a dark surface. chosen: black plastic
 const DARK: f64 = 0.1;
 /// Share of the pixels of a dark surface without a reading. chosen: more than half
 const DARK_SHARE: f64 = 0.6;
 /// Share of the pixels without a reading where a bulb is mirrored exactly. chosen: nearly all
 const GLOSSY_SHARE: f64 = 0.8;
-/// Cosine between ray and normal below which readings begin to fail: 75 degrees.
+/// Cosine between ray and normal of the first lost readings: 75 degrees.
 /// chosen: where stereo begins to fail
 const GRAZING_COSINE: f64 = 0.26;
-/// Share of the pixels without a reading at 90 degrees, beyond what the camera itself loses.
+/// Share of the pixels without a reading at 90 degrees, beyond the camera's own losses.
 /// chosen: nearly all
 const GRAZING_SHARE: f64 = 0.8;
 
 /// Pixels without a reading.
 pub(super) fn lost(level: f64, view: &View, rng: &mut impl Rng) -> Vec<bool> {
-    let is_lost = |i: usize| {
+    let mut lost = Vec::with_capacity(view.depth_m.len());
+    for i in 0..view.depth_m.len() {
         let dark = if view.reflectance[i] < DARK { DARK_SHARE } else { 0.0 };
         let glossy = GLOSSY_SHARE * view.gloss[i];
         let grazing = GRAZING_SHARE * (1.0 - view.cosine[i] / GRAZING_COSINE).max(0.0);
-        // Three draws whatever is seen, so that neither view nor level shifts the draws of later pixels.
+        // Three draws for every pixel: neither view nor level shifts the draws of later ones.
         let draws = [(); 3].map(|()| random::unit(rng));
-        [dark, glossy, grazing].iter().zip(draws).any(|(share, draw)| draw < level * share)
-    };
-    (0..view.depth_m.len()).map(is_lost).collect()
+        lost.push([dark, glossy, grazing].iter().zip(draws).any(|(share, draw)| draw < level * share));
+    }
+    lost
 }
 
 #[cfg(test)]

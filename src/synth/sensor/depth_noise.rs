@@ -1,18 +1,18 @@
-//! Noise of disparity that neighboring pixels share, since stereo matches windows.
+//! Noise of disparity, common to neighboring pixels, since stereo matches windows.
 
 use rand_core::Rng;
 
 use crate::smooth::smooth;
 use numeric::random;
 
-/// One standard deviation, pixels: with the 0.073 pixels of the camera itself it makes the 0.08 that Intel's
-/// guide to tuning its D400 cameras counts as good on a textured surface.
+/// One standard deviation, pixels: with the 0.073 pixels of the camera itself it makes the 0.08 of Intel's
+/// guide to tuning its D400 cameras for a good textured surface.
 /// derived: the root of the difference of these squares
 const SIGMA_PX: f64 = 0.033;
-/// Distance at which the correlation has fallen to 1/e, pixels. chosen: of the order of a matching window
+/// Distance of a correlation of 1/e, pixels. chosen: of the order of a matching window
 const CORRELATION_PX: f64 = 3.0;
 
-/// What is added to the disparity of every pixel of a frame, pixels.
+/// Error of the disparity of every pixel of a frame, pixels.
 pub(super) fn field(level: f64, width: usize, height: usize, rng: &mut impl Rng) -> Vec<f64> {
     let white: Vec<f64> = (0..width * height).map(|_| random::normal(rng)).collect();
     // A Gaussian of deviation s correlates as exp(-d^2 / 4 s^2).

@@ -5,7 +5,7 @@ use rand_core::Rng;
 use numeric::random;
 
 /// One standard deviation of the factor's error over cameras; the data sheet of Intel's D400 family allows an
-/// error of 2 % at 2 m. chosen: a fifth of that
+/// error of 2 % at 2 m. chosen: a fifth of it
 const SIGMA: f64 = 0.004;
 
 /// Relative error of the depth of one camera.

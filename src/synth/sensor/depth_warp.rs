@@ -1,5 +1,5 @@
-//! Depth off by a smooth field fixed to the pixels: what calibration leaves of lens distortion and
-//! rectification.
+//! Depth off by a smooth field fixed to the pixels: the rest of lens distortion and rectification after
+//! calibration.
 //!
 //! Basso, Menegatti and Pretto 2018 and Teichman, Miller and Thrun 2013 estimate such fields for consumer
 //! depth cameras: multiplicative, smooth over the image and constant for a camera. Here the relative error is
@@ -11,14 +11,14 @@ use crate::smooth::smooth;
 use numeric::random;
 
 /// Root mean square over the pixels, of the range.
-/// chosen: of the order that calibrations leave (docs/method.md 2.11)
+/// chosen: of the order left by calibrations (docs/method.md 2.11)
 const RMS: f64 = 0.004;
-/// Distance at which the correlation has fallen to 1/e, as a share of the image's width (90 of 640 pixels).
+/// Distance of a correlation of 1/e, as a share of the image's width (90 of 640 pixels).
 /// chosen: as docs/method.md 2.11 expects it
 const CORRELATION_SHARE: f64 = 90.0 / 640.0;
 
-/// Relative error of depth of every pixel of one camera, row-major. Its mean over the image is zero, since
-/// that of a camera is its scale.
+/// Relative error of depth of every pixel of one camera, row-major. Its mean over the image is zero, since a
+/// camera's mean is its scale.
 pub(super) fn field(level: f64, width: usize, height: usize, rng: &mut impl Rng) -> Vec<f64> {
     let white: Vec<f64> = (0..width * height).map(|_| random::normal(rng)).collect();
     // A Gaussian of deviation s gives the correlation exp(-d^2 / 4 s^2).

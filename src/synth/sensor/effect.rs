@@ -2,14 +2,14 @@
 
 use std::str::FromStr;
 
-/// One way in which a recording made by hand differs from a clean one.
+/// A difference between a recording made by hand and a clean one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Effect {
     /// Depth off by a factor.
     DepthScale,
     /// Depth off by a smooth field fixed to the pixels.
     DepthWarp,
-    /// Noise of disparity that neighboring pixels share.
+    /// Noise of disparity, common to neighboring pixels.
     DepthNoise,
     /// Readings between the surfaces on both sides of an edge.
     FlyingPixels,
@@ -17,13 +17,13 @@ pub enum Effect {
     DepthLoss,
     /// Color shifted against depth.
     ColorShift,
-    /// Poses that run behind the images.
+    /// Poses behind the images.
     PoseLag,
-    /// Poses that drift as those of odometry do.
+    /// Poses with the drift of odometry.
     PoseDrift,
     /// An error of every pose by itself.
     PoseJitter,
-    /// The world of each state off that of state 0.
+    /// The world of each state off state 0's.
     Relocalization,
     /// Exposure and white balance by view.
     Exposure,
@@ -88,7 +88,7 @@ impl Effect {
     }
 }
 
-/// A text that names no effect.
+/// A text without an effect's name.
 #[derive(Debug, thiserror::Error)]
 #[error("no effect of a sensor has this name; give some of {}", Effect::ALL.map(Effect::name).join(", "))]
 pub struct ParseEffectError;

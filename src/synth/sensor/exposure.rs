@@ -5,7 +5,7 @@ use rand_core::Rng;
 
 use numeric::random;
 
-/// One standard deviation of the logarithm of the exposure. derived: that of `surface::lighting`
+/// One standard deviation of the logarithm of the exposure. derived: as in `surface::lighting`
 const EXPOSURE: f64 = 0.15;
 /// One standard deviation of the logarithm of the gain of red and of blue against green.
 /// chosen: seldom seen by eye

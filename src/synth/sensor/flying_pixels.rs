@@ -1,4 +1,4 @@
-//! Readings between the surfaces on both sides of an edge, whose windows hold both.
+//! Readings between the surfaces on both sides of an edge: their windows hold both.
 
 use rand_core::Rng;
 
@@ -6,7 +6,7 @@ use crate::{View, edge::depth_step};
 use geometry::Intrinsics;
 use numeric::random;
 
-/// Share of the pixels on deep edges that read a depth in between. chosen: a third
+/// Share of the pixels on deep edges with a depth in between. chosen: a third
 const SHARE: f64 = 0.35;
 /// An edge is deep from here on, meters. chosen: less is no edge to a matching window
 const DEEP_M: f64 = 0.03;
@@ -14,18 +14,19 @@ const DEEP_M: f64 = 0.03;
 /// chosen: nearer ones are no errors
 const MARGIN: f64 = 0.1;
 
-/// Depth of every pixel that reads one between two surfaces.
+/// Depth of every pixel between two surfaces, meters.
 pub(super) fn between_m(level: f64, view: &View, k: &Intrinsics, rng: &mut impl Rng) -> Vec<Option<f64>> {
-    let flies = |i: usize| {
-        // Drawn for every pixel, on an edge or not, so that the view does not shift later draws.
+    let mut between_m = Vec::with_capacity(k.width * k.height);
+    for i in 0..k.width * k.height {
+        // Drawn for every pixel, on an edge or not: the view does not shift later draws.
         let [draw, share] = [random::unit(rng), random::range(rng, MARGIN, 1.0 - MARGIN)];
         let depth_m = view.depth_m[i];
         let step = depth_step(&view.depth_m, k, i);
         let other_m = view.depth_m[step.neighbor];
         let is_edge = depth_m > 0.0 && other_m > 0.0 && step.is_beyond(DEEP_M);
-        (is_edge && draw < level * SHARE).then_some(depth_m + share * (other_m - depth_m))
-    };
-    (0..k.width * k.height).map(flies).collect()
+        between_m.push((is_edge && draw < level * SHARE).then_some(depth_m + share * (other_m - depth_m)));
+    }
+    between_m
 }
 
 #[cfg(test)]

@@ -55,24 +55,27 @@ pub(super) fn hand(
     let back = (out - Vector3::z() * TOWARDS).normalize();
     let across = Vector3::z().cross(&back).normalize();
     let skin = Material::plain(SKIN);
-    let capsule = |radius_m: f64, from: Point3<f64>, to: Point3<f64>| {
-        Solid::capsule(radius_m, world_from_camera * from, world_from_camera * to, &skin)
-    };
-    let mut solids = Vec::new();
+    // In the camera's frame: radius, meters, and both ends.
+    let mut capsules = Vec::new();
     for finger in 0..FINGERS {
         let beside = across * (FINGER_GAP_M * (finger as f64 - 0.5 * (FINGERS - 1) as f64));
         let knuckle = tip + back * FINGER_M + beside;
         // Fingers are bent at their middle joint, away from the camera at the tip.
         let bent = tip + back * (0.5 * FINGER_M) + beside - Vector3::z() * (0.15 * FINGER_M);
-        solids.push(capsule(FINGER_RADIUS_M, tip + beside * 0.8, bent));
-        solids.push(capsule(FINGER_RADIUS_M, bent, knuckle));
-        solids.push(capsule(PALM_RADIUS_M, knuckle, tip + back * (FINGER_M + PALM_M) + beside * 0.7));
+        capsules.push((FINGER_RADIUS_M, tip + beside * 0.8, bent));
+        capsules.push((FINGER_RADIUS_M, bent, knuckle));
+        capsules.push((PALM_RADIUS_M, knuckle, tip + back * (FINGER_M + PALM_M) + beside * 0.7));
     }
     let thumb = tip + back * (0.9 * FINGER_M) - across * (2.6 * FINGER_GAP_M);
-    solids.push(capsule(1.2 * FINGER_RADIUS_M, thumb, tip + back * (FINGER_M + 0.7 * PALM_M)));
+    capsules.push((1.2 * FINGER_RADIUS_M, thumb, tip + back * (FINGER_M + 0.7 * PALM_M)));
     let wrist = tip + back * (FINGER_M + PALM_M);
-    solids.push(capsule(FOREARM_RADIUS_M, wrist + back * (0.5 * FOREARM_RADIUS_M), wrist + back * FOREARM_M));
-    solids
+    capsules.push((FOREARM_RADIUS_M, wrist + back * (0.5 * FOREARM_RADIUS_M), wrist + back * FOREARM_M));
+    capsules
+        .into_iter()
+        .map(|(radius_m, from, to)| {
+            Solid::capsule(radius_m, world_from_camera * from, world_from_camera * to, &skin)
+        })
+        .collect()
 }
 
 #[cfg(test)]

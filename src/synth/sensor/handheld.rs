@@ -1,4 +1,4 @@
-//! A consumer depth camera carried by hand: which effects it has, and how large they are.
+//! A consumer depth camera carried by hand: its effects, and their sizes.
 
 use std::str::FromStr;
 
@@ -6,8 +6,8 @@ use super::Effect;
 
 /// A consumer stereo camera carried by hand, with the poses of an odometry and without masks.
 ///
-/// At level 1 every effect has the size that stands in its file. The level multiplies sizes and shares; what
-/// a seed draws does not depend on it. At level 0 only things around the object remain of all effects.
+/// At level 1 every effect has the size of its file. The level multiplies sizes and shares; the draws of a
+/// seed do not depend on it. At level 0 only things around the object remain of all effects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandheldSensor {
     level: f64,
@@ -48,7 +48,7 @@ impl HandheldSensor {
         self.level
     }
 
-    /// Effects that are on.
+    /// Active effects.
     #[must_use]
     pub fn effects(&self) -> Vec<Effect> {
         Effect::ALL.into_iter().filter(|e| self.has(*e)).collect()
@@ -66,7 +66,7 @@ impl HandheldSensor {
     }
 }
 
-/// A text that is no [`HandheldSensor`].
+/// A text without a [`HandheldSensor`].
 #[derive(Debug, thiserror::Error)]
 #[error(
     "give handheld, or handheld:LEVEL with a level from 0 to {}, e.g. handheld:0.5",

@@ -1,29 +1,29 @@
 //! Highlights: mirror images of bulbs in the object, in half of the views.
 //!
-//! A room holds more that shines than a model of it: lamps, windows, screens. So each view draws a place of
-//! the object that mirrors something, and the bulb hangs where that place mirrors it from.
+//! A room has more bright things than a model of it: lamps, windows, screens. So each view draws a mirroring
+//! place of the object, and the bulb hangs in its mirror direction.
 
 use nalgebra::{Point3, Vector3};
 use rand_core::Rng;
 
-use crate::Scene;
+use crate::{BoundingSphere, Scene};
 use geometry::Pose;
 use numeric::random;
 
-/// Share of the views that show one. chosen: half
+/// Share of the views with one. chosen: half
 const SHARE: f64 = 0.5;
 /// Nearest and farthest distance of a bulb, in radii of the object. chosen: within a room
 const DISTANCE_RADII: [f64; 2] = [1.5, 4.0];
-/// Brightness of a bulb's mirror image against that of a white surface. chosen: near white
+/// Brightness of a bulb's mirror image against a white surface. chosen: near white
 const SHINE: f64 = 0.7;
-/// Rays that look for a place of the object.
+/// Tried rays for a place of the object.
 const TRIES: usize = 20;
 
-/// Where a bulb hangs that the object of a sphere mirrors in a view; none in the other views.
+/// Place of a bulb mirrored in a view by the object of a sphere; none in the other views.
 pub(super) fn bulb(
     scene: &Scene,
     world_from_camera: &Pose,
-    (center, radius_m): &(Point3<f64>, f64),
+    &BoundingSphere { center, radius_m }: &BoundingSphere,
     rng: &mut impl Rng,
 ) -> Option<Point3<f64>> {
     if !random::chance(rng, SHARE) {
@@ -57,13 +57,14 @@ mod tests {
         let object = generate(&SynthConfig::default()).unwrap();
         let floor = Material::plain(Vector3::repeat(0.3));
         let scene = Scene::new(&object, 0, &floor, 3.0);
-        let (center, radius_m) = object.bounding_sphere();
+        let sphere = object.bounding_sphere();
+        let BoundingSphere { center, radius_m } = sphere;
         let eye = center + Vector3::new(2.0, 1.0, 1.2) * radius_m;
         let camera = Pose::face_towards(&eye, &center, &-Vector3::z());
         let mut views = 0;
         for seed in 0..400 {
             let rng = &mut stage_rng(seed, "bulb", 0);
-            let Some(bulb) = bulb(&scene, &camera, &(center, radius_m), rng) else { continue };
+            let Some(bulb) = bulb(&scene, &camera, &sphere, rng) else { continue };
             views += 1;
             // Some ray to the object meets the middle of the highlight.
             let light = Light { bulbs: vec![bulb], ..Light::from_lamp(Vector3::z()) };

@@ -5,7 +5,7 @@ use rand_core::Rng;
 
 use numeric::random;
 
-/// Least and largest angle about the vertical by which the lamp turns, radians: 70 and 130 degrees.
+/// Least and largest turn of the lamp about the vertical, radians: 70 and 130 degrees.
 /// chosen: from the side to behind
 const TURN_RAD: [f64; 2] = [1.22, 2.27];
 /// One standard deviation of the logarithm of its red and of its blue against green.

@@ -1,8 +1,8 @@
-//! A consumer depth camera carried by hand: effects that clean recordings lack, a file each.
+//! A consumer depth camera carried by hand: effects beyond clean recordings, a file each.
 //!
-//! Each file says how large its effect is at level 1 and where that comes from. Depth that is off by half a
-//! percent, poses of an odometry without loop closure, and surroundings without masks are what the program
-//! meets in measured recordings; the literature that a file names says what its sizes stand for.
+//! Each file states the size of its effect at level 1 and its origin. Depth off by half a percent, poses of
+//! an odometry without loop closure, and surroundings without masks are usual in measured recordings; the
+//! literature of a file explains its sizes.
 
 mod bilinear;
 mod camera;

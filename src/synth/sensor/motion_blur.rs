@@ -7,16 +7,16 @@ use super::bilinear::bilinear;
 use crate::View;
 use geometry::Intrinsics;
 
-/// Exposure, seconds: about half of what librealsense sets for color where the exposure is not automatic, 156
-/// steps of 0.1 ms. chosen: half of that default, rounded
+/// Exposure, seconds: about half of librealsense's setting for color without automatic exposure, 156 steps of
+/// 0.1 ms. chosen: half of the default, rounded
 const EXPOSURE_S: f64 = 0.008;
-/// Most samples along a trace. chosen: time against steps that are seen
+/// Most samples along a trace. chosen: time against visible steps
 const MOST_SAMPLES: f64 = 15.0;
 /// Depth where no surface is seen, meters. chosen: beyond any room
 const FAR_M: f64 = 1e3;
 
 /// Colors of a view, each a mean along the trace of its surface point while the shutter is open; `velocity`
-/// is that of the camera in its optical frame, m/s and rad/s.
+/// is the camera's in its optical frame, m/s and rad/s.
 pub(super) fn blurred(
     level: f64,
     colors: &[Vector3<f64>],
@@ -24,18 +24,17 @@ pub(super) fn blurred(
     k: &Intrinsics,
     velocity: &[Vector3<f64>; 2],
 ) -> Vec<Vector3<f64>> {
-    let blurred = |i: usize| {
+    let blurred = (0..colors.len()).into_par_iter().with_min_len(k.width).map(|i| {
         let [u, v] = [(i % k.width) as f64, (i / k.width) as f64];
         let trace = trace_px(view.depth_m[i], k, [u, v], velocity).map(|s| s * level * EXPOSURE_S);
         let samples = (trace[0].hypot(trace[1]).ceil() + 1.0).min(MOST_SAMPLES);
-        let at = |s: usize| {
-            // About the middle of the exposure, so that blur does not shift the image.
-            let share = (s as f64 + 0.5) / samples - 0.5;
-            bilinear(colors, k.width, [u + share * trace[0], v + share * trace[1]])
-        };
-        (0..samples as usize).map(at).sum::<Vector3<f64>>() / samples
-    };
-    (0..colors.len()).into_par_iter().with_min_len(k.width).map(blurred).collect()
+        // About the middle of the exposure: blur does not shift the image.
+        let shares = (0..samples as usize).map(|s| (s as f64 + 0.5) / samples - 0.5);
+        let along =
+            shares.map(|share| bilinear(colors, k.width, [u + share * trace[0], v + share * trace[1]]));
+        along.sum::<Vector3<f64>>() / samples
+    });
+    blurred.collect()
 }
 
 /// Speed in the image of the surface point at a pixel, pixels a second.

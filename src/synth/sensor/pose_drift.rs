@@ -1,4 +1,4 @@
-//! Poses that drift as those of odometry without loop closure do: every step between two views has an error.
+//! Poses with the drift of odometry without loop closure: every step between two views has an error.
 
 use nalgebra::Vector3;
 use rand_core::Rng;
@@ -11,11 +11,11 @@ use numeric::random;
 const STEP_M: f64 = 0.0008;
 /// The same about each axis, radians: 0.06 degrees. chosen: a third of a degree over a sweep
 const STEP_RAD: f64 = 0.06 * std::f64::consts::PI / 180.0;
-/// A sweep of more views has smaller steps, whose errors are as large in sum.
+/// A sweep of more views has smaller steps, with errors as large in sum.
 /// derived: the default number of views
 const SWEEP_VIEWS: f64 = 30.0;
 
-/// Where odometry that starts at the first view sees the world at each view, for true camera poses.
+/// The world's place at each view by odometry from the first view on, for true camera poses.
 pub(super) fn walk(level: f64, cameras: &[Pose], rng: &mut impl Rng) -> Vec<Pose> {
     // Variances of independent steps add up.
     let step = level * (SWEEP_VIEWS / cameras.len() as f64).sqrt();

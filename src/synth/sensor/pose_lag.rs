@@ -1,7 +1,7 @@
-//! Poses that run behind the images: clocks and delays of two devices.
+//! Poses behind the images: clocks and delays of two devices.
 //!
 //! Furgale, Rehder and Siegwart 2013 and Qin and Shen 2018 estimate such offsets between camera and inertial
-//! unit, of milliseconds to tens of them. This is what remains after such a correction.
+//! unit, of milliseconds to tens of them. This is the remainder of such a correction.
 
 use rand_core::Rng;
 

@@ -1,4 +1,4 @@
-//! The world of each state off that of state 0: a system that is started again finds its place anew.
+//! The world of each state off state 0's: a restarted system finds its place anew.
 
 use rand_core::Rng;
 
@@ -10,8 +10,8 @@ const SHIFT_M: f64 = 0.0037;
 /// Angle of the turn, radians: 0.3 degrees. chosen: a jump of some tenths
 const TURN_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
 
-/// Where the world of state 0 stands in that of another take: the whole amount, in a random direction and
-/// about a random axis through the origin, which is near the object's foot.
+/// Place of state 0's world in another take's: the whole amount, in a random direction and about a random
+/// axis through the origin, near the object's foot.
 pub(super) fn draw(level: f64, rng: &mut impl Rng) -> Pose {
     let shift = random::direction(rng).into_inner() * (level * SHIFT_M);
     let turn = random::direction(rng).into_inner() * (level * TURN_RAD);

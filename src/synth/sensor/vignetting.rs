@@ -2,9 +2,9 @@
 
 use geometry::Intrinsics;
 
-/// Share of the light that a corner of the image lacks. The fourth power of the cosine of the field angle,
+/// Share of the light missing in a corner of the image. The fourth power of the cosine of the field angle,
 /// the law of an ideal lens, gives 0.4 at 36 degrees; drivers correct about half.
-/// chosen: half of what that law gives
+/// chosen: half of the law's value
 const CORNER: f64 = 0.2;
 
 /// Factor on the linear color of a pixel.
