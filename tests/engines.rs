@@ -58,7 +58,14 @@ struct Scene {
 
 /// State 0 of the drawer.
 fn drawer() -> Scene {
-    let mut capture = io::open(&["bags/drawer".into()], &CaptureConfig::default(), 0).unwrap();
+    let mut capture = run::capture::open(
+        &["bags/drawer".into()],
+        &CaptureConfig::default(),
+        0,
+        &io::Ahead::default(),
+        &run::Monitor::silent(),
+    )
+    .unwrap();
     let frames = capture.states.swap_remove(0);
     let scene = scene_box(&[&frames], &capture.noise).unwrap();
     let of = |f: &RgbdFrame| {

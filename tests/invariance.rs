@@ -21,7 +21,8 @@ fn config() -> Config {
 
 fn recording(name: &str) -> Capture {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags").join(name);
-    io::open(&[path], &config().capture, 0).unwrap()
+    let ahead = io::Ahead::default();
+    run::capture::open(&[path], &config().capture, 0, &ahead, &Monitor::silent()).unwrap()
 }
 
 /// The one joint of a recording, and its motion from state 0 to state 1.

@@ -408,7 +408,14 @@ fn with_drawer(
 /// Camera poses of the views of a recording of state 0.
 fn camera_poses(state0: &Path, pose_frame: Option<&str>) -> Vec<Pose> {
     let config = capture::CaptureConfig { pose_frame: pose_frame.map(str::to_owned), ..Default::default() };
-    let capture = io::open(&[state0.to_owned(), shipped("drawer/state1")], &config, 0).unwrap();
+    let capture = run::capture::open(
+        &[state0.to_owned(), shipped("drawer/state1")],
+        &config,
+        0,
+        &io::Ahead::default(),
+        &run::Monitor::silent(),
+    )
+    .unwrap();
     capture.states[0].iter().map(|f| f.world_from_camera).collect()
 }
 

@@ -2,9 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
+use common::stop::Stopped;
+
 /// What is wrong, where, and what to do about it.
 #[derive(Debug, thiserror::Error)]
 pub enum CaptureError {
+    /// Nothing is wrong: it was asked to stop.
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
     /// The file or folder cannot be read.
     #[error("cannot read `{}`: {source}", path.display())]
     Read {

@@ -9,6 +9,8 @@ use super::{
 };
 use capture::{CaptureConfig, coverage};
 use export::contact_sheet;
+use io::Ahead;
+use run::{Monitor, capture::open};
 
 /// Prints what a recording holds; fails if `reconstruct` could not use it.
 ///
@@ -30,7 +32,7 @@ pub(super) fn run(args: &InspectArgs) -> Result<Exit, CliError> {
 
 /// Opens the images: what is the object, how its views see it, and what to record again.
 fn look(args: &InspectArgs, config: &CaptureConfig, seed: u64, picture: &Path) -> Result<Exit, CliError> {
-    let capture = io::open(&args.bags, config, seed)?;
+    let capture = open(&args.bags, config, seed, &Ahead::default(), &Monitor::silent())?;
     let states = coverage(&capture);
     let mut text = String::new();
     for note in &capture.notes {

@@ -1,5 +1,5 @@
 //! What all layers share: notes beside results, limits on sizes that come from outside, files that a user
-//! names.
+//! names, work that is asked to stop.
 //!
 //! ```ignore
 //! use common::note::{Note, NoteCode};
@@ -12,3 +12,4 @@
 pub mod files;
 pub mod limits;
 pub mod note;
+pub mod stop;

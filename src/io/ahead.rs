@@ -7,8 +7,8 @@ use std::{
     time::SystemTime,
 };
 
-use super::{bag::Bag, tracked_state::TrackedState};
-use capture::{CaptureConfig, KnownFeatures};
+use super::bag::Bag;
+use capture::{CaptureConfig, KnownFeatures, TrackedState};
 
 /// Images whose features are kept.
 /// derived: two states of the 150 views that the node keeps of each by default, and as many again
@@ -25,7 +25,7 @@ pub struct Ahead {
 
 /// What the tracking of a state depends on.
 #[derive(Clone, PartialEq)]
-pub(super) struct TrackedOf {
+pub struct TrackedOf {
     /// Files with their lengths and times of change.
     files: Vec<(PathBuf, u64, SystemTime)>,
     config: CaptureConfig,
@@ -35,6 +35,7 @@ pub(super) struct TrackedOf {
 
 impl TrackedOf {
     /// Of a bag as it is now; `None` where a file is gone.
+    #[must_use]
     pub fn now(bag: &Bag, config: &CaptureConfig, state: (usize, u64)) -> Option<Self> {
         let file = |path: &PathBuf| {
             let metadata = fs::metadata(path).ok()?;
@@ -54,19 +55,20 @@ impl Ahead {
     }
 
     /// Keeps the camera's way through a state, one a state.
-    pub(super) fn keep(&self, of: TrackedOf, found: TrackedState) {
+    pub fn keep(&self, of: TrackedOf, found: TrackedState) {
         let mut tracked = self.tracked.lock().unwrap_or_else(PoisonError::into_inner);
         tracked.retain(|(other, _)| other.state != of.state);
         tracked.push((of, found));
     }
 
     /// Whether the camera's way is known.
-    pub(super) fn knows(&self, of: &TrackedOf) -> bool {
+    #[must_use]
+    pub fn knows(&self, of: &TrackedOf) -> bool {
         self.tracked.lock().unwrap_or_else(PoisonError::into_inner).iter().any(|(other, _)| other == of)
     }
 
     /// The camera's way through a state, where it is known. It is given once.
-    pub(super) fn take(&self, of: &TrackedOf) -> Option<TrackedState> {
+    pub fn take(&self, of: &TrackedOf) -> Option<TrackedState> {
         let mut tracked = self.tracked.lock().unwrap_or_else(PoisonError::into_inner);
         let place = tracked.iter().position(|(other, _)| other == of)?;
         Some(tracked.swap_remove(place).1)

@@ -4,11 +4,14 @@
 use std::{collections::BTreeMap, path::Path};
 
 use super::{
-    bag::Bag, bag_index::BagIndex, depth_noise::measured_noise, pixels::decode_views, poses::PoseSource,
-    read_joint_log, ros2msg::definitions::RosMessage as _, views::Views,
+    bag::Bag, bag_index::BagIndex, pixels::decode_views, poses::PoseSource, read_joint_log,
+    ros2msg::definitions::RosMessage as _, views::Views,
 };
-use capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, TrackCamera, isolate, spread_views};
+use capture::{
+    Capture, CaptureConfig, CaptureError, RgbdFrame, TrackCamera, isolate, noise_of, spread_views,
+};
 use common::note::{Note, NoteCode};
+use common::stop::Stop;
 use gap::{camera::record::frames::FrameRun, record::tracks::Streams};
 use geometry::Pose;
 use numeric::random::stage_rng;
@@ -27,10 +30,11 @@ pub fn read_frame_run(
     config: &CaptureConfig,
     seed: u64,
     warnings: &mut Vec<Note>,
+    stop: &Stop,
 ) -> Result<FrameRun, CaptureError> {
     config.check()?;
     let bag = Bag::open(path)?;
-    let index = BagIndex::read(&bag)?;
+    let index = BagIndex::read(&bag, stop)?;
     // Frames are compared with a twin that stands in the world of the recorded poses.
     let config = &CaptureConfig { tracking: TrackCamera::Never, ..config.clone() };
     let views = Views::find(&bag, &index, config, 0)?;
@@ -38,7 +42,7 @@ pub fn read_frame_run(
     let chosen: Vec<(usize, usize)> =
         spread_views(&poses, config.frames_per_state).into_iter().map(|v| (0, v)).collect();
     config.check_memory(&[views.sizes(chosen.len())])?;
-    let decoded = decode_views(&bag, &views, &chosen, config)?;
+    let decoded = decode_views(&bag, &views, &chosen, config, stop)?;
     warnings.extend(views.warnings.iter().cloned());
     if let Some(first) = decoded.lost.first() {
         warnings.push(Note::new(
@@ -61,10 +65,9 @@ pub fn read_frame_run(
         });
     }
     // Before isolation, whose gates are multiples of the noise.
-    let noise =
-        measured_noise(frames.iter(), config).map_or(config.noise, |factor| config.noise.scaled(factor));
+    let noise = noise_of(frames.iter(), config, stop)?;
     let source = PoseSource::find(&index, &views.topics, config)?;
-    frames = with_masks(frames, config, noise, seed, warnings)?;
+    frames = with_masks(frames, config, noise, seed, warnings, stop)?;
     let velocities: Option<Vec<_>> = frames.iter().map(|f| velocity(&source, f, config)).collect();
     let name =
         path.file_stem().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
@@ -85,6 +88,7 @@ fn with_masks(
     noise: capture::NoiseConfig,
     seed: u64,
     warnings: &mut Vec<Note>,
+    stop: &Stop,
 ) -> Result<Vec<RgbdFrame>, CaptureError> {
     if frames.len() < 2 {
         return Ok(frames);
@@ -94,7 +98,7 @@ fn with_masks(
         // Frames in turn, so that both halves see the object from all sides.
         capture.states[i % 2].push(frame);
     }
-    isolate(&mut capture, config, &mut stage_rng(seed, "diagnose/isolate", 0))?;
+    isolate(&mut capture, config, &mut stage_rng(seed, "diagnose/isolate", 0), stop)?;
     warnings.append(&mut capture.warnings);
     let mut all: Vec<RgbdFrame> = capture.states.into_iter().flatten().collect();
     all.sort_by_key(|f| f.stamp_nanos);

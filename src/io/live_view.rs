@@ -1,11 +1,11 @@
 //! Views that come one by one, made to what the tracker takes as those of a recording are.
 
-use super::{
-    camera::pinhole, depth_noise::noise_of, image_codec::Raster, pixels::limit_depth, ros2msg::CameraInfo,
-};
+use super::{camera::pinhole, image_codec::Raster, pixels::limit_depth, ros2msg::CameraInfo};
 use capture::{
-    CaptureConfig, CaptureError, Distortion, KnownFeatures, NoiseConfig, Observation, RgbdFrame, UndistortMap,
+    CaptureConfig, CaptureError, Distortion, KnownFeatures, NoiseConfig, Observation, RgbdFrame,
+    UndistortMap, noise_of,
 };
+use common::stop::Stop;
 use geometry::{Intrinsics, Pose};
 
 /// A camera as its camera_info says.
@@ -71,7 +71,11 @@ impl LiveEye {
         };
         let config = &self.config;
         // Of the first view, as of a recording's first ones: a model that changed would move the gates.
-        let noise = *self.noise.get_or_insert_with(|| noise_of(std::iter::once(&frame), config));
+        let noise = match self.noise {
+            Some(noise) => noise,
+            None => noise_of(std::iter::once(&frame), config, &Stop::never())?,
+        };
+        self.noise = Some(noise);
         Ok(Observation::of(frame, &noise, &KnownFeatures::default()))
     }
 }

@@ -15,6 +15,7 @@ use super::{
 use ::io::{Ahead, GrowingState};
 use capture::CaptureConfig;
 use config::Config;
+use run::{Monitor, capture::work_ahead};
 
 /// How often it is looked whether there is something to do.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
@@ -57,7 +58,7 @@ fn work(shared: &Weak<Shared>, config: &CaptureConfig, seed: u64, ahead: &Ahead)
             }
             let Some(known) = known else { continue };
             // Of one that has only begun there is not enough; a run says what one that is closed lacks.
-            if let Ok(Some(grown)) = known.work_ahead(config, seed, ahead) {
+            if let Ok(Some(grown)) = work_ahead(known, config, seed, ahead, &Monitor::silent()) {
                 log::debug!("state {state}: {} of {} views looked at ahead", grown.taken, grown.views);
             }
         }

@@ -14,6 +14,7 @@ mod articulation;
 mod assemble;
 mod band;
 mod batch;
+pub mod capture;
 mod checkpoint;
 mod checkpoint_error;
 mod demonstrate;

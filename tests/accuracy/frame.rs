@@ -101,7 +101,14 @@ fn by_cameras(twin: &Path, recording: &Path) -> Pose {
     let report = json(&twin.join("report.json"));
     let photo = &report["renderings"][0];
     let twin_from_camera = pose(&photo["camera"]["world_from_camera"]);
-    let capture = io::open(&[recording.to_owned()], &CaptureConfig::default(), 0).unwrap();
+    let capture = run::capture::open(
+        &[recording.to_owned()],
+        &CaptureConfig::default(),
+        0,
+        &io::Ahead::default(),
+        &run::Monitor::silent(),
+    )
+    .unwrap();
     let frames = capture.states.iter().flatten();
     let frame = frames.into_iter().find(|frame| photo["view"] == frame.id.as_str()).unwrap();
     twin_from_camera * frame.world_from_camera.inverse()

@@ -8,8 +8,9 @@
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use super::voxels::{Cell, CellSet, center, clusters, frames_needed};
+use super::voxels::{Cell, CellSet, center, frames_needed, groups};
 use crate::{NoiseConfig, RgbdFrame, poses::pose_noise::PoseNoise};
+use common::stop::{Stop, Stopped};
 
 /// Standard deviations of a reading beyond which two frames tell it from a cell.
 /// chosen: two frames by chance, 0.05 % one-sided
@@ -36,31 +37,49 @@ pub fn at_rest(
     states: &[Vec<RgbdFrame>],
     size_m: f64,
     noise: &NoiseConfig,
-) -> Vec<Vec<Cell>> {
-    let rests = |(cells, frames): (&Vec<Cell>, &Vec<RgbdFrame>)| -> Vec<Cell> {
-        let stays = |c: &&Cell| {
+    stop: &Stop,
+) -> Result<Vec<Vec<Cell>>, Stopped> {
+    let rests = |(cells, frames): (&Vec<Cell>, &Vec<RgbdFrame>)| -> Result<Vec<Cell>, Stopped> {
+        let stays = |c: &Cell| {
             let sight = sight(&center(c, size_m), frames, size_m, noise);
             sight.through < frames_needed(frames.len()) || sight.through <= sight.there
         };
-        cells.par_iter().filter(stays).copied().collect()
+        those(cells, stays, stop)
     };
     cells.iter().zip(states).map(rests).collect()
 }
 
 /// Cells of all states that frames of another state looked through, in patches.
-pub fn changed(cells: &[Vec<Cell>], states: &[Vec<RgbdFrame>], size_m: f64, noise: &NoiseConfig) -> CellSet {
-    let of_state = |own: usize| -> Vec<Cell> {
-        let is_gone = |c: &&Cell| {
+pub fn changed(
+    cells: &[Vec<Cell>],
+    states: &[Vec<RgbdFrame>],
+    size_m: f64,
+    noise: &NoiseConfig,
+    stop: &Stop,
+) -> Result<CellSet, Stopped> {
+    let mut changed = CellSet::default();
+    for own in 0..states.len() {
+        let is_gone = |c: &Cell| {
             let point = center(c, size_m);
             (0..states.len()).filter(|other| *other != own).any(|other| {
                 let sight = sight(&point, &states[other], size_m, noise);
                 sight.through >= frames_needed(states[other].len()) && sight.through >= CLEARLY * sight.there
             })
         };
-        let gone: Vec<Cell> = cells[own].par_iter().filter(is_gone).copied().collect();
-        clusters(&gone, 1).into_iter().filter(|patch| patch.len() >= LEAST_PATCH).flatten().collect()
+        let patches = groups(&those(&cells[own], is_gone, stop)?, 1, stop)?;
+        changed.extend(patches.into_iter().filter(|patch| patch.len() >= LEAST_PATCH).flatten());
+    }
+    Ok(changed)
+}
+
+/// Cells that satisfy a test, in their order.
+fn those(cells: &[Cell], test: impl Fn(&Cell) -> bool + Sync, stop: &Stop) -> Result<Vec<Cell>, Stopped> {
+    let tested = |c: &Cell| {
+        stop.check()?;
+        Ok(test(c).then_some(*c))
     };
-    (0..states.len()).flat_map(of_state).collect()
+    let found: Vec<Option<Cell>> = cells.par_iter().map(tested).collect::<Result<_, Stopped>>()?;
+    Ok(found.into_iter().flatten().collect())
 }
 
 /// How frames see a point.
@@ -152,20 +171,23 @@ mod tests {
         let noise = NoiseConfig::default();
         let cells = [plate_cells(), Vec::new()];
         let gone = [frames(&[true; 6]), frames(&[false; 6])];
-        let found = changed(&cells, &gone, SIZE_M, &noise);
+        let found = changed(&cells, &gone, SIZE_M, &noise, &Stop::never()).unwrap();
         assert!(found.len() > 30, "{}", found.len());
         let stays = [frames(&[true; 6]), frames(&[true; 6])];
-        assert!(changed(&cells, &stays, SIZE_M, &noise).is_empty());
+        assert!(changed(&cells, &stays, SIZE_M, &noise, &Stop::never()).unwrap().is_empty());
         // What the other state did not read says nothing.
         let mut dark = gone;
         dark[1].iter_mut().for_each(|f| f.depth_m.fill(0.0));
-        assert!(changed(&cells, &dark, SIZE_M, &noise).is_empty());
+        assert!(changed(&cells, &dark, SIZE_M, &noise, &Stop::never()).unwrap().is_empty());
     }
 
     #[test]
     fn what_is_in_two_frames_of_six_is_on_its_way() {
         let noise = NoiseConfig::default();
-        let count = |plate: &[bool]| at_rest(&[plate_cells()], &[frames(plate)], SIZE_M, &noise)[0].len();
+        let count = |plate: &[bool]| {
+            let cells = at_rest(&[plate_cells()], &[frames(plate)], SIZE_M, &noise, &Stop::never());
+            cells.unwrap()[0].len()
+        };
         assert_eq!(count(&[true; 6]), 64);
         assert!(count(&[true, true, false, false, false, false]) < 16);
     }

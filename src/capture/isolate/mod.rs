@@ -34,6 +34,7 @@ pub use self::{
 };
 use super::{At, Capture, CaptureConfig, CaptureError, RgbdFrame, common_focus, pixel_weights};
 use common::note::{Note, NoteCode};
+use common::stop::{Stop, Stopped};
 use numeric::statistics::median;
 
 /// Fewest pixels with depth on the object in a state.
@@ -46,11 +47,12 @@ const MIN_OVERLAP: f64 = 0.02;
 ///
 /// # Errors
 /// [`CaptureError::Isolation`] where nothing with depth is left as the object, [`CaptureError::NoOverlap`]
-/// where the states have no place in common.
+/// where the states have no place in common, [`CaptureError::Stopped`].
 pub fn isolate(
     capture: &mut Capture,
     config: &CaptureConfig,
     rng: &mut impl Rng,
+    stop: &Stop,
 ) -> Result<(), CaptureError> {
     let masked = capture.states.iter().flatten().filter(|f| f.mask.is_some()).count();
     let all = capture.states.iter().flatten().count();
@@ -64,11 +66,11 @@ pub fn isolate(
     }
     let size_m = cell_size(capture);
     if masked == all {
-        clean_masks(capture, config, size_m);
+        clean_masks(capture, config, size_m, stop)?;
     } else {
-        find_object(capture, config, size_m, rng)?;
+        find_object(capture, config, size_m, rng, stop)?;
     }
-    capture.object_box_m = Some(check(capture, size_m)?);
+    capture.object_box_m = Some(check(capture, size_m, stop)?);
     Ok(())
 }
 
@@ -90,37 +92,48 @@ fn cell_size(capture: &Capture) -> f64 {
 }
 
 /// Cells that each frame sees of what its mask shows, each once.
-fn seen(frames: &[RgbdFrame], size_m: f64) -> Vec<Vec<Cell>> {
+fn seen(frames: &[RgbdFrame], size_m: f64, stop: &Stop) -> Result<Vec<Vec<Cell>>, Stopped> {
     let of_frame = |f: &RgbdFrame| {
+        stop.check()?;
         let points = (0..f.depth_m.len()).filter(|p| f.is_object(*p)).filter_map(|p| f.world_point(p));
         let mut cells: Vec<Cell> = points.filter_map(|point| cell(&point, size_m)).collect();
         // Beside each other most pixels see one cell.
         cells.dedup();
         cells.sort_unstable();
         cells.dedup();
-        cells
+        Ok(cells)
     };
     frames.par_iter().map(of_frame).collect()
 }
 
 /// Forgets depth under masks that stands apart, or lies outside the workspace.
-fn clean_masks(capture: &mut Capture, config: &CaptureConfig, size_m: f64) {
+fn clean_masks(
+    capture: &mut Capture,
+    config: &CaptureConfig,
+    size_m: f64,
+    stop: &Stop,
+) -> Result<(), Stopped> {
     let of_state = |frames: &mut Vec<RgbdFrame>| {
         // One frame is enough, since masks leave no background whose noise could count.
-        let cells = supported(&seen(frames, size_m), 1);
-        let bad = outlier_cells(&cells, size_m);
+        let cells = supported(&seen(frames, size_m, stop)?, 1);
+        let bad = outlier_cells(&cells, size_m, stop)?;
         let workspace = config.isolate.workspace;
         let is_bad =
             |p: &Point3<f64>| !in_box(workspace, p) || cell(p, size_m).is_none_or(|c| bad.contains(&c));
-        frames.par_iter_mut().map(|f| forget(f, is_bad)).sum::<usize>()
+        let of_frame = |f: &mut RgbdFrame| {
+            stop.check()?;
+            Ok(forget(f, is_bad))
+        };
+        frames.par_iter_mut().map(of_frame).sum::<Result<usize, Stopped>>()
     };
-    let forgotten: usize = capture.states.par_iter_mut().map(of_state).sum();
+    let forgotten = capture.states.par_iter_mut().map(of_state).sum::<Result<usize, Stopped>>()?;
     let on_object = |f: &RgbdFrame| (0..f.depth_m.len()).filter(|p| f.is_object(*p)).count();
     let pixels: usize = capture.states.par_iter().flatten().map(on_object).sum();
     capture.notes.push(Note::new(NoteCode::MasksUsed, format!(
         "masks of the recording are used ({pixels} pixels); {forgotten} depth readings in them stand apart \
          and are not used"
     )));
+    Ok(())
 }
 
 /// Forgets the depth of object pixels whose world points satisfy a test; returns their number.
@@ -139,11 +152,15 @@ fn find_object(
     config: &CaptureConfig,
     size_m: f64,
     rng: &mut impl Rng,
+    stop: &Stop,
 ) -> Result<(), CaptureError> {
     let workspace = config.isolate.workspace;
     let planes = match workspace {
         Some(_) if !config.isolate.plane_in_workspace => Vec::new(),
-        _ => background_planes(&capture.states.iter().flatten().collect::<Vec<_>>(), &capture.noise, rng),
+        _ => {
+            let frames: Vec<&RgbdFrame> = capture.states.iter().flatten().collect();
+            background_planes(&frames, &capture.noise, rng, stop)?
+        }
     };
     for p in &planes {
         let n = p.normal;
@@ -157,14 +174,18 @@ fn find_object(
     }
     let background = Background { planes, config, noise: capture.noise };
     let support = |frames: &Vec<RgbdFrame>| {
-        let weights: Vec<Vec<f32>> = frames.par_iter().map(|f| pixel_weights(f, &capture.noise)).collect();
-        find_support(frames, &weights, size_m, &background)
+        let weights = |f: &RgbdFrame| {
+            stop.check()?;
+            Ok(pixel_weights(f, &capture.noise))
+        };
+        let weights: Vec<Vec<f32>> = frames.par_iter().map(weights).collect::<Result<_, Stopped>>()?;
+        find_support(frames, &weights, size_m, &background, stop)
     };
-    let supports: Vec<_> = capture.states.iter().map(support).collect();
+    let supports: Vec<_> = capture.states.iter().map(support).collect::<Result<_, Stopped>>()?;
     let seen: Vec<Vec<Cell>> = supports.iter().map(|s| s.cells.clone()).collect();
     // A hand or a person in some frames is no part of what stands there.
-    let cells = at_rest(&seen, &capture.states, size_m, &capture.noise);
-    let object = choose(capture, &background, size_m, &cells)?;
+    let cells = at_rest(&seen, &capture.states, size_m, &capture.noise, stop)?;
+    let object = choose(capture, &background, size_m, &cells, stop)?;
     capture.notes.push(Note::new(NoteCode::ObjectIsolated, object.note.clone()));
     for (s, frames) in capture.states.iter_mut().enumerate() {
         let own: Vec<Cell> = cells[s].iter().filter(|c| object.contains(c)).copied().collect();
@@ -175,7 +196,11 @@ fn find_object(
         let is_known = |f: &RgbdFrame, pixel: usize, p: &Point3<f64>| {
             background.is_above(f, pixel, p) || supports[s].is_solid(p, size_m, &background)
         };
-        frames.par_iter_mut().for_each(|f| paint(f, &silhouette(f, &own, size_m), is_object, is_known));
+        frames.par_iter_mut().try_for_each(|f| {
+            stop.check()?;
+            paint(f, &silhouette(f, &own, size_m), is_object, is_known);
+            Ok::<_, Stopped>(())
+        })?;
     }
     Ok(())
 }
@@ -186,9 +211,10 @@ fn choose(
     background: &Background<'_>,
     size_m: f64,
     cells: &[Vec<Cell>],
+    stop: &Stop,
 ) -> Result<Object, CaptureError> {
     let isolate = &background.config.isolate;
-    let changed = changed(cells, &capture.states, size_m, &capture.noise);
+    let changed = changed(cells, &capture.states, size_m, &capture.noise, stop)?;
     let poses: Vec<_> = capture.states.iter().flatten().map(|f| f.world_from_camera).collect();
     // At most 20: the search for neighbors visits its cube.
     let reach = isolate.link_distance_m.map_or(3, |d| ((d / size_m).ceil() as i32).clamp(1, 20));
@@ -199,7 +225,7 @@ fn choose(
         background.planes.iter().any(|p| p.height_m(&point).abs() <= touching_m)
     };
     // Over all states together: parts that stand apart in one may be linked in another.
-    choose_object(&Search {
+    let search = Search {
         cells,
         size_m,
         reach,
@@ -208,7 +234,8 @@ fn choose(
         focus: common_focus(&poses),
         at: isolate.at.as_ref().map(|at| place(at, &capture.states)).transpose()?,
         takes_all: isolate.workspace.is_some(),
-    })
+    };
+    choose_object(&search, stop)
 }
 
 /// The point in the world that somebody gave, or that a pixel shows.
@@ -274,7 +301,7 @@ fn silhouette(frame: &RgbdFrame, cells: &[Cell], size_m: f64) -> Vec<bool> {
 
 /// Refuses states without depth on the object and states without a common place. The box about the object in
 /// all states, lower and upper corner, meters.
-fn check(capture: &Capture, size_m: f64) -> Result<[[f64; 3]; 2], CaptureError> {
+fn check(capture: &Capture, size_m: f64, stop: &Stop) -> Result<[[f64; 3]; 2], CaptureError> {
     let mut cells = Vec::new();
     for (state, frames) in capture.states.iter().enumerate() {
         let pixels = frames
@@ -288,7 +315,7 @@ fn check(capture: &Capture, size_m: f64) -> Result<[[f64; 3]; 2], CaptureError> 
             );
             return Err(CaptureError::Isolation { reason });
         }
-        cells.push(supported(&seen(frames, size_m), frames_needed(frames.len())));
+        cells.push(supported(&seen(frames, size_m, stop)?, frames_needed(frames.len())));
     }
     let (lower, upper) = bounds(cells.iter().flatten());
     let corners = [lower, upper.map(|v| v.saturating_add(1))].map(|c| c.map(|v| f64::from(v) * size_m));

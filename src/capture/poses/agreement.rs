@@ -7,6 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{pairs::Matches, pose_noise::PoseNoise, surfels::Surfels, trajectory::Trajectory};
+use common::stop::{Stop, Stopped};
 
 /// Fewest matches of a state that say anything.
 const LEAST_MATCHES: usize = 200;
@@ -34,7 +35,12 @@ pub struct PoseAgreement {
 
 impl PoseAgreement {
     /// Of a state's frames; `None` where too few features match.
-    pub(super) fn of(trajectory: &Trajectory, surfels: &[Surfels], matches: &Matches) -> Option<Self> {
+    pub(super) fn of(
+        trajectory: &Trajectory,
+        surfels: &[Surfels],
+        matches: &Matches,
+        stop: &Stop,
+    ) -> Result<Option<Self>, Stopped> {
         let share = |delay_s: f64| {
             let poses = trajectory.delayed(delay_s);
             let mut agreeing = 0;
@@ -52,13 +58,20 @@ impl PoseAgreement {
             }
             (all >= LEAST_MATCHES).then(|| agreeing as f64 / all as f64)
         };
-        let reported = share(0.0)?;
+        let Some(reported) = share(0.0) else { return Ok(None) };
         let steps = (MOST_DELAY_S / DELAY_STEP_S).round() as i32;
-        let delayed = (-steps..=steps).map(|k| f64::from(k) * DELAY_STEP_S);
-        let best =
-            || delayed.filter_map(|s| Some([s, share(s)?])).reduce(|a, b| if b[1] > a[1] { b } else { a });
-        let delay = if reported < LEAST_SHARE { best() } else { None };
-        Some(Self { share: reported, delay: delay.filter(|d| d[1] > EXPLAINED * reported) })
+        let mut delay: Option<[f64; 2]> = None;
+        for delay_s in (-steps..=steps).map(|k| f64::from(k) * DELAY_STEP_S) {
+            if reported >= LEAST_SHARE {
+                break;
+            }
+            stop.check()?;
+            let Some(share) = share(delay_s) else { continue };
+            if delay.is_none_or(|best| share > best[1]) {
+                delay = Some([delay_s, share]);
+            }
+        }
+        Ok(Some(Self { share: reported, delay: delay.filter(|d| d[1] > EXPLAINED * reported) }))
     }
 
     /// Whether poses and images contradict each other.

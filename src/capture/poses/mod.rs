@@ -32,6 +32,8 @@ pub(super) mod surfels;
 mod trajectory;
 pub(super) mod world;
 
+use std::iter;
+
 use nalgebra::{Point3, Vector3, Vector6};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -49,6 +51,7 @@ use self::{
     solve::Problem, surfels::Surfels, trajectory::Trajectory,
 };
 use super::{KnownFeatures, NoiseConfig, RgbdFrame};
+use common::stop::{Stop, Stopped};
 
 /// Whether poses are corrected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -115,34 +118,53 @@ impl PoseFindings {
 /// Corrects the poses of every state, and the depth of all, where held-out surfels then agree clearly better.
 /// Poses that were `tracked` come from the frames themselves: they are taken to where the frames agree best,
 /// and what that leaves open is their error. Features of images that are `known` are not looked for again.
-#[must_use]
+///
+/// # Errors
+/// [`Stopped`]; the frames are of no use then.
 pub fn refine_poses(
     states: &mut [Vec<RgbdFrame>],
     noise: &NoiseConfig,
     tracked: bool,
     known: &KnownFeatures,
-) -> PoseFindings {
+    stop: &Stop,
+) -> Result<PoseFindings, Stopped> {
+    let surfels_of = |f: &RgbdFrame| {
+        stop.check()?;
+        Ok(Surfels::of(f, noise, |_| true))
+    };
     let mut surfels: Vec<Vec<Surfels>> = states
         .par_iter()
-        .map(|frames| frames.par_iter().map(|f| Surfels::of(f, noise, |_| true)).collect())
-        .collect();
-    let landmarks = Landmarks::find(states, &mut surfels, noise, known);
-    let within: Vec<Matches> = states.par_iter().enumerate().map(|(s, f)| landmarks.within(s, f)).collect();
+        .map(|frames| frames.par_iter().map(surfels_of).collect())
+        .collect::<Result<_, Stopped>>()?;
+    let landmarks = Landmarks::find(states, &mut surfels, noise, known, stop)?;
+    let within: Vec<Matches> = states
+        .par_iter()
+        .enumerate()
+        .map(|(s, f)| landmarks.within(s, f, stop))
+        .collect::<Result<_, Stopped>>()?;
     // 0. Poses of another time, or of another scene, are beyond what the rest can correct.
-    let agreement = agreements(states, &surfels, &within);
+    let agreement = agreements(states, &surfels, &within, stop)?;
     let problems: Vec<Option<Problem<'_>>> = states
         .par_iter()
         .zip(&surfels)
         .zip(within)
-        .map(|((frames, surfels), matches)| problem(frames, surfels, matches, tracked))
+        .map(|((frames, surfels), matches)| problem(frames, surfels, matches, tracked, stop))
         .collect();
     // 1. Each state by itself: the sensor must beat the best that poses alone can do.
     // 2. All states with their sensor.
-    let (alone, together): (Vec<Option<Refined>>, _) = rayon::join(
-        || problems.par_iter().map(|p| Refined::alone(p.as_ref()?)).collect(),
+    let alone = |problem: &Option<Problem<'_>>| match problem {
+        Some(problem) => Refined::alone(problem),
+        None => Ok(None),
+    };
+    let (alone, together) = rayon::join(
+        || problems.par_iter().map(alone).collect::<Result<Vec<Option<Refined>>, Stopped>>(),
         || sensor::solve_together(states, &problems),
     );
-    let calibrated = together.and_then(|solution| sensor::calibrate(states, &problems, &alone, solution));
+    let alone = alone?;
+    let calibrated = match together? {
+        Some(solution) => sensor::calibrate(states, &problems, &alone, solution)?,
+        None => None,
+    };
     let (mut found, calibration, warps) = match calibrated {
         Some(Calibrated { calibration, states, warps }) if calibration.used => {
             (states, Some(calibration), warps)
@@ -154,8 +176,14 @@ pub fn refine_poses(
     let camera = states.iter().flatten().next().map(|f| f.intrinsics);
     if let (Some(used), Some(camera)) = (calibration.as_ref().filter(|c| c.used), camera) {
         let errors = used.errors(&camera);
-        errors.warp.correct(states.iter_mut().flatten());
-        used.move_color(states.iter_mut().flatten());
+        for frames in states.iter_mut() {
+            stop.check()?;
+            errors.warp.correct(frames.iter_mut());
+        }
+        for frame in states.iter_mut().flatten() {
+            stop.check()?;
+            used.move_color(iter::once(frame));
+        }
         surfels.iter_mut().for_each(|s| *s = Surfels::corrected(s, &errors));
     }
     let draws = draws(states, &found, warps);
@@ -168,7 +196,7 @@ pub fn refine_poses(
     let mut findings =
         PoseFindings { states: found, agreement, sensor: calibration, worlds: Vec::new(), draws };
     if !findings.changed() {
-        return findings;
+        return Ok(findings);
     }
     // 4. The mean error of each state against that of state 0.
     let mean_noise = |s: usize| {
@@ -178,22 +206,23 @@ pub fn refine_poses(
     let draws = &mut findings.draws;
     let world = |s: usize| {
         let expected = mean_noise(0).beside(&mean_noise(s));
-        let matches = landmarks.between([0, s], [&states[0], &states[s]]);
+        let matches = landmarks.between([0, s], [&states[0], &states[s]], stop)?;
         let poses = [0, s].map(|s| world::poses_of(&states[s]));
         let poses = poses.each_ref().map(Vec::as_slice);
         let surfels = [&*surfels[0], &*surfels[s]];
-        let (correction, follow) = world::correct(poses, surfels, matches, &expected)?;
+        let found = world::correct(poses, surfels, matches, &expected, stop)?;
+        let Some((correction, follow)) = found else { return Ok(None) };
         draws.iter_mut().for_each(|draw| follow.apply([0, s], draw));
-        Some(correction)
+        Ok(Some(correction))
     };
-    let worlds = (1..states.len()).map(world).collect();
+    let worlds = (1..states.len()).map(world).collect::<Result<_, Stopped>>()?;
     findings.worlds = worlds;
     for (frames, world) in states.iter_mut().skip(1).zip(&findings.worlds) {
         if let Some(correction) = world.as_ref().map(|w| w.corrected_from_reported) {
             frames.iter_mut().for_each(|f| f.world_from_camera = correction * f.world_from_camera);
         }
     }
-    findings
+    Ok(findings)
 }
 
 /// How far the poses of each state agree with its images; poses that are certainly late are moved to the
@@ -202,20 +231,23 @@ fn agreements(
     states: &mut [Vec<RgbdFrame>],
     surfels: &[Vec<Surfels>],
     within: &[Matches],
-) -> Vec<Option<PoseAgreement>> {
+    stop: &Stop,
+) -> Result<Vec<Option<PoseAgreement>>, Stopped> {
     let agreement: Vec<Option<PoseAgreement>> = states
         .par_iter()
         .zip(surfels)
         .zip(within)
-        .map(|((frames, surfels), matches)| PoseAgreement::of(&Trajectory::of(frames), surfels, matches))
-        .collect();
+        .map(|((frames, surfels), matches)| {
+            PoseAgreement::of(&Trajectory::of(frames), surfels, matches, stop)
+        })
+        .collect::<Result<_, Stopped>>()?;
     for (frames, found) in states.iter_mut().zip(&agreement) {
         if let Some(delay_s) = found.and_then(|f| f.certain_delay_s()) {
             let poses = Trajectory::of(frames).delayed(delay_s);
             frames.iter_mut().zip(poses).for_each(|(f, pose)| f.world_from_camera = pose);
         }
     }
-    agreement
+    Ok(agreement)
 }
 
 /// What may be left of the errors of all poses that were corrected, and of depth, by draw.
@@ -242,12 +274,13 @@ fn problem<'a>(
     surfels: &'a [Surfels],
     matches: Matches,
     tracked: bool,
+    stop: &Stop,
 ) -> Option<Problem<'a>> {
     // Errors smaller than a pixel cannot be distinguished from the steps of a coarse image.
     let coarse =
         |f: &RgbdFrame| f.intrinsics.fx.min(f.intrinsics.fy) * PoseNoise::EXPECTED.rotation_rad < 1.0;
     (frames.len() >= LEAST_FRAMES && !frames.iter().any(coarse))
-        .then(|| Problem::new(surfels, matches, &Trajectory::of(frames), tracked))
+        .then(|| Problem::new(surfels, matches, &Trajectory::of(frames), tracked, stop))
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@ use super::{
     sensor_sums::{BySensor, Row, SensorSums, add_rows, by_sensor},
     surfels::{FACINGS, Residual, Surfels},
 };
+use common::stop::{Stop, Stopped};
 use geometry::Pose;
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
@@ -54,6 +55,8 @@ pub(crate) struct Comparison {
     compared: usize,
     /// What part of them is enough while poses are loose.
     coarse: usize,
+    /// Asked before every frame.
+    stop: Stop,
 }
 
 /// Landmarks of two frames that show the same, by their numbers; of every ordered pair of frames.
@@ -147,9 +150,10 @@ impl Comparison {
         pairs: Vec<[usize; 2]>,
         matches: Matches,
         noise: PoseNoise,
+        stop: &Stop,
     ) -> Self {
         let sets = [false, true].map(|held_out| surfels.clone().map(|s| subset(s, held_out)).collect());
-        Self { sets, pairs, matches, noise, compared: COMPARED, coarse: 1 }
+        Self { sets, pairs, matches, noise, compared: COMPARED, coarse: 1, stop: stop.clone() }
     }
 
     /// The same with fewer surfels while poses are loose: of many frames they are enough to come near.
@@ -163,19 +167,27 @@ impl Comparison {
     }
 
     /// Robust standard deviation of the residuals in expected ones, at least 1.
-    pub fn scale(&self, views: Views<'_>) -> f64 {
+    pub fn scale(&self, views: Views<'_>) -> Result<f64, Stopped> {
         let of_pair = |pair: &[usize; 2]| {
+            self.stop.check()?;
             let mut ratios = Ratios::default();
             self.compare(*pair, views, Subset::Fitted, |r, _| ratios.add(r));
-            ratios
+            Ok(ratios)
         };
-        robust_scale(self.pairs.par_iter().map(of_pair).collect())
+        Ok(robust_scale(self.pairs.par_iter().map(of_pair).collect::<Result<_, Stopped>>()?))
     }
 
     /// Normal equations about poses, and about those of the sensor, where some are given; `scale` is that
     /// before.
-    pub fn sums(&self, views: Views<'_>, sensor: Option<&SensorErrors>, scale: f64, fit: Fit) -> Sums {
+    pub fn sums(
+        &self,
+        views: Views<'_>,
+        sensor: Option<&SensorErrors>,
+        scale: f64,
+        fit: Fit,
+    ) -> Result<Sums, Stopped> {
         let of_frame = |pairs: &[[usize; 2]]| {
+            self.stop.check()?;
             let mut of_sensor =
                 sensor.map(|errors| SensorSums::none(views.world_from_camera.len(), errors.count()));
             let rows: Vec<Rows> =
@@ -199,11 +211,11 @@ impl Comparison {
                     add_rows(sums, pair, &rows.surfels);
                 }
             }
-            (sums, ratios, of_sensor)
+            Ok((sums, ratios, of_sensor))
         };
         // By first frames: the sensor's sums are large, and a task has them once.
         let frames: Vec<&[[usize; 2]]> = self.pairs.chunk_by(|a, b| a[0] == b[0]).collect();
-        let all: Vec<_> = frames.par_iter().map(|pairs| of_frame(pairs)).collect();
+        let all: Vec<_> = frames.par_iter().map(|pairs| of_frame(pairs)).collect::<Result<_, Stopped>>()?;
         let mut pairs = Vec::new();
         let mut ratios = Vec::new();
         let mut sensor_sums = None;
@@ -216,7 +228,7 @@ impl Comparison {
                 (sum, next) => sum.or(next),
             };
         }
-        Sums { pairs, sensor: sensor_sums.map(SensorSums::whole), scale: robust_scale(ratios) }
+        Ok(Sums { pairs, sensor: sensor_sums.map(SensorSums::whole), scale: robust_scale(ratios) })
     }
 
     fn rows(
@@ -256,11 +268,15 @@ impl Comparison {
     }
 
     /// What held-out surfels gain `after`.
-    pub fn changes(&self, before: Views<'_>, after: Views<'_>) -> Changes {
+    pub fn changes(&self, before: Views<'_>, after: Views<'_>) -> Result<Changes, Stopped> {
         // One scale for both: a scale of its own would forgive the worse poses their residuals.
-        let scale = self.scale(after);
-        let of_pair = |p: &[usize; 2]| self.pair_change(*p, before, after, scale);
-        Changes { frames: before.surfels.len(), pairs: self.pairs.par_iter().map(of_pair).collect() }
+        let scale = self.scale(after)?;
+        let of_pair = |p: &[usize; 2]| {
+            self.stop.check()?;
+            Ok(self.pair_change(*p, before, after, scale))
+        };
+        let pairs = self.pairs.par_iter().map(of_pair).collect::<Result<_, Stopped>>()?;
+        Ok(Changes { frames: before.surfels.len(), pairs })
     }
 
     fn pair_change(&self, frames: [usize; 2], before: Views<'_>, after: Views<'_>, scale: f64) -> PairChange {

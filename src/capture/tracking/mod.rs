@@ -19,6 +19,7 @@ mod lost;
 mod observation;
 mod pose_graph;
 mod track;
+mod tracked_state;
 mod tracker;
 
 use serde::{Deserialize, Serialize};
@@ -31,6 +32,7 @@ pub use self::{
     lost::Lost,
     observation::Observation,
     track::{Track, TrackingFindings},
+    tracked_state::TrackedState,
     tracker::Tracker,
 };
 
