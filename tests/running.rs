@@ -415,6 +415,7 @@ fn events_are_as_documented() {
             "planned" => &["event", "stages"],
             "stage_started" => &["event", "stage", "steps"],
             "step" => &["event", "stage", "done", "total", "loss"],
+            "count" => &["event", "stage", "done", "total"],
             "stage_finished" => &["event", "stage", "seconds"],
             "warning" | "note" => &["code", "event", "message"],
             "artifact" => &["event", "path"],

@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use super::{
     DiagnoseOutcome, DiagnoseRequest, Event, Monitor, RunError,
     diagnose::{find, put_files},
+    frame_run::frame_run,
     least_bytes::least_diagnosis,
     outcome::OUTPUT_STAGE,
 };
-use capture::{CaptureConfig, CaptureError, RgbdFrame};
+use capture::{CaptureError, RgbdFrame};
 use common::note::{Note, NoteCode};
 use export::{Picture, PictureKind, diagnosed::seen_urdf};
 use gap::{
@@ -68,15 +69,13 @@ pub fn diagnose_frames(
     let mut warnings = Vec::new();
     let mut runs: Vec<FrameRun> = Vec::new();
     monitor.report(Event::StageStarted { stage: "frames".to_owned(), steps: None });
-    let config = CaptureConfig::default();
     for path in recordings {
         monitor.check()?;
-        runs.push(io::read_frame_run(path, &config, request.seed, &mut warnings, &monitor.stop()).map_err(
-            |e| match e {
-                CaptureError::Stopped(stopped) => stopped.into(),
-                other => failed("frames", &other),
-            },
-        )?);
+        let run = frame_run(path, request.seed, &mut warnings, &monitor.stop());
+        runs.push(run.map_err(|e| match e {
+            CaptureError::Stopped(stopped) => stopped.into(),
+            other => failed("frames", &other),
+        })?);
     }
     let mut diagnosis = assess(&twin, &runs, options).map_err(|e| failed("diagnose", &e))?;
     monitor.check()?;

@@ -29,6 +29,7 @@ mod fields;
 mod fingerprint;
 mod follow;
 mod found;
+mod frame_run;
 mod joints;
 mod least_bytes;
 mod left_out;

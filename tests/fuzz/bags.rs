@@ -64,7 +64,7 @@ fn views() {
     let target = Target { name, seeds, words: &WORDS, assemble: bag, bytes: BYTES };
     target.run(|input| {
         let bag = scratch.put("bag.mcap", input);
-        let Ok(run) = read_frame_run(&bag, &config, 7, &mut Vec::new(), &Stop::never()) else {
+        let Ok((run, _)) = read_frame_run(&bag, &config, &mut Vec::new(), &Stop::never()) else {
             return false;
         };
         let range = config.depth_min_m as f32..=config.depth_max_m as f32;

@@ -1,8 +1,8 @@
 //! The stage `capture`: from paths to frames that stand in one world and show the object.
 //!
-//! Its steps, a file each: `read` the recordings, `track` the camera where they hold no poses, `place` its ways in
-//! one world, correct the `poses`, isolate and put right the `object`. Every step asks whether to stop and
-//! counts the views that went through it.
+//! Its steps, a file each: `read` the recordings, `track` the camera where they hold no poses, `place` its
+//! ways in one world, correct the `poses`, isolate and put right the `object`. Every step asks whether to stop
+//! and counts the views that went through it.
 
 mod ahead;
 mod board_world;
@@ -20,7 +20,7 @@ use self::{
     object::{denoised, filled, isolated},
     place::posed,
     poses::corrected,
-    read::{Recorded, each_a_state, frames_of, measure_noise, of_sources},
+    read::{RecordedStates, each_a_state, frames_of, measure_noise, of_sources},
     steps::Steps,
 };
 use super::Monitor;
@@ -67,7 +67,7 @@ pub fn open(
     read::check_depth(&capture, config)?;
     read::check_states_differ(&capture)?;
     let frames = capture.states.iter().map(Vec::len).sum();
-    steps.expect(STEPS_OF_FRAMES * frames);
+    steps.to_come(STEPS_OF_FRAMES * frames);
     // The noise first (2.8): all gates behind it are multiples of it.
     measure_noise(&mut capture, config, &steps.stop)?;
     // Poses before isolation, which puts the points of all frames together.
@@ -120,7 +120,7 @@ pub fn track_camera(
     let mut capture = Capture::of_states(paths.len());
     let mut recorded = each_a_state(&paths, config, &steps.stop)?;
     posed(&mut capture, &mut recorded, config, seed, &Ahead::default(), &mut steps)?;
-    let trajectory = |recorded: &Recorded| -> Trajectory {
+    let trajectory = |recorded: &RecordedStates| -> Trajectory {
         let views = recorded.recording.views.views.iter();
         views.filter_map(|v| Some((v.stamp_nanos, v.world_from_camera?))).collect()
     };

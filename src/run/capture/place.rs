@@ -1,11 +1,11 @@
-//! The views of all states with their poses: those that were recorded, or those of a camera that is tracked, in
-//! one world.
+//! The views of all states with their poses in one world: those that were recorded, or those of a camera that
+//! is tracked.
 
 use std::collections::BTreeMap;
 
 use super::{
     board_world::{board_worlds, places},
-    read::Recorded,
+    read::RecordedStates,
     steps::Steps,
     track::track,
     upright::upright_of,
@@ -24,7 +24,7 @@ use io::{Ahead, TrackedOf, Views};
 /// [`CaptureError::NotTracked`] and [`CaptureError::StatesUnaligned`]; those of the decoding.
 pub(super) fn posed(
     capture: &mut Capture,
-    recorded: &mut [Recorded],
+    recorded: &mut [RecordedStates],
     config: &CaptureConfig,
     seed: u64,
     ahead: &Ahead,
@@ -36,9 +36,9 @@ pub(super) fn posed(
     let views = |(_, of_state): &(usize, Vec<usize>)| {
         of_state.len() + (1 + super::STEPS_OF_FRAMES) * of_state.len().min(config.frames_per_state)
     };
-    steps.expect(recorded.iter().flat_map(|r| &r.states).map(views).sum());
+    steps.to_come(recorded.iter().flat_map(|r| &r.states).map(views).sum());
     let mut tracked = Vec::new();
-    for Recorded { recording, states } in recorded.iter() {
+    for RecordedStates { recording, states } in recorded.iter() {
         for (state, of_state) in states {
             let numbers = (*state, seed);
             // What is worked out ahead is of recordings that show one state.
@@ -56,7 +56,7 @@ pub(super) fn posed(
     let worlds = worlds(&tracked, seed, [&mut capture.notes, &mut capture.warnings], &steps.stop)?;
     capture.board = worlds.board;
     let mut of_states = tracked.into_iter().zip(worlds.from_maps);
-    for Recorded { recording, states } in recorded {
+    for RecordedStates { recording, states } in recorded {
         for (tracked, world) in of_states.by_ref().take(states.len()) {
             give_poses(capture, &mut recording.views, tracked, (&world, worlds.scale));
         }

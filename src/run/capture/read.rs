@@ -9,7 +9,7 @@ use common::stop::Stop;
 use io::{Decoded, Recording, Source, views_kept};
 
 /// A recording, and the states that it shows: their numbers, and the numbers of their views.
-pub(super) struct Recorded {
+pub(super) struct RecordedStates {
     pub recording: Recording,
     pub states: Vec<(usize, Vec<usize>)>,
 }
@@ -22,7 +22,7 @@ pub(super) fn of_sources(
     source: &Source,
     config: &CaptureConfig,
     stop: &Stop,
-) -> Result<Vec<Recorded>, CaptureError> {
+) -> Result<Vec<RecordedStates>, CaptureError> {
     match source {
         Source::States(paths) => {
             // Refused, not ignored: somebody meant one of the two.
@@ -38,7 +38,7 @@ pub(super) fn of_sources(
         }
         Source::Both(path) => {
             let (recording, of_states) = Recording::open_divided(path, config, stop)?;
-            Ok(vec![Recorded { recording, states: of_states.into_iter().enumerate().collect() }])
+            Ok(vec![RecordedStates { recording, states: of_states.into_iter().enumerate().collect() }])
         }
         Source::Keyframes(_) | Source::StartEnd(_) => Ok(Vec::new()),
     }
@@ -49,7 +49,7 @@ pub(super) fn each_a_state(
     paths: &[PathBuf],
     config: &CaptureConfig,
     stop: &Stop,
-) -> Result<Vec<Recorded>, CaptureError> {
+) -> Result<Vec<RecordedStates>, CaptureError> {
     let mut recordings = Vec::new();
     for (state, path) in paths.iter().enumerate() {
         recordings.push(Recording::open(path, config, state, stop)?);
@@ -62,7 +62,7 @@ pub(super) fn each_a_state(
             recording = recording.without_poses(config, state, stop)?;
         }
         let states = vec![(state, recording.all())];
-        recorded.push(Recorded { recording, states });
+        recorded.push(RecordedStates { recording, states });
     }
     Ok(recorded)
 }
@@ -73,12 +73,12 @@ pub(super) fn each_a_state(
 /// Frames that take too much memory or cannot be used; states in other worlds than state 0.
 pub(super) fn frames_of(
     capture: &mut Capture,
-    recorded: Vec<Recorded>,
+    recorded: Vec<RecordedStates>,
     config: &CaptureConfig,
     steps: &mut Steps<'_>,
 ) -> Result<(), CaptureError> {
     let mut found = Vec::new();
-    for Recorded { recording, states } in recorded {
+    for RecordedStates { recording, states } in recorded {
         let mut chosen = Vec::new();
         let mut notes = Vec::new();
         for (state, of_state) in states {
@@ -92,7 +92,7 @@ pub(super) fn frames_of(
     let sizes: Vec<_> = found.iter().map(|(r, chosen, _)| r.views.sizes(chosen.len())).collect();
     config.check_memory(&sizes)?;
     let kept: usize = found.iter().map(|(_, chosen, _)| chosen.len()).sum();
-    steps.expect((1 + super::STEPS_OF_FRAMES) * kept);
+    steps.to_come((1 + super::STEPS_OF_FRAMES) * kept);
     let worlds: Vec<String> = found.iter().map(|(r, ..)| r.views.world_frame.clone()).collect();
     for (recording, chosen, notes) in found {
         capture.notes.extend(notes);

@@ -19,8 +19,8 @@ fn shipped(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags").join(name)
 }
 
-/// Opens a shipped recording, and asks to stop so long after an event of progress: views that went through the
-/// steps, of all. It must end within a second.
+/// Opens a shipped recording, and asks to stop so long after an event of progress: views that went through
+/// the steps, of all. It must end within a second.
 fn stops(name: &str, config: &CaptureConfig, after: Duration, is_due: impl Fn(usize, usize) -> bool) {
     let (sender, events) = mpsc::channel();
     let flag = Arc::new(AtomicBool::new(false));

@@ -1,4 +1,4 @@
-//! The camera tracked through recordings that hold no poses: their views go through a tracker, some at a time.
+//! The camera tracked through recordings without poses: their views go through a tracker, some at a time.
 
 use rayon::prelude::*;
 
