@@ -27,8 +27,8 @@ impl LiveEye {
     }
 
     /// The frame of a view, in its camera's own frame. Its images have the size that `infos`, of color and of
-    /// depth, say; without one of depth it has color's lens. `topics` are those of color: of its info and of its
-    /// images.
+    /// depth, say; without one of depth it has color's lens. `topics` are those of color: of its info and of
+    /// its images.
     ///
     /// # Errors
     /// A camera that cannot be used.

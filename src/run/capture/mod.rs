@@ -1,8 +1,8 @@
 //! The stage `capture`: from paths to frames that stand in one world and show the object.
 //!
 //! Its steps, a file each: `read` the recordings, `track` the camera where they hold no poses, `place` its
-//! ways in one world, correct the `poses`, isolate and put right the `object`. Every step asks whether to stop
-//! and counts the views that went through it.
+//! ways in one world, correct the `poses`, isolate and put right the `object`. Every step asks whether to
+//! stop and counts the views that went through it.
 
 mod ahead;
 mod board_world;
