@@ -67,7 +67,7 @@ pub fn open(
     read::check_depth(&capture, config)?;
     read::check_states_differ(&capture)?;
     let frames = capture.states.iter().map(Vec::len).sum();
-    steps.to_come(STEPS_OF_FRAMES * frames);
+    steps.expects(STEPS_OF_FRAMES * frames);
     // The noise first (2.8): all gates behind it are multiples of it.
     measure_noise(&mut capture, config, &steps.stop)?;
     // Poses before isolation, which puts the points of all frames together.

@@ -36,7 +36,7 @@ pub(super) fn posed(
     let views = |(_, of_state): &(usize, Vec<usize>)| {
         of_state.len() + (1 + super::STEPS_OF_FRAMES) * of_state.len().min(config.frames_per_state)
     };
-    steps.to_come(recorded.iter().flat_map(|r| &r.states).map(views).sum());
+    steps.expects(recorded.iter().flat_map(|r| &r.states).map(views).sum());
     let mut tracked = Vec::new();
     for RecordedStates { recording, states } in recorded.iter() {
         for (state, of_state) in states {

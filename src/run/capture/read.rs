@@ -92,7 +92,7 @@ pub(super) fn frames_of(
     let sizes: Vec<_> = found.iter().map(|(r, chosen, _)| r.views.sizes(chosen.len())).collect();
     config.check_memory(&sizes)?;
     let kept: usize = found.iter().map(|(_, chosen, _)| chosen.len()).sum();
-    steps.to_come((1 + super::STEPS_OF_FRAMES) * kept);
+    steps.expects((1 + super::STEPS_OF_FRAMES) * kept);
     let worlds: Vec<String> = found.iter().map(|(r, ..)| r.views.world_frame.clone()).collect();
     for (recording, chosen, notes) in found {
         capture.notes.extend(notes);

@@ -17,7 +17,7 @@ impl<'a> Steps<'a> {
     }
 
     /// So many are to come, whatever was expected before.
-    pub fn to_come(&mut self, views: usize) {
+    pub fn expects(&mut self, views: usize) {
         self.total = self.done + views;
     }
 
