@@ -16,6 +16,8 @@ mod faults;
 mod frame;
 #[path = "accuracy/measure.rs"]
 mod measure;
+#[path = "common/opened.rs"]
+mod opened;
 #[path = "accuracy/runs.rs"]
 mod runs;
 #[path = "accuracy/table.rs"]

@@ -3,12 +3,16 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test may panic")]
 
+#[path = "common/opened.rs"]
+mod opened;
+
 use std::path::Path;
 
 use capture::Capture;
 use config::{Config, Layers};
 use geometry::Pose;
 use nalgebra::Vector3;
+use opened::open;
 use run::{Monitor, Stages, Twin, reconstruct_twin};
 
 fn config() -> Config {
@@ -19,7 +23,7 @@ fn config() -> Config {
 
 fn recording(name: &str) -> Capture {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags").join(name);
-    io::open(&[path], &config().capture, 0).unwrap()
+    open(&[path], &config().capture, 0).unwrap()
 }
 
 fn twin(capture: &Capture) -> Twin {

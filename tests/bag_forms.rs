@@ -10,6 +10,8 @@
 mod common;
 #[path = "common/harness.rs"]
 mod harness;
+#[path = "common/opened.rs"]
+mod opened;
 #[path = "common/program.rs"]
 mod program;
 #[path = "common/venv.rs"]
@@ -23,8 +25,9 @@ use std::{
 use capture::{Capture, CaptureConfig, CaptureError};
 use common::{COUNT, Options, write_states};
 use harness::{Missing, tests};
-use io::{inspect, open};
+use io::inspect;
 use mcap::Compression::{self, Lz4, Zstd};
+use opened::open;
 use program::shipped;
 
 fn main() -> ExitCode {

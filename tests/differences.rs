@@ -2,9 +2,13 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+#[path = "common/opened.rs"]
+mod opened;
+
 use config::Config;
 use export::{Look, LookConfig, looks};
 use model::ArticulatedModel;
+use opened::open;
 use run::{Monitor, Stages, compare, reconstruct_twin};
 
 /// The states that are warned of.
@@ -17,7 +21,7 @@ fn warned(capture: &capture::Capture, model: &ArticulatedModel, looks: &[Look]) 
 #[test]
 fn a_part_that_is_off_or_missing_is_said_and_a_right_one_is_not() {
     let config = Config::default();
-    let mut capture = io::open(&["bags/drawer".into()], &config.capture, 0).unwrap();
+    let mut capture = open(&["bags/drawer".into()], &config.capture, 0).unwrap();
     let monitor = Monitor::silent();
     let mut stages = Stages::new(&monitor);
     let twin = reconstruct_twin("drawer", &mut capture, None, &config, &mut stages).unwrap();

@@ -12,6 +12,8 @@
 
 #[path = "common/harness.rs"]
 mod harness;
+#[path = "common/opened.rs"]
+mod opened;
 
 use std::{
     path::Path,
@@ -30,6 +32,7 @@ use gpu::{
 };
 use harness::tests;
 use nalgebra::Point3;
+use opened::open;
 
 fn main() -> ExitCode {
     harness::main(tests![
@@ -58,7 +61,7 @@ struct Scene {
 
 /// State 0 of the drawer.
 fn drawer() -> Scene {
-    let mut capture = io::open(&["bags/drawer".into()], &CaptureConfig::default(), 0).unwrap();
+    let mut capture = open(&["bags/drawer".into()], &CaptureConfig::default(), 0).unwrap();
     let frames = capture.states.swap_remove(0);
     let scene = scene_box(&[&frames], &capture.noise).unwrap();
     let of = |f: &RgbdFrame| {

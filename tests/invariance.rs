@@ -3,6 +3,9 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test may panic")]
 
+#[path = "common/opened.rs"]
+mod opened;
+
 use std::path::Path;
 
 use capture::Capture;
@@ -10,6 +13,7 @@ use config::{Config, Layers};
 use geometry::Pose;
 use model::{Joint, JointKind};
 use nalgebra::{Point3, Vector3};
+use opened::open;
 use run::{Monitor, Stages, reconstruct_twin};
 
 fn config() -> Config {
@@ -21,7 +25,7 @@ fn config() -> Config {
 
 fn recording(name: &str) -> Capture {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags").join(name);
-    io::open(&[path], &config().capture, 0).unwrap()
+    open(&[path], &config().capture, 0).unwrap()
 }
 
 /// The one joint of a recording, and its motion from state 0 to state 1.

@@ -13,6 +13,8 @@ mod common;
 mod doors;
 #[path = "common/harness.rs"]
 mod harness;
+#[path = "common/opened.rs"]
+mod opened;
 #[path = "common/program.rs"]
 mod program;
 #[path = "common/ros.rs"]
@@ -24,6 +26,7 @@ use std::{path::Path, process::ExitCode};
 
 use geometry::Pose;
 use harness::{Missing, tests};
+use opened::open;
 use program::{SMALL, end, reconstruct, shipped};
 use ros::{Node, lossy_scenario, scenario, serial, with_fastdds};
 use tempfile::TempDir;
@@ -408,7 +411,7 @@ fn with_drawer(
 /// Camera poses of the views of a recording of state 0.
 fn camera_poses(state0: &Path, pose_frame: Option<&str>) -> Vec<Pose> {
     let config = capture::CaptureConfig { pose_frame: pose_frame.map(str::to_owned), ..Default::default() };
-    let capture = io::open(&[state0.to_owned(), shipped("drawer/state1")], &config, 0).unwrap();
+    let capture = open(&[state0.to_owned(), shipped("drawer/state1")], &config, 0).unwrap();
     capture.states[0].iter().map(|f| f.world_from_camera).collect()
 }
 

@@ -4,12 +4,15 @@
 #![allow(clippy::unwrap_used, reason = "a failed helper fails its test")]
 
 mod common;
+#[path = "common/opened.rs"]
+mod opened;
 
 use std::path::{Path, PathBuf};
 
 use capture::{Capture, CaptureConfig, CaptureError, TrackCamera};
 use common::*;
-use io::{inspect, open};
+use io::inspect;
+use opened::open;
 use tempfile::TempDir;
 
 fn config() -> CaptureConfig {

@@ -13,6 +13,7 @@ use std::{
     path::{Path, PathBuf},
     process::{Command, Stdio},
     sync::OnceLock,
+    time::{Duration, Instant},
 };
 
 use evaluate::{self, EvaluateOptions};
@@ -292,6 +293,22 @@ fn what_a_stopped_run_has_finished_is_not_done_again() {
 }
 
 #[test]
+fn a_run_stops_while_it_tracks_the_camera() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("runs");
+    let asked = OnceLock::new();
+    let is_tracked = |e: &Value| {
+        let is_due = e["event"] == "count" && e["stage"] == "capture" && e["done"] == 5;
+        is_due && asked.set(Instant::now()).is_ok()
+    };
+    let command = plain(&out, &["--set", "capture.tracking=always"]);
+    let stopped = stopped_when(command, "INT", is_tracked);
+    assert_eq!(stopped.code, 130, "{}", stopped.stderr);
+    let went_on = asked.get().unwrap().elapsed();
+    assert!(went_on < Duration::from_secs(1), "{went_on:?}");
+}
+
+#[test]
 fn a_run_killed_while_it_keeps_a_stage_does_that_stage_again() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("runs");
@@ -429,6 +446,7 @@ fn events_are_as_documented() {
             "planned" => &["event", "stages"],
             "stage_started" => &["event", "stage", "steps"],
             "step" => &["event", "stage", "done", "total", "loss"],
+            "count" => &["event", "stage", "done", "total"],
             "stage_finished" => &["event", "stage", "seconds"],
             "warning" | "note" => &["code", "event", "message"],
             "artifact" => &["event", "path"],

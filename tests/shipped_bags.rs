@@ -2,11 +2,15 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed helper fails its test")]
 
+#[path = "common/opened.rs"]
+mod opened;
+
 use std::path::PathBuf;
 
 use capture::{Capture, CaptureConfig};
-use io::{inspect, open};
+use io::inspect;
 use nalgebra::Point3;
+use opened::open;
 
 fn bag(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("bags").join(name)

@@ -2,11 +2,15 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test may panic")]
 
+#[path = "common/opened.rs"]
+mod opened;
+
 use std::path::PathBuf;
 
 use config::{Config, Layers};
-use io::{self, write_synth_bag};
+use io::write_synth_bag;
 use model::{Joint, JointKind};
+use opened::open;
 use run::{Monitor, Stages, Twin, reconstruct_twin};
 use synth::{Family, Object, PartJointKind, SynthConfig, film, generate};
 
@@ -46,7 +50,7 @@ fn twin(name: &str, object: &Object, states: &[Vec<f64>], synth: &SynthConfig) -
         joints.zip(positions).for_each(|(joint, q)| joint.positions = [*q; 2]);
         write_synth_bag(&folder.join(format!("state{k}")), k, &film(&object, 0, k, synth)).unwrap();
     }
-    let mut capture = io::open(std::slice::from_ref(&folder), &config().capture, 0).unwrap();
+    let mut capture = open(std::slice::from_ref(&folder), &config().capture, 0).unwrap();
     assert_eq!(capture.states.len(), states.len());
     std::fs::remove_dir_all(&folder).unwrap();
     let monitor = Monitor::silent();

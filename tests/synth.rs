@@ -2,6 +2,9 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
 
+#[path = "common/opened.rs"]
+mod opened;
+
 use std::{
     path::{Path, PathBuf},
     process::Command,
@@ -10,10 +13,9 @@ use std::{
 use capture::{CaptureConfig, RefinePoses, TrackCamera};
 use evaluate::{EvaluateOptions, Truth, read_truth, run};
 use geometry::{Intrinsics, Pose};
-use io::{
-    DatasetLayout, Place, inspect, open, track_camera, write_synth, write_synth_bag, write_synth_dataset,
-};
+use io::{DatasetLayout, Place, inspect, write_synth, write_synth_bag, write_synth_dataset};
 use nalgebra::{Point3, Vector3};
+use opened::open;
 use synth::{
     DepthCamera, DepthErrors, Effect, Family, HandheldSensor, HandleStyle, Light, Material, Object, Part,
     PoseSpread, Scene, Solid, SynthConfig, SynthState, View, generate, record,
@@ -390,7 +392,8 @@ fn an_accelerometer_shows_a_tracked_recording_which_way_is_up() {
         write_synth_bag(bag, state, recording).unwrap();
     }
     let always = CaptureConfig { tracking: TrackCamera::Always, ..CaptureConfig::default() };
-    let (ways, [notes, warnings]) = track_camera(&bags, &always, 0).unwrap();
+    let (ways, [notes, warnings]) =
+        run::capture::track_camera(&bags, &always, 0, &run::Monitor::silent()).unwrap();
     let text = |code: &str| {
         let all = notes.iter().chain(&warnings).filter(|n| n.code.word() == code);
         all.map(|n| n.text.clone()).collect::<Vec<_>>()

@@ -10,6 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use super::{NoiseConfig, RgbdFrame, median_over_object};
+use common::stop::{Stop, Stopped};
 
 /// Windows: half a side and distance between the readings used, in pixels, and how many readings with
 /// correlated noise are worth one (stereo noise is correlated over about three pixels).
@@ -86,11 +87,20 @@ impl InverseDepth {
 
 /// Replaces the depth of object pixels by their local planes, and sets the frame's `readings`. Depths with
 /// too few neighbors of one surface (flying pixels) become unknown.
-pub fn denoise(frame: &mut RgbdFrame, noise: &NoiseConfig) {
+///
+/// # Errors
+/// [`Stopped`].
+pub fn denoise(frame: &mut RgbdFrame, noise: &NoiseConfig, stop: &Stop) -> Result<(), Stopped> {
     let inverse = InverseDepth::new(frame);
     let rows = (0..frame.intrinsics.height).into_par_iter();
-    let cleaned: Vec<Vec<(f32, f32)>> = rows.map(|y| denoised_row(frame, &inverse, noise, y)).collect();
+    let cleaned: Vec<Vec<(f32, f32)>> = rows
+        .map(|y| {
+            stop.check()?;
+            Ok(denoised_row(frame, &inverse, noise, y))
+        })
+        .collect::<Result<_, Stopped>>()?;
     (frame.depth_m, frame.readings) = cleaned.into_iter().flatten().unzip();
+    Ok(())
 }
 
 /// Depth, meters, and number of readings of every pixel in a row.
@@ -331,7 +341,7 @@ mod tests {
     fn a_slanted_plane_loses_most_of_its_noise_and_the_rest_is_as_reported() {
         let (mut frame, truth) = noisy(|x, y| 1.0 / (0.5 + 0.0008 * x - 0.0005 * y));
         let before = rms(&frame, &truth, |_, _| true);
-        denoise(&mut frame, &NOISE);
+        denoise(&mut frame, &NOISE, &Stop::never()).unwrap();
         let after = rms(&frame, &truth, |_, _| true);
         assert!(after < 0.35 * before, "{before} {after}");
         let kept = (0..truth.len()).filter(|&i| frame.depth_m[i] > 0.0);
@@ -344,7 +354,7 @@ mod tests {
     #[test]
     fn a_step_stays_where_it_is() {
         let (mut frame, truth) = noisy(|x, _| if x < 48.0 { 1.0 } else { 1.05 });
-        denoise(&mut frame, &NOISE);
+        denoise(&mut frame, &NOISE, &Stop::never()).unwrap();
         assert!(rms(&frame, &truth, |x, _| (44..52).contains(&x)) < 0.006);
     }
 
@@ -352,7 +362,7 @@ mod tests {
     fn a_flying_pixel_becomes_unknown() {
         let (mut frame, _) = noisy(|_, _| 1.0);
         frame.depth_m[30 * 96 + 40] = 1.5;
-        denoise(&mut frame, &NOISE);
+        denoise(&mut frame, &NOISE, &Stop::never()).unwrap();
         assert_eq!(frame.depth_m[30 * 96 + 40], 0.0);
         assert!(frame.depth_m[30 * 96 + 41] > 0.0);
     }
@@ -364,7 +374,7 @@ mod tests {
         };
         let (mut frame, truth) = noisy(dome);
         let before = rms(&frame, &truth, |_, _| true);
-        denoise(&mut frame, &NOISE);
+        denoise(&mut frame, &NOISE, &Stop::never()).unwrap();
         assert!(rms(&frame, &truth, |_, _| true) < 0.6 * before);
     }
 }

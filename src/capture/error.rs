@@ -2,9 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
+use common::stop::Stopped;
+
 /// A fault, its place, and its remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum CaptureError {
+    /// Nothing is wrong: it was asked to stop.
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
     /// The file or folder cannot be read.
     #[error("cannot read `{}`: {source}", path.display())]
     Read {

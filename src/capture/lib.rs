@@ -12,6 +12,7 @@ mod board;
 mod config;
 mod coverage;
 mod denoise;
+mod depth_noise;
 mod error;
 mod features;
 mod frame;
@@ -39,6 +40,7 @@ pub use board::{
 pub use config::{At, CaptureConfig, TopicConfig};
 pub use coverage::{Coverage, SECTORS, coverage};
 pub use denoise::{denoise, smoothing_m};
+pub use depth_noise::{measured_noise, noise_of};
 pub use error::{CaptureError, quoted, stamp_secs};
 pub use features::luma;
 pub use features::{Correspondence, MatchConfig, PixelMatch, frame_pairs, look_at, match_states, on_object};
@@ -47,7 +49,7 @@ pub use isolate::isolate;
 pub use isolate::{CLEARLY, LEAST_PATCH, cell, clusters};
 pub use mask::dilated;
 pub use noise::{GRAZING_COSINE, NoiseConfig};
-pub use noise_estimate::noise_factor;
+use noise_estimate::noise_factor;
 pub use pixel_weights::{object_weights, pixel_weights};
 pub use poses::{
     ErrorDraw, PoseAgreement, PoseCorrection, PoseFindings, PoseNoise, RefinePoses, SensorCalibration,
@@ -61,7 +63,7 @@ pub use stereo::{UseColorDepth, fill_from_color};
 pub use sync::{nearest, pair};
 pub use tf::{MAX_TF_FRAMES, TfBuffer};
 pub use tracking::{
-    Accelerometer, LiveTracker, LiveView, Lost, Observation, Track, TrackCamera, Tracker, TrackingFindings,
-    Unaligned, UpBy, Upright, align_tracks,
+    Accelerometer, LiveTracker, LiveView, Lost, Observation, Track, TrackCamera, TrackedState, Tracker,
+    TrackingFindings, Unaligned, UpBy, Upright, align_tracks,
 };
 pub use undistort::{Distortion, UndistortMap};

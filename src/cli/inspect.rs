@@ -8,7 +8,9 @@ use super::{
     terminal,
 };
 use capture::{CaptureConfig, coverage};
+use common::ahead::Ahead;
 use export::contact_sheet;
+use run::{Monitor, capture::open};
 
 /// Prints the contents of a recording; fails if `reconstruct` could not use it.
 ///
@@ -30,7 +32,7 @@ pub(super) fn run(args: &InspectArgs) -> Result<Exit, CliError> {
 
 /// Opens the images: prints their coverage of the object and advice, and writes a picture of them.
 fn look(args: &InspectArgs, config: &CaptureConfig, seed: u64, picture: &Path) -> Result<Exit, CliError> {
-    let capture = io::open(&args.bags, config, seed)?;
+    let capture = open(&args.bags, config, seed, &Ahead::default(), &Monitor::silent())?;
     let states = coverage(&capture);
     let mut text = String::new();
     for note in &capture.notes {

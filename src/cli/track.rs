@@ -8,6 +8,7 @@ use super::{
     terminal,
 };
 use capture::stamp_secs;
+use run::{Monitor, capture::track_camera};
 
 /// Prints the camera's poses, a line each: stamp, place, quaternion (x, y, z, w), in the world of the twin;
 /// notes on them go to stderr.
@@ -16,7 +17,8 @@ use capture::stamp_secs;
 /// If the camera cannot be tracked.
 pub(super) fn run(args: &TrackArgs) -> Result<Exit, CliError> {
     let config = args.settings.resolve()?.config;
-    let (states, [notes, warnings]) = io::track_camera(&args.sources, &config.capture, config.run.seed)?;
+    let (states, [notes, warnings]) =
+        track_camera(&args.sources, &config.capture, config.run.seed, &Monitor::silent())?;
     notes.iter().for_each(|n| terminal::print_line(&format!("note: {}", io::printable(&n.text))));
     warnings.iter().for_each(|w| terminal::print_line(&format!("warning: {}", io::printable(&w.text))));
     let mut text = String::new();

@@ -1,5 +1,5 @@
-//! Common to all layers: notes beside results, limits on sizes from outside, files named by a user, and the
-//! facts that results follow from.
+//! Common to all layers: notes beside results, limits on sizes from outside, files named by a user, the facts
+//! that results follow from, and a flag that stops long work.
 //!
 //! ```ignore
 //! use common::note::{Note, NoteCode};
@@ -14,3 +14,4 @@ pub mod files;
 pub mod fingerprint;
 pub mod limits;
 pub mod note;
+pub mod stop;

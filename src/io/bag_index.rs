@@ -18,6 +18,7 @@ use super::{
 use capture::{CaptureError, MAX_TF_FRAMES, Split, TfBuffer};
 use common::limits::NAMED;
 use common::note::{Note, NoteCode};
+use common::stop::Stop;
 use geometry::Pose;
 
 /// Most transforms, images and poses that are indexed.
@@ -170,9 +171,12 @@ impl BagIndex {
     /// # Errors
     /// Those of [`Bag::read`]; [`CaptureError::Unsupported`] for ROS 1 messages and for more entries than are
     /// taken.
-    pub fn read(bag: &Bag) -> Result<Self, CaptureError> {
+    pub fn read(bag: &Bag, stop: &Stop) -> Result<Self, CaptureError> {
         let mut index = Self::default();
-        index.files = bag.read(&mut |message| index.add(message, bag))?;
+        index.files = bag.read(&mut |message| {
+            stop.check()?;
+            index.add(message, bag)
+        })?;
         Ok(index)
     }
 

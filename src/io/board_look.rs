@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::{bag::Bag, pixels::decode_views, views::Views};
 use capture::{CaptureConfig, UseBoard, find_board};
 use common::note::{Note, NoteCode};
+use common::stop::Stop;
 
 /// Views that are looked at, spread over the recording.
 const LOOKED_AT: usize = 6;
@@ -18,7 +19,7 @@ pub(super) fn board_note(bag: &Bag, views: &Views, config: &CaptureConfig) -> Op
     let some = count.min(LOOKED_AT);
     let chosen: Vec<(usize, usize)> = (0..some).map(|k| (0, (2 * k + 1) * count / (2 * some))).collect();
     // What cannot be decoded shows no board; why is said elsewhere.
-    let frames = decode_views(bag, views, &chosen, config).ok()?.frames;
+    let frames = decode_views(bag, views, &chosen, config, &Stop::never()).ok()?.frames;
     let found: Vec<_> = frames.par_iter().filter_map(|(_, frame)| find_board(frame)).collect();
     let paper = found.first()?.paper.name();
     let use_of_it = match views.are_untracked() {

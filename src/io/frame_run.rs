@@ -1,36 +1,36 @@
-//! An RGB-D recording of an object at rest, for a diagnosis: frames with masks, the camera's velocity, joint
-//! positions.
+//! An RGB-D recording of an object at rest, for a diagnosis: frames, the camera's velocity, joint positions.
 
 use std::{collections::BTreeMap, path::Path};
 
 use super::{
-    bag::Bag, bag_index::BagIndex, depth_noise::measured_noise, pixels::decode_views, poses::PoseSource,
-    read_joint_log, ros2msg::definitions::RosMessage as _, views::Views,
+    bag::Bag, bag_index::BagIndex, pixels::decode_views, poses::PoseSource, read_joint_log,
+    ros2msg::definitions::RosMessage as _, views::Views,
 };
-use capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, TrackCamera, isolate, spread_views};
+use capture::{CaptureConfig, CaptureError, RgbdFrame, TrackCamera, spread_views};
 use common::note::{Note, NoteCode};
+use common::stop::Stop;
 use gap::{camera::record::frames::FrameRun, record::tracks::Streams};
 use geometry::Pose;
-use numeric::random::stage_rng;
 use numeric::statistics::median;
 
 /// Poses this long before and after a frame give the camera's velocity, nanoseconds.
 const VELOCITY_NANOS: i64 = 1_000_000;
 
 /// Reads a recording (rosbag2 folder or `.mcap` file) by the rules of a reconstruction, its depth as it was
-/// measured. What was lost is added to `warnings`.
+/// measured and with the masks that it holds; the depth noise is that of the settings. What was lost of the
+/// frames is added to `warnings`, what was lost of joint positions comes beside the result.
 ///
 /// # Errors
 /// [`CaptureError`] where the recording cannot be used.
 pub fn read_frame_run(
     path: &Path,
     config: &CaptureConfig,
-    seed: u64,
     warnings: &mut Vec<Note>,
-) -> Result<FrameRun, CaptureError> {
+    stop: &Stop,
+) -> Result<(FrameRun, Vec<Note>), CaptureError> {
     config.check()?;
     let bag = Bag::open(path)?;
-    let index = BagIndex::read(&bag)?;
+    let index = BagIndex::read(&bag, stop)?;
     // Frames are compared with a twin that stands in the world of the recorded poses.
     let config = &CaptureConfig { tracking: TrackCamera::Never, ..config.clone() };
     let views = Views::find(&bag, &index, config, 0)?;
@@ -38,7 +38,7 @@ pub fn read_frame_run(
     let chosen: Vec<(usize, usize)> =
         spread_views(&poses, config.frames_per_state).into_iter().map(|v| (0, v)).collect();
     config.check_memory(&[views.sizes(chosen.len())])?;
-    let decoded = decode_views(&bag, &views, &chosen, config)?;
+    let decoded = decode_views(&bag, &views, &chosen, config, stop)?;
     warnings.extend(views.warnings.iter().cloned());
     if let Some(first) = decoded.lost.first() {
         warnings.push(Note::new(
@@ -50,7 +50,7 @@ pub fn read_frame_run(
             ),
         ));
     }
-    let mut frames: Vec<RgbdFrame> = decoded.frames.into_iter().map(|(_, f)| f).collect();
+    let frames: Vec<RgbdFrame> = decoded.frames.into_iter().map(|(_, f)| f).collect();
     let with_depth = frames.iter().any(|f| f.depth_m.iter().any(|d| *d > 0.0));
     if !with_depth {
         return Err(CaptureError::NoDepth {
@@ -60,45 +60,19 @@ pub fn read_frame_run(
             max_m: config.depth_max_m,
         });
     }
-    // Before isolation, whose gates are multiples of the noise.
-    let noise =
-        measured_noise(frames.iter(), config).map_or(config.noise, |factor| config.noise.scaled(factor));
     let source = PoseSource::find(&index, &views.topics, config)?;
-    frames = with_masks(frames, config, noise, seed, warnings)?;
     let velocities: Option<Vec<_>> = frames.iter().map(|f| velocity(&source, f, config)).collect();
     let name =
         path.file_stem().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
-    Ok(FrameRun {
+    let mut of_positions = Vec::new();
+    let run = FrameRun {
         name,
         frames,
         velocities: velocities.unwrap_or_default(),
-        positions: positions(&index, path, warnings),
-        noise,
-    })
-}
-
-/// Masks of the recording, or those that isolation finds: its rules want two states, which halves of the
-/// views stand for.
-fn with_masks(
-    frames: Vec<RgbdFrame>,
-    config: &CaptureConfig,
-    noise: capture::NoiseConfig,
-    seed: u64,
-    warnings: &mut Vec<Note>,
-) -> Result<Vec<RgbdFrame>, CaptureError> {
-    if frames.len() < 2 {
-        return Ok(frames);
-    }
-    let mut capture = Capture { noise, ..Capture::of_states(2) };
-    for (i, frame) in frames.into_iter().enumerate() {
-        // Frames in turn, so that both halves see the object from all sides.
-        capture.states[i % 2].push(frame);
-    }
-    isolate(&mut capture, config, &mut stage_rng(seed, "diagnose/isolate", 0))?;
-    warnings.append(&mut capture.warnings);
-    let mut all: Vec<RgbdFrame> = capture.states.into_iter().flatten().collect();
-    all.sort_by_key(|f| f.stamp_nanos);
-    Ok(all)
+        positions: positions(&index, path, &mut of_positions),
+        noise: config.noise,
+    };
+    Ok((run, of_positions))
 }
 
 /// Velocity of the camera in its own frame at a frame's stamp.

@@ -5,21 +5,16 @@ use std::{
     fs,
     io::{Read, Seek, SeekFrom},
     path::{Path, PathBuf},
-    sync::Arc,
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 use super::{
     bag::Bag,
-    bag_index::BagIndex,
-    pixels::decode_views,
-    recording::spread,
-    tracked_state::TrackedState,
-    tracking::{track, unmasked, views_at_a_time},
-    views::Views,
+    recording::{Recording, unmasked, views_at_a_time},
 };
-use capture::{CaptureConfig, CaptureError, RgbdFrame, look_at};
-use common::{ahead::Ahead, files};
+use capture::{CaptureConfig, CaptureError, RgbdFrame};
+use common::files;
+use common::stop::Stop;
 
 /// A growing recording is read for one part of the time in so many and one, as all of it is read again.
 /// measured: shared/bags/laptop played to the node, 2 cores: with 3 its twin came 0.2 s later
@@ -40,7 +35,6 @@ pub struct GrowingState {
 }
 
 /// What is known of a growing recording.
-#[derive(Clone, Debug, Default)]
 pub struct Grown {
     /// Views so far.
     pub views: usize,
@@ -50,6 +44,8 @@ pub struct Grown {
     pub is_posed: bool,
     /// Frames of it that were not looked at before.
     pub frames: Vec<RgbdFrame>,
+    /// The whole of one that is closed and holds no poses, once.
+    pub to_track: Option<Recording>,
 }
 
 impl GrowingState {
@@ -57,6 +53,12 @@ impl GrowingState {
     #[must_use]
     pub fn new(path: &Path, state: usize) -> Self {
         Self { path: path.to_owned(), state, seen: BTreeSet::new(), bytes: 0, done: false, rest: None }
+    }
+
+    /// Number of its state.
+    #[must_use]
+    pub fn state(&self) -> usize {
+        self.state
     }
 
     /// Where it is.
@@ -90,18 +92,12 @@ impl GrowingState {
         files.iter().filter_map(|f| fs::metadata(f).ok()).map(|m| m.len()).sum()
     }
 
-    /// Works out what a run would have to, of what is new: features of the images that it would take, and of
-    /// a closed recording without poses the camera's way. `None` where nothing is new, or it was read just
-    /// now.
+    /// Reads what is new: images that a run would take, or all of a closed recording without poses. `None`
+    /// where nothing is new, or it was read just now.
     ///
     /// # Errors
     /// [`CaptureError`]: of a recording that has only begun, nothing to mind.
-    pub fn work_ahead(
-        &mut self,
-        config: &CaptureConfig,
-        seed: u64,
-        ahead: &Ahead,
-    ) -> Result<Option<Grown>, CaptureError> {
+    pub fn read_new(&mut self, config: &CaptureConfig, stop: &Stop) -> Result<Option<Grown>, CaptureError> {
         let closed = self.is_closed();
         let bytes = self.bytes();
         let rests = self.rest.is_some_and(|rest| Instant::now() < rest) && !closed;
@@ -109,11 +105,16 @@ impl GrowingState {
             return Ok(None);
         }
         let begun = Instant::now();
-        let grown = self.read(closed, bytes, config, seed, ahead);
-        self.rest = Some(Instant::now() + REST * begun.elapsed());
+        let grown = self.read(closed, bytes, config, stop);
+        self.rest_after(begun.elapsed());
         // What a closed recording lacks will not come.
         self.done |= closed && grown.is_err();
         grown.map(Some)
+    }
+
+    /// Is not read again at once, after so much time was spent on what it held.
+    pub fn rest_after(&mut self, spent: Duration) {
+        self.rest = Some(Instant::now() + REST * spent);
     }
 
     fn read(
@@ -121,37 +122,41 @@ impl GrowingState {
         closed: bool,
         bytes: u64,
         config: &CaptureConfig,
-        seed: u64,
-        ahead: &Ahead,
+        stop: &Stop,
     ) -> Result<Grown, CaptureError> {
-        let bag = Bag::open(&self.path)?;
-        let views = Views::find(&bag, &BagIndex::read(&bag)?, config, self.state)?;
-        let all: Vec<usize> = (0..views.views.len()).collect();
-        let untracked = views.are_untracked();
+        let mut recording = Recording::open(&self.path, config, self.state, stop)?;
+        let all = recording.all();
+        let views = all.len();
+        let untracked = recording.views.are_untracked();
         if untracked && closed {
-            let state = (self.state, seed);
-            let key = TrackedState::key(&bag, config, state);
-            if let Some(key) = key.filter(|key| !ahead.knows(key)) {
-                ahead.keep(key, 1, Arc::new(track(&bag, &views, &all, config, state, ahead)?));
-            }
             self.done = true;
-            return Ok(Grown { views: all.len(), taken: all.len(), is_posed: false, frames: Vec::new() });
+            let to_track = Some(recording);
+            return Ok(Grown { views, taken: views, is_posed: false, frames: Vec::new(), to_track });
         }
-        let taken = if untracked { all.clone() } else { spread(&views.views, &all, config) };
+        let taken = if untracked { all } else { recording.spread(&all, config) };
+        let most = views_at_a_time(&recording.views);
+        let stamp = |v: usize| recording.views.views[v].stamp_nanos;
         let new: Vec<(usize, usize)> = taken
             .iter()
-            .filter(|v| self.seen.insert(views.views[**v].stamp_nanos))
+            .filter(|v| self.seen.insert(stamp(**v)))
             .map(|v| (self.state, *v))
             // Not more at once than the tracker would take: memory stays bounded.
-            .take(views_at_a_time(&views))
+            .take(most)
             .collect();
-        if new.len() < views_at_a_time(&views) {
+        if new.len() < most {
             (self.bytes, self.done) = (bytes, closed);
         }
-        let decoded = decode_views(&bag, &if untracked { unmasked(&views) } else { views }, &new, config)?;
-        let frames: Vec<RgbdFrame> = decoded.frames.into_iter().map(|(_, frame)| frame).collect();
-        frames.iter().for_each(|frame| look_at(frame, ahead));
-        Ok(Grown { views: all.len(), taken: taken.len(), is_posed: !untracked, frames })
+        if untracked {
+            recording.views = unmasked(&recording.views);
+        }
+        let frames = recording.decode(&new, config, stop)?.frames.into_iter().map(|(_, frame)| frame);
+        Ok(Grown {
+            views,
+            taken: taken.len(),
+            is_posed: !untracked,
+            frames: frames.collect(),
+            to_track: None,
+        })
     }
 }
 
@@ -171,50 +176,6 @@ fn ends_as_mcap(path: &Path) -> std::io::Result<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{open, open_ahead};
-
-    /// What a run reads of a recording is the same with what was worked out while it grew, and it looks at no
-    /// image again.
-    #[test]
-    fn a_recording_that_grew_is_read_as_any_other() {
-        let shipped = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../bags/drawer");
-        let folder = tempfile::tempdir().unwrap();
-        let config = CaptureConfig { frames_per_state: 8, ..CaptureConfig::default() };
-        let ahead = Ahead::new();
-        let paths = ["state0", "state1"].map(|s| folder.path().join(s));
-        for (state, path) in paths.iter().enumerate() {
-            let mut growing = GrowingState::new(path, state);
-            assert!(!growing.is_closed() && growing.work_ahead(&config, 0, &ahead).unwrap().is_none());
-            let from = shipped.join(format!("state{state}"));
-            let name = format!("state{state}.mcap");
-            let bytes = fs::read(from.join(&name)).unwrap();
-            fs::create_dir(path).unwrap();
-            let mut views = 0;
-            for share in [4, 7, 10] {
-                fs::write(path.join(&name), &bytes[..bytes.len() * share / 10]).unwrap();
-                growing.rest = None;
-                let grown = growing.work_ahead(&config, 0, &ahead).unwrap().unwrap();
-                assert!(grown.views > views && grown.taken <= 8, "{} {}", grown.views, grown.taken);
-                views = grown.views;
-                assert!(growing.work_ahead(&config, 0, &ahead).unwrap().is_none(), "nothing is new");
-            }
-            fs::write(path.join(&name), &bytes[..bytes.len() - 1]).unwrap();
-            fs::copy(from.join("metadata.yaml"), path.join("metadata.yaml")).unwrap();
-            assert!(!growing.is_closed(), "the file has no end yet");
-            fs::write(path.join(&name), &bytes).unwrap();
-            assert!(growing.is_closed());
-            growing.work_ahead(&config, 0, &ahead).unwrap().unwrap();
-            assert!(growing.work_ahead(&config, 0, &ahead).unwrap().is_none());
-        }
-        let known = ahead.count();
-        let with = open_ahead(&paths, &config, 0, &ahead).unwrap();
-        assert_eq!(ahead.count(), known, "an image was looked at again");
-        let without = open(&paths, &config, 0).unwrap();
-        assert_eq!(with.poses, without.poses);
-        for (a, b) in with.states.iter().flatten().zip(without.states.iter().flatten()) {
-            assert!(a.depth_m == b.depth_m && a.mask == b.mask && a.world_from_camera == b.world_from_camera);
-        }
-    }
 
     /// What cannot be used is looked at once.
     #[test]
@@ -226,26 +187,7 @@ mod tests {
         let mut config = CaptureConfig::default();
         config.topics.color = Some("/none".into());
         let mut growing = GrowingState::new(&path, 0);
-        assert!(growing.is_closed() && growing.work_ahead(&config, 0, &Ahead::new()).is_err());
-        assert!(growing.work_ahead(&config, 0, &Ahead::new()).unwrap().is_none());
-    }
-
-    /// A closed recording without poses is tracked ahead, and not by the run.
-    #[test]
-    fn the_way_of_a_camera_is_found_ahead_once() {
-        let config = CaptureConfig { tracking: capture::TrackCamera::Always, ..CaptureConfig::default() };
-        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../bags/drawer/state0");
-        let ahead = Ahead::new();
-        let mut growing = GrowingState::new(&path, 0);
-        assert!(growing.work_ahead(&config, 3, &ahead).unwrap().is_some());
-        let bag = Bag::open(&path).unwrap();
-        let key = |seed| TrackedState::key(&bag, &config, (0, seed)).unwrap();
-        assert!(ahead.knows(&key(3)) && !ahead.knows(&key(4)));
-        let views = Views::find(&bag, &BagIndex::read(&bag).unwrap(), &config, 0).unwrap();
-        let all: Vec<usize> = (0..views.views.len()).collect();
-        let again = track(&bag, &views, &all, &config, (0, 3), &Ahead::default()).unwrap();
-        let found: TrackedState = ahead.take(&key(3)).unwrap();
-        assert_eq!((found.track.poses, found.views), (again.track.poses, again.views));
-        assert!(!ahead.knows(&key(3)));
+        assert!(growing.is_closed() && growing.read_new(&config, &Stop::never()).is_err());
+        assert!(growing.read_new(&config, &Stop::never()).unwrap().is_none());
     }
 }

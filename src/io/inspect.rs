@@ -18,6 +18,7 @@ use super::{
 use capture::{CaptureConfig, CaptureError, Split};
 use common::limits::SHOWN;
 use common::note::Note;
+use common::stop::Stop;
 
 /// A topic of a bag.
 #[derive(Clone, Debug, PartialEq)]
@@ -148,7 +149,7 @@ fn inspect_bag(
     state: usize,
 ) -> Result<(StateInspection, BagIndex), CaptureError> {
     let bag = Bag::open(path)?;
-    let index = BagIndex::read(&bag)?;
+    let index = BagIndex::read(&bag, &Stop::never())?;
     let mut seen = StateInspection {
         path: path.to_owned(),
         format: format!("MCAP, {} file(s)", bag.files.len()),
@@ -225,11 +226,11 @@ fn inspect_dataset(
     folder: &Path,
     format: &str,
     config: &CaptureConfig,
-    open: fn(&Path, &CaptureConfig) -> Result<capture::Capture, CaptureError>,
+    open: fn(&Path, &CaptureConfig, &Stop) -> Result<capture::Capture, CaptureError>,
 ) -> StateInspection {
     let mut seen =
         StateInspection { path: folder.to_owned(), format: format.to_owned(), ..StateInspection::default() };
-    match open(folder, config) {
+    match open(folder, config, &Stop::never()) {
         Ok(capture) => {
             seen.views = capture.states.iter().map(Vec::len).sum();
             seen.chosen = capture.notes;

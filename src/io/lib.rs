@@ -2,10 +2,11 @@
 //!
 //! ```ignore
 //! use capture::CaptureConfig;
+//! use common::stop::Stop;
 //!
-//! // Both states of a recording, decoded.
-//! let capture = io::open(&["bags/drawer".into()], &CaptureConfig::default(), 0)?;
-//! println!("{} views of the closed drawer", capture.states[0].len());
+//! let path = "bags/drawer/state0".as_ref();
+//! let recording = io::Recording::open(path, &CaptureConfig::default(), 0, &Stop::never())?;
+//! println!("{} views of the closed drawer", recording.all().len());
 //! # Ok::<(), capture::CaptureError>(())
 //! ```
 
@@ -62,12 +63,10 @@ mod bag_index;
 mod bag_metadata;
 mod bag_writer;
 mod board_look;
-mod board_world;
 mod camera;
 #[cfg(test)]
 mod conformance_tests;
 mod dataset;
-mod depth_noise;
 mod expansion;
 mod file_ranges;
 mod glimpse;
@@ -86,7 +85,6 @@ mod onnx;
 mod onnx_matcher;
 mod picture_size;
 mod pixels;
-mod posed_states;
 mod poses;
 mod recording;
 #[cfg(feature = "rerun")]
@@ -100,18 +98,15 @@ mod synth_matrix;
 mod synth_sensor;
 mod synth_twin;
 mod topics;
-mod tracked_state;
-mod tracking;
-mod upright;
 #[cfg(test)]
 mod urdf_conformance_tests;
 mod views;
 
 pub use bag_writer::{BagWriteError, BagWriter};
 pub use camera::pinhole;
-pub use dataset::{JointTransform, JointTransforms, STATES};
+pub use dataset::{JointTransform, JointTransforms, STATES, open_keyframes, open_start_end};
 pub use glimpse::{Glimpse, count_joint_messages, glimpse_views};
-pub use growing::GrowingState;
+pub use growing::{GrowingState, Grown};
 pub use inspect::{inspect, inspect_with, printable};
 pub use live_view::LiveEye;
 pub use offered_qos::OfferedQos;
@@ -120,11 +115,12 @@ pub use onnx::OnnxMatcher;
 pub use onnx::{MAX_MODEL_BYTES, OnnxError};
 #[cfg(feature = "onnx")]
 pub use onnx_matcher::OnnxMatcher;
-pub use recording::{object_name, open, open_ahead, state_count, track_camera};
+pub use pixels::Decoded;
+pub use recording::{Recording, object_name, state_count};
 #[cfg(feature = "rerun")]
 pub use rerun::{Seen, write_rerun};
-pub use source::{is_recording, name_of};
+pub use source::{Source, is_recording, name_of};
 pub use synth_dataset::{DatasetLayout, write_synth_dataset};
 pub use synth_error::SynthError;
 pub use synth_folder::{write_synth, write_synth_bag, write_true_twin};
-pub use views::check_size;
+pub use views::{View, Views, check_size, views_kept};

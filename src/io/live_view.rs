@@ -1,10 +1,7 @@
-//! Views that come one by one, made to what the tracker takes as those of a recording are.
+//! Views that come one by one, made to frames as those of a recording are.
 
-use super::{
-    camera::pinhole, depth_noise::noise_of, image_codec::Raster, pixels::limit_depth, ros2msg::CameraInfo,
-};
-use capture::{CaptureConfig, CaptureError, Distortion, NoiseConfig, Observation, RgbdFrame, UndistortMap};
-use common::ahead::Ahead;
+use super::{camera::pinhole, image_codec::Raster, pixels::limit_depth, ros2msg::CameraInfo};
+use capture::{CaptureConfig, CaptureError, Distortion, RgbdFrame, UndistortMap};
 use geometry::{Intrinsics, Pose};
 
 /// A camera as its camera_info says.
@@ -15,23 +12,23 @@ struct Lens {
     depth: Distortion,
 }
 
-/// Makes observations of views.
+/// Makes frames of views.
 pub struct LiveEye {
     config: CaptureConfig,
     /// The camera of the last view, with its maps.
     lens: Option<(Lens, [Option<UndistortMap>; 2])>,
-    noise: Option<NoiseConfig>,
 }
 
 impl LiveEye {
     /// By the settings of a run.
     #[must_use]
     pub fn new(config: CaptureConfig) -> Self {
-        Self { config, lens: None, noise: None }
+        Self { config, lens: None }
     }
 
-    /// What a view shows. Its images have the size that `infos`, of color and of depth, say; without one of
-    /// depth it has color's lens. `topics` are those of color: of its info and of its images.
+    /// The frame of a view, in its camera's own frame. Its images have the size that `infos`, of color and of
+    /// depth, say; without one of depth it has color's lens. `topics` are those of color: of its info and of
+    /// its images.
     ///
     /// # Errors
     /// A camera that cannot be used.
@@ -41,7 +38,7 @@ impl LiveEye {
         infos: [Option<&CameraInfo>; 2],
         topics: [&str; 2],
         (color, depth): (&Raster<[u8; 3]>, &Raster<f32>),
-    ) -> Result<Observation, CaptureError> {
+    ) -> Result<RgbdFrame, CaptureError> {
         let [Some(info), depth_info] = infos else {
             return Err(CaptureError::CameraInfo { topic: topics[0].into(), reason: "there is none".into() });
         };
@@ -58,7 +55,7 @@ impl LiveEye {
         let mut depth_m =
             of_depth.map_or_else(|| depth.pixels.clone(), |map| map.nearest(&depth.pixels, 0.0));
         limit_depth(&mut depth_m, &self.config);
-        let frame = RgbdFrame {
+        Ok(RgbdFrame {
             id: String::new(),
             stamp_nanos,
             intrinsics,
@@ -67,10 +64,6 @@ impl LiveEye {
             depth_m,
             mask: None,
             readings: Vec::new(),
-        };
-        let config = &self.config;
-        // Of the first view, as of a recording's first ones: a model that changed would move the gates.
-        let noise = *self.noise.get_or_insert_with(|| noise_of(std::iter::once(&frame), config));
-        Ok(Observation::of(frame, &noise, &Ahead::default()))
+        })
     }
 }

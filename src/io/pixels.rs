@@ -12,6 +12,7 @@ use super::{
     views::{Camera, View, Views, check_size},
 };
 use capture::{CaptureConfig, CaptureError, RgbdFrame, UndistortMap};
+use common::stop::Stop;
 use geometry::Intrinsics;
 
 /// One message that is needed: its topic's place in [`Wanted::topics`] and its number in the topic.
@@ -76,14 +77,16 @@ pub fn decode_views(
     views: &Views,
     chosen: &[(usize, usize)],
     config: &CaptureConfig,
+    stop: &Stop,
 ) -> Result<Decoded, CaptureError> {
-    let payloads = Payloads::read(bag, views, chosen)?;
+    let payloads = Payloads::read(bag, views, chosen, stop)?;
     // Most recordings have one camera. One that focuses has a lens for
     // each frame: maps for all would fill memory.
     let used: BTreeSet<usize> = chosen.iter().map(|(_, v)| views.views[*v].camera).collect();
     let shared: BTreeMap<usize, Maps> =
         used.into_iter().take(SHARED_MAPS).map(|c| (c, maps(&views.cameras[c]))).collect();
     let frame = |view: &View| {
+        stop.check().map_err(CaptureError::from)?;
         let own;
         let maps = match shared.get(&view.camera) {
             Some(maps) => maps,
@@ -124,7 +127,7 @@ impl From<CaptureError> for FrameError {
 }
 
 impl Payloads {
-    fn read(bag: &Bag, views: &Views, chosen: &[(usize, usize)]) -> Result<Self, CaptureError> {
+    fn read(bag: &Bag, views: &Views, chosen: &[(usize, usize)], stop: &Stop) -> Result<Self, CaptureError> {
         let t = &views.topics;
         let topics = [Some(t.color.clone()), Some(t.depth.clone()), t.mask.clone()];
         // The messages that are needed, by topic and ordinal: all others pass by without a copy.
@@ -138,6 +141,7 @@ impl Payloads {
         let most = BYTES_BESIDE + BYTES_PER_PIXEL * pixels;
         // Messages are counted as the index counted them: each of the topic, whatever its content.
         bag.read(&mut |message: &RawMessage| {
+            stop.check()?;
             for (place, topic) in topics.iter().enumerate() {
                 if topic.as_deref() == Some(message.topic) {
                     if let Some(slot) = found.get_mut(&(place, counts[place])) {

@@ -72,7 +72,8 @@ pub struct Views {
 }
 
 /// How many views of a state are kept.
-pub(super) fn views_kept(state: usize, kept: usize, all: usize) -> Note {
+#[must_use]
+pub fn views_kept(state: usize, kept: usize, all: usize) -> Note {
     let text = format!("state {state}: {kept} of {all} views kept, by the spread of their poses");
     Note::new(NoteCode::ViewsKept, text)
 }

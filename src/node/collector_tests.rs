@@ -3,6 +3,7 @@
 use super::*;
 use crate::live_tracking::{Follower, TrackSettings};
 use capture::CaptureConfig;
+use common::ahead::Ahead;
 use io::{
     self,
     ros2msg::{CompressedImage, Image, TfMessage, decode},
@@ -82,8 +83,11 @@ fn what_is_collected_has_the_frames_of_the_recording() {
     assert_eq!((collector.kept(), collector.matches()), ([16, 16], (32, [0; 3])));
     assert_eq!(collector.world_frame.as_deref(), Some("world"));
     let config = CaptureConfig::default();
-    let own = io::open(&collector.recordings().map(Option::unwrap), &config, 0).unwrap();
-    let given = io::open(&[shipped(0), shipped(1)], &config, 0).unwrap();
+    let open = |paths: &[PathBuf]| {
+        run::capture::open(paths, &config, 0, &Ahead::default(), &run::Monitor::silent()).unwrap()
+    };
+    let own = open(&collector.recordings().map(Option::unwrap));
+    let given = open(&[shipped(0), shipped(1)]);
     for (own, given) in own.states.iter().flatten().zip(given.states.iter().flatten()) {
         assert_eq!(own.stamp_nanos, given.stamp_nanos);
         assert_eq!(own.world_from_camera, given.world_from_camera);

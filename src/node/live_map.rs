@@ -408,7 +408,9 @@ mod tests {
         let bag = std::path::PathBuf::from(std::env::var_os("ARTITWIN_BAG").unwrap());
         let config = capture::CaptureConfig::default();
         let states = [bag.join("state0"), bag.join("state1")];
-        let capture = io::open(&states, &config, 0).unwrap();
+        let ahead = common::ahead::Ahead::default();
+        let monitor = run::Monitor::silent();
+        let capture = run::capture::open(&states, &config, 0, &ahead, &monitor).unwrap();
         let work = || {
             for with_mask in [true, false] {
                 let mut mapper = Mapper::new(SETTINGS);

@@ -10,7 +10,9 @@ use super::{
     state_bag::Topics,
     view::{Pixels, View},
 };
-use capture::{CaptureConfig, LiveTracker, LiveView, Lost};
+use capture::{CaptureConfig, LiveTracker, LiveView, Lost, NoiseConfig, Observation, noise_of};
+use common::ahead::Ahead;
+use common::stop::Stop;
 use geometry::Pose;
 use io::{LiveEye, ros2msg::CameraInfo};
 
@@ -104,6 +106,8 @@ fn work(settings: &TrackSettings, views: &Receiver<ToTrack>, done: &mpsc::Sender
 pub(crate) struct Follower<'a> {
     settings: &'a TrackSettings,
     eye: LiveEye,
+    /// That of the first view, as of a recording's first ones: a model that changed would move the gates.
+    noise: Option<NoiseConfig>,
     map: Option<(u64, LiveTracker)>,
 }
 
@@ -111,7 +115,7 @@ impl<'a> Follower<'a> {
     /// Before the first view.
     #[must_use]
     pub(crate) fn new(settings: &'a TrackSettings) -> Self {
-        Self { settings, eye: LiveEye::new(settings.config.clone()), map: None }
+        Self { settings, eye: LiveEye::new(settings.config.clone()), noise: None, map: None }
     }
 
     /// Looks at the next view.
@@ -133,7 +137,7 @@ impl<'a> Follower<'a> {
         let info = infos[0].as_ref().ok_or_else(|| format!("no camera_info came on {}", t.color_info))?;
         let names = [t.color.as_str(), t.depth.as_str(), t.mask.as_deref().unwrap_or_default()];
         let pixels = view.decode(info, &t.color_info, names).map_err(|why| why.to_string())?;
-        let observation = self
+        let frame = self
             .eye
             .see(
                 view.stamp_nanos,
@@ -142,6 +146,13 @@ impl<'a> Follower<'a> {
                 (&pixels.color, &pixels.depth),
             )
             .map_err(|why| why.to_string())?;
+        let noise = match self.noise {
+            Some(noise) => noise,
+            None => noise_of(std::iter::once(&frame), &self.settings.config, &Stop::never())
+                .map_err(|why| why.to_string())?,
+        };
+        self.noise = Some(noise);
+        let observation = Observation::of(frame, &noise, &Ahead::default());
         if self.map.as_ref().is_none_or(|(number, _)| *number != map) {
             self.map = Some((map, LiveTracker::new(self.settings.seed, self.settings.most)));
         }

@@ -16,6 +16,7 @@ use ::io::GrowingState;
 use capture::CaptureConfig;
 use common::ahead::Ahead;
 use config::Config;
+use run::{Monitor, capture::work_ahead};
 
 /// How often it is looked whether there is something to do.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
@@ -58,7 +59,7 @@ fn work(shared: &Weak<Shared>, config: &CaptureConfig, seed: u64, ahead: &Ahead)
             }
             let Some(known) = known else { continue };
             // A state just begun has not enough; a run reports the lacks of a closed one.
-            if let Ok(Some(grown)) = known.work_ahead(config, seed, ahead) {
+            if let Ok(Some(grown)) = work_ahead(known, config, seed, ahead, &Monitor::silent()) {
                 log::debug!("state {state}: {} of {} views looked at ahead", grown.taken, grown.views);
             }
         }

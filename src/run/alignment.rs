@@ -11,7 +11,10 @@ use super::{
 };
 use articulate::{AlignedBy, LiftedMatch, StateAlignment, align_states, lift, standing_share};
 use capture::{Capture, NoiseConfig, PoseNoise, RgbdFrame, align_worlds, match_states};
-use common::note::{Note, NoteCode};
+use common::{
+    note::{Note, NoteCode},
+    stop::{Stop, Stopped},
+};
 use config::Config;
 use geometry::{Pose, SceneBox};
 use io::OnnxMatcher;
@@ -95,8 +98,8 @@ fn align_state(
     let matches = stages.kept(&stage_of("match", state, count), steps, found)?;
     // Pixels are kept, not points: points follow from pixels and frames.
     let mut matches = lift(frames, &matches, &capture.noise);
-    let drift = stages.kept(&stage_of("align", state, count), None, |_| {
-        drift(state, frames, &matches, scene, &capture.noise, config)
+    let drift = stages.kept(&stage_of("align", state, count), None, |monitor| {
+        drift(state, frames, &matches, scene, &capture.noise, config, &monitor.stop())
     })?;
     if let Some(drift) = &drift {
         drift.undo_matches(&mut matches);
@@ -108,7 +111,7 @@ fn align_state(
 /// where they are one.
 ///
 /// # Errors
-/// A drift that cannot be resolved.
+/// A drift that cannot be resolved, a stop request.
 fn drift(
     state: usize,
     frames: [&[RgbdFrame]; 2],
@@ -116,6 +119,7 @@ fn drift(
     scene: &SceneBox,
     noise: &NoiseConfig,
     config: &Config,
+    stop: &Stop,
 ) -> Result<Option<Drift>, RunError> {
     // Asked for only where the object's matches do not stand still: it matches all frames once more.
     let around = || {
@@ -127,7 +131,8 @@ fn drift(
     let standing = |motion: &Pose| standing_share(frames, motion, noise);
     let found = align_states(matches, around, standing, scene.extent_m(), &config.register.ransac, &mut rng)
         .map_err(|e| RunError::stage("align", e))?;
-    Ok(found.map(|alignment| refined(alignment, state, frames, scene, noise)))
+    let refine = |alignment| refined(alignment, state, frames, scene, noise, stop);
+    Ok(found.map(refine).transpose()?)
 }
 
 /// The drift of an alignment: matches bring the states near to each other, surfaces bring them together.
@@ -137,7 +142,8 @@ fn refined(
     frames: [&[RgbdFrame]; 2],
     scene: &SceneBox,
     noise: &NoiseConfig,
-) -> Drift {
+    stop: &Stop,
+) -> Result<Drift, Stopped> {
     let StateAlignment { state1_from_state0: world_from_world0, by, cells } = alignment;
     let mut drift =
         Drift { world_from_world0, covariance: None, note: Note::new(NoteCode::WorldFrameDiffers, "") };
@@ -147,7 +153,8 @@ fn refined(
     // Rule 4 of docs/method.md 5: the surroundings did not move like this and must not pull.
     let only_object = by == AlignedBy::LargestPart;
     // docs/method.md (2.13) between the states, where held-out surfels gain by it (2.16).
-    if let Some(fine) = align_worlds([frames[0], &near], noise, &PoseNoise::EXPECTED, only_object) {
+    let fine = align_worlds([frames[0], &near], noise, &PoseNoise::EXPECTED, only_object, stop)?;
+    if let Some(fine) = fine {
         drift.world_from_world0 *= fine.corrected_from_reported.inverse();
         drift.covariance = fine.covariance;
     }
@@ -164,7 +171,7 @@ fn refined(
         1e3 * (motion * center - center).norm(),
         motion.rotation.angle().to_degrees(),
     );
-    drift
+    Ok(drift)
 }
 
 /// The frame with what is not the object for its object.

@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use super::{
     DiagnoseOutcome, DiagnoseRequest, Event, Monitor, RunError,
     diagnose::{find, put_files},
+    frame_run::frame_run,
     least_bytes::least_diagnosis,
     outcome::OUTPUT_STAGE,
 };
-use capture::{CaptureConfig, RgbdFrame};
+use capture::{CaptureError, RgbdFrame};
 use common::note::{Note, NoteCode};
 use export::{Picture, PictureKind, diagnosed::seen_urdf};
 use gap::{
@@ -70,10 +71,11 @@ pub fn diagnose_frames(
     monitor.report(Event::StageStarted { stage: "frames".to_owned(), steps: None });
     for path in recordings {
         monitor.check()?;
-        runs.push(
-            io::read_frame_run(path, &CaptureConfig::default(), request.seed, &mut warnings)
-                .map_err(|e| failed("frames", &e))?,
-        );
+        let run = frame_run(path, request.seed, &mut warnings, &monitor.stop());
+        runs.push(run.map_err(|e| match e {
+            CaptureError::Stopped(stopped) => stopped.into(),
+            other => failed("frames", &other),
+        })?);
     }
     let mut diagnosis = assess(&twin, &runs, options).map_err(|e| failed("diagnose", &e))?;
     monitor.check()?;

@@ -6,7 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::{Event, Monitor, ReconstructRequest, RunError};
+use super::{Event, Monitor, ReconstructRequest, RunError, capture::work_ahead};
 use common::{
     ahead::Ahead,
     note::{Note, NoteCode},
@@ -113,9 +113,9 @@ impl Follower<'_> {
     fn look(&mut self) {
         let config = &self.request.config;
         // Of a recording that has only begun there is not enough. Of one that is closed the run says it.
-        let Ok(Some(grown)) = self.growing.work_ahead(&config.capture, config.run.seed, self.ahead) else {
-            return;
-        };
+        let seed = config.run.seed;
+        let grown = work_ahead(&mut self.growing, &config.capture, seed, self.ahead, self.monitor);
+        let Ok(Some(grown)) = grown else { return };
         // Frames that were tracked have no place yet.
         let frames = grown.frames.iter().filter(|_| grown.is_posed);
         frames.for_each(|frame| _ = self.map.add(frame));

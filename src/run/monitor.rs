@@ -8,7 +8,10 @@ use std::sync::{
 
 use serde::Serialize;
 
-use common::note::{Note, NoteCode};
+use common::{
+    note::{Note, NoteCode},
+    stop::{Stop, Stopped},
+};
 
 /// A stage that is to come.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -104,6 +107,12 @@ pub struct Cancelled {
     pub kept: String,
 }
 
+impl From<Stopped> for Cancelled {
+    fn from(Stopped: Stopped) -> Self {
+        Self::default()
+    }
+}
+
 /// Passed to every stage loop.
 #[derive(Clone)]
 pub struct Monitor {
@@ -168,6 +177,12 @@ impl Monitor {
     /// Reports what is worth saying.
     pub fn note(&self, note: &Note) {
         self.report(Event::Note { code: note.code, message: note.text.clone() });
+    }
+
+    /// What long work asks whether it is to stop.
+    #[must_use]
+    pub fn stop(&self) -> Stop {
+        Stop::by(Arc::clone(&self.cancel))
     }
 
     /// Returns early from a loop once a stop was requested.

@@ -3,7 +3,8 @@
 use std::{path::PathBuf, sync::Arc};
 
 use super::{Cancelled, CheckpointError};
-use common::{ahead::Ahead, note::Note};
+use capture::CaptureError;
+use common::{ahead::Ahead, note::Note, stop::Stopped};
 use config::{Config, ConfigError, Origins};
 use io::Place;
 use model::{ArticulatedModel, JointKind};
@@ -151,6 +152,14 @@ impl RunError {
         Self::Stage { stage: stage.into(), source: source.into() }
     }
 
+    /// The failure of a stage that reads recordings, or its stop.
+    pub(super) fn reading(stage: &str, error: CaptureError) -> Self {
+        match error {
+            CaptureError::Stopped(stopped) => stopped.into(),
+            other => Self::stage(stage, other),
+        }
+    }
+
     /// Whether the run could go on from its checkpoint: it was stopped, or only its files could not be
     /// written. After any other failure it would fail again.
     #[must_use]
@@ -161,6 +170,12 @@ impl RunError {
             // A full disk can be emptied; recordings and settings are what they are.
             Self::Stage { stage, .. } => stage == OUTPUT_STAGE,
         }
+    }
+}
+
+impl From<Stopped> for RunError {
+    fn from(stopped: Stopped) -> Self {
+        Self::Cancelled(stopped.into())
     }
 }
 

@@ -3,6 +3,7 @@
 use super::{
     Checkpoint, Fingerprint, JointSummary, Monitor, Outcome, ReconstructRequest, RunError, Stages,
     admission::{checked_name, fingerprint, matcher},
+    capture,
     earlier::{Beginning, begin, ended, finished},
     facts::facts,
     outcome::CHECK_STAGE,
@@ -63,9 +64,10 @@ fn reconstruct_files(
     let mut stages = Stages::keeping(monitor, request.keep.then_some(&checkpoint.store), folder.as_ref());
     monitor.report(foreseen(request));
     // Recordings to posed, masked, denoised frames.
-    let mut capture = stages.kept("capture", None, |_| {
-        io::open_ahead(&request.sources, &config.capture, config.run.seed, &request.ahead)
-            .map_err(|e| RunError::stage("capture", e))
+    let mut capture = stages.kept("capture", None, |monitor| {
+        let seed = config.run.seed;
+        capture::open(&request.sources, &config.capture, seed, &request.ahead, monitor)
+            .map_err(|e| RunError::reading("capture", e))
     })?;
     // Not inside the stage, which a continued run does not compute again.
     capture.notes.iter().for_each(|n| monitor.note(n));

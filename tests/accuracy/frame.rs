@@ -10,7 +10,7 @@ use nalgebra::{Matrix4, Matrix6, Point3, Rotation3, SymmetricEigen, UnitQuaterni
 use serde_json::Value;
 use surface::MeshDistance;
 
-use super::{measure::json, runs::Frame, twin_files::TwinFiles};
+use super::{measure::json, opened::open, runs::Frame, twin_files::TwinFiles};
 
 /// Distances within which a point counts, in turn, meters.
 const REACHES_M: [f64; 4] = [0.06, 0.03, 0.012, 0.006];
@@ -101,7 +101,7 @@ fn by_cameras(twin: &Path, recording: &Path) -> Pose {
     let report = json(&twin.join("report.json"));
     let photo = &report["renderings"][0];
     let twin_from_camera = pose(&photo["camera"]["world_from_camera"]);
-    let capture = io::open(&[recording.to_owned()], &CaptureConfig::default(), 0).unwrap();
+    let capture = open(&[recording.to_owned()], &CaptureConfig::default(), 0).unwrap();
     let frames = capture.states.iter().flatten();
     let frame = frames.into_iter().find(|frame| photo["view"] == frame.id.as_str()).unwrap();
     twin_from_camera * frame.world_from_camera.inverse()

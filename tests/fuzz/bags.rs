@@ -1,6 +1,7 @@
 //! Recordings: MCAP files, what they hold, the folder around them.
 
 use capture::CaptureConfig;
+use common::stop::Stop;
 use gap::record::{command::Told, drive::Hold, inputs::complete, tracks::Streams};
 use io::{inspect, read_frame_run, read_joint_log, twin_of};
 
@@ -62,7 +63,8 @@ fn views() {
     let seeds = [frames(Style::Raw, 3, 1), frames(Style::Png, 0, 1), frames(Style::Rvl, 0, 1)].to_vec();
     let target = Target { name, seeds, words: &WORDS, assemble: bag, bytes: BYTES };
     target.run(|input| {
-        let Ok(run) = read_frame_run(&scratch.put("bag.mcap", input), &config, 7, &mut Vec::new()) else {
+        let bag = scratch.put("bag.mcap", input);
+        let Ok((run, _)) = read_frame_run(&bag, &config, &mut Vec::new(), &Stop::never()) else {
             return false;
         };
         let range = config.depth_min_m as f32..=config.depth_max_m as f32;

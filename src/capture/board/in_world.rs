@@ -9,6 +9,7 @@ use super::{
     sighting::BoardSighting,
 };
 use crate::{RgbdFrame, SensorCalibration};
+use common::stop::{Stop, Stopped};
 use geometry::Pose;
 
 /// A board in the world, and the views of it.
@@ -40,18 +41,22 @@ pub struct BoardCorrection {
 impl BoardInWorld {
     /// Moves frames, with poses and sensor corrected, onto the board: all states as one, since still surfaces
     /// have brought them together. `None`, and nothing moved, where too few show it.
-    #[must_use]
+    ///
+    /// # Errors
+    /// [`Stopped`].
     pub fn place_again(
         &self,
         states: &mut [Vec<RgbdFrame>],
         sensor: Option<&SensorCalibration>,
-    ) -> Option<BoardCorrection> {
+        stop: &Stop,
+    ) -> Result<Option<BoardCorrection>, Stopped> {
         let on_its_place = states.iter().zip(&self.sightings).zip(&self.in_states).filter(|(_, on)| **on);
         let seen: Vec<(&RgbdFrame, &BoardSighting)> = on_its_place
             .flat_map(|((frames, boards), _)| frames.iter().map(move |f| (f, boards.get(&f.stamp_nanos))))
             .filter_map(|(frame, board)| Some((frame, board?)))
             .collect();
-        let intrinsics = &seen.first()?.0.intrinsics;
+        let Some((first, _)) = seen.first() else { return Ok(None) };
+        let intrinsics = &first.intrinsics;
         let color = sensor
             .filter(|s| s.used)
             .map_or(ColorTurn::EXPECTED, |s| ColorTurn::of_shift(s.color_shift_px, intrinsics));
@@ -61,7 +66,8 @@ impl BoardInWorld {
             .iter()
             .map(|(f, sighting)| BoardInView { map_from_camera: f.world_from_camera, sighting })
             .collect();
-        let place = BoardPlace::of(&views, [scale, sigma], &color)?;
+        let place = BoardPlace::of(&views, [scale, sigma], &color, stop)?;
+        let Some(place) = place else { return Ok(None) };
         // Lengths stay those of depth where the print is not believed.
         let factor = if self.trusted { scale } else { 1.0 };
         let moved = self.world_from_board * stretched(&place.board_from_map, factor / scale);
@@ -70,12 +76,12 @@ impl BoardInWorld {
             frame.world_from_camera = moved * stretched(&frame.world_from_camera, factor);
             frame.depth_m.iter_mut().for_each(|d| *d *= factor as f32);
         }
-        Some(BoardCorrection {
+        Ok(Some(BoardCorrection {
             views: place.agreeing,
             moved_m: (moved * Point3::from(at * factor) - at).coords.norm(),
             scale: [factor, sigma],
             sigma_m: [0.0, BoardPlace::AWAY_M].map(|away_m| place.sigma_m(away_m)),
-        })
+        }))
     }
 }
 

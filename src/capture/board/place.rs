@@ -4,6 +4,7 @@ use nalgebra::{Matrix6, Matrix6x3, SMatrix, UnitQuaternion, Vector3, Vector6};
 
 use super::{pose::STEP_M, sighting::BoardSighting};
 use crate::poses::{drift::adjoint, pose_noise::PoseNoise};
+use common::stop::{Stop, Stopped};
 use geometry::{Intrinsics, Pose, shift_and_turn};
 use numeric::statistics::{CHI_SQUARE_MEDIAN_6, SIGMAS_PER_MAD, median};
 
@@ -103,33 +104,29 @@ impl BoardPlace {
 
     /// The place by all views of a board, in the order of time; `scale` is the length of the board over that
     /// of the map, and its standard deviation. `None` where too few views agree.
-    #[must_use]
-    pub fn of(views: &[BoardInView<'_>], scale: [f64; 2], color: &ColorTurn) -> Option<Self> {
+    ///
+    /// # Errors
+    /// [`Stopped`].
+    pub fn of(
+        views: &[BoardInView<'_>],
+        scale: [f64; 2],
+        color: &ColorTurn,
+        stop: &Stop,
+    ) -> Result<Option<Self>, Stopped> {
         if views.len() < LEAST_VIEWS {
-            return None;
+            return Ok(None);
         }
         let problem = PlaceProblem { views, scale: scale[0], turn: color.mean_rad };
         let step = (views.len() / STARTS).max(1);
-        let fits = views.iter().step_by(step).map(|v| problem.fit(problem.by_one(v)));
-        let best = fits.flatten().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
-        if best.agreeing < LEAST_VIEWS {
-            return None;
+        let mut fits = Vec::new();
+        for view in views.iter().step_by(step) {
+            stop.check()?;
+            fits.extend(problem.fit(problem.by_one(view)));
         }
-        // Not found here: the length, and the turn of color.
-        let open = -(best.information.cholesky()?.solve(&best.by_known));
-        let known = Vector3::new(scale[1] / scale[0], color.sigma_rad[0], color.sigma_rad[1]);
-        let own = problem.by_blocks(&best)
-            + open * SMatrix::from_diagonal(&known.map(|s| s * s)) * open.transpose();
-        // In the map's frame about its origin: about the board's middle it is another.
-        let middle = Pose::from_parts(best.board_from_map.inverse().translation, UnitQuaternion::identity());
-        let about_middle = adjoint(&middle.inverse());
-        Some(Self {
-            board_from_map: best.board_from_map,
-            views: views.len(),
-            agreeing: best.agreeing,
-            edges_px: median(views.iter().map(|v| v.sighting.rms_px).collect())?,
-            covariance: about_middle * own * about_middle.transpose(),
-        })
+        let best = fits.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
+        Ok(best
+            .filter(|best| best.agreeing >= LEAST_VIEWS)
+            .and_then(|best| problem.place(&best, scale, color)))
     }
 
     /// Standard deviation of the place of a point at a distance from the board's middle, meters: at the
@@ -187,6 +184,25 @@ impl PlaceProblem<'_> {
             }
         }
         Some(self.sums(&at)?.0)
+    }
+
+    /// The place by the best fit, with its covariance; `None` where the fit leaves a motion open.
+    fn place(&self, best: &PlaceFit, scale: [f64; 2], color: &ColorTurn) -> Option<BoardPlace> {
+        // Not found here: the length, and the turn of color.
+        let open = -(best.information.cholesky()?.solve(&best.by_known));
+        let known = Vector3::new(scale[1] / scale[0], color.sigma_rad[0], color.sigma_rad[1]);
+        let own =
+            self.by_blocks(best) + open * SMatrix::from_diagonal(&known.map(|s| s * s)) * open.transpose();
+        // In the map's frame about its origin: about the board's middle it is another.
+        let middle = Pose::from_parts(best.board_from_map.inverse().translation, UnitQuaternion::identity());
+        let about_middle = adjoint(&middle.inverse());
+        Some(BoardPlace {
+            board_from_map: best.board_from_map,
+            views: self.views.len(),
+            agreeing: best.agreeing,
+            edges_px: median(self.views.iter().map(|v| v.sighting.rms_px).collect())?,
+            covariance: about_middle * own * about_middle.transpose(),
+        })
     }
 
     /// Normal equations about a place: the gradient by a motion of the map, and all else.

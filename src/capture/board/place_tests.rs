@@ -45,7 +45,7 @@ fn made(count: usize, seed: u64) -> Vec<(Pose, BoardSighting)> {
 fn place(made: &[(Pose, BoardSighting)], scale: [f64; 2], color: &ColorTurn) -> Option<BoardPlace> {
     let views: Vec<BoardInView<'_>> =
         made.iter().map(|(p, sighting)| BoardInView { map_from_camera: *p, sighting }).collect();
-    BoardPlace::of(&views, scale, color)
+    BoardPlace::of(&views, scale, color, &Stop::never()).unwrap()
 }
 
 const KNOWN: ColorTurn = ColorTurn { mean_rad: TURN_TRUTH, sigma_rad: [0.0; 2] };

@@ -8,8 +8,9 @@
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use super::voxels::{Cell, CellSet, center, clusters, frames_needed};
+use super::voxels::{Cell, CellSet, center, frames_needed, groups};
 use crate::{NoiseConfig, RgbdFrame, poses::pose_noise::PoseNoise};
+use common::stop::{Stop, Stopped};
 
 /// Standard deviations between a cell and readings of something else.
 /// chosen: two frames by chance, 0.05 % one-sided
@@ -35,37 +36,60 @@ pub fn at_rest(
     states: &[Vec<RgbdFrame>],
     size_m: f64,
     noise: &NoiseConfig,
-) -> Vec<Vec<Cell>> {
+    stop: &Stop,
+) -> Result<Vec<Vec<Cell>>, Stopped> {
     let mut at_rest = Vec::with_capacity(states.len());
     for (cells, frames) in cells.iter().zip(states) {
-        let stay = cells.par_iter().filter(|c| {
+        let stays = |c: &Cell| {
             let sight = sight(&center(c, size_m), frames, size_m, noise);
             sight.through < frames_needed(frames.len()) || sight.through <= sight.there
-        });
-        at_rest.push(stay.copied().collect());
+        };
+        at_rest.push(filtered(cells, stays, stop)?);
     }
-    at_rest
+    Ok(at_rest)
 }
 
 /// Cells of all states looked through by frames of another state, in patches.
-pub fn changed(cells: &[Vec<Cell>], states: &[Vec<RgbdFrame>], size_m: f64, noise: &NoiseConfig) -> CellSet {
+pub fn changed(
+    cells: &[Vec<Cell>],
+    states: &[Vec<RgbdFrame>],
+    size_m: f64,
+    noise: &NoiseConfig,
+    stop: &Stop,
+) -> Result<CellSet, Stopped> {
     let mut changed = CellSet::default();
     for (own, cells) in cells.iter().enumerate() {
-        let gone = cells.par_iter().filter(|c| {
+        let is_gone = |c: &Cell| {
             let point = center(c, size_m);
             let mut others = (0..states.len()).filter(|other| *other != own);
             others.any(|other| is_looked_through(&point, &states[other], size_m, noise))
-        });
-        let patches = clusters(&gone.copied().collect::<Vec<Cell>>(), 1);
+        };
+        let patches = groups(&filtered(cells, is_gone, stop)?, 1, stop)?;
         changed.extend(patches.into_iter().filter(|patch| patch.len() >= LEAST_PATCH).flatten());
     }
-    changed
+    Ok(changed)
 }
 
 /// Whether enough frames of a state look through a cell.
 fn is_looked_through(point: &Point3<f64>, frames: &[RgbdFrame], size_m: f64, noise: &NoiseConfig) -> bool {
     let sight = sight(point, frames, size_m, noise);
     sight.through >= frames_needed(frames.len()) && sight.through >= CLEARLY * sight.there
+}
+
+/// Cells by a test, in their order.
+fn filtered(
+    cells: &[Cell],
+    is_kept: impl Fn(&Cell) -> bool + Sync,
+    stop: &Stop,
+) -> Result<Vec<Cell>, Stopped> {
+    let tested: Vec<Option<Cell>> = cells
+        .par_iter()
+        .map(|c| {
+            stop.check()?;
+            Ok(is_kept(c).then_some(*c))
+        })
+        .collect::<Result<_, Stopped>>()?;
+    Ok(tested.into_iter().flatten().collect())
 }
 
 /// How frames see a point.
@@ -157,20 +181,23 @@ mod tests {
         let noise = NoiseConfig::default();
         let cells = [plate_cells(), Vec::new()];
         let gone = [frames(&[true; 6]), frames(&[false; 6])];
-        let found = changed(&cells, &gone, SIZE_M, &noise);
+        let found = changed(&cells, &gone, SIZE_M, &noise, &Stop::never()).unwrap();
         assert!(found.len() > 30, "{}", found.len());
         let stays = [frames(&[true; 6]), frames(&[true; 6])];
-        assert!(changed(&cells, &stays, SIZE_M, &noise).is_empty());
+        assert!(changed(&cells, &stays, SIZE_M, &noise, &Stop::never()).unwrap().is_empty());
         // What the other state did not read says nothing.
         let mut dark = gone;
         dark[1].iter_mut().for_each(|f| f.depth_m.fill(0.0));
-        assert!(changed(&cells, &dark, SIZE_M, &noise).is_empty());
+        assert!(changed(&cells, &dark, SIZE_M, &noise, &Stop::never()).unwrap().is_empty());
     }
 
     #[test]
     fn what_is_in_two_frames_of_six_is_on_its_way() {
         let noise = NoiseConfig::default();
-        let count = |plate: &[bool]| at_rest(&[plate_cells()], &[frames(plate)], SIZE_M, &noise)[0].len();
+        let count = |plate: &[bool]| {
+            let cells = at_rest(&[plate_cells()], &[frames(plate)], SIZE_M, &noise, &Stop::never());
+            cells.unwrap()[0].len()
+        };
         assert_eq!(count(&[true; 6]), 64);
         assert!(count(&[true, true, false, false, false, false]) < 16);
     }

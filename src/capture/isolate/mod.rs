@@ -36,6 +36,7 @@ pub use self::{
 };
 use super::{At, Capture, CaptureConfig, CaptureError, RgbdFrame, common_focus, pixel_weights};
 use common::note::{Note, NoteCode};
+use common::stop::{Stop, Stopped};
 use numeric::statistics::median;
 
 /// Fewest pixels with depth on the object in a state.
@@ -48,11 +49,12 @@ const MIN_OVERLAP: f64 = 0.02;
 ///
 /// # Errors
 /// [`CaptureError::Isolation`] where nothing with depth is left as the object, [`CaptureError::NoOverlap`]
-/// where the states have no place in common.
+/// where the states have no place in common, [`CaptureError::Stopped`].
 pub fn isolate(
     capture: &mut Capture,
     config: &CaptureConfig,
     rng: &mut impl Rng,
+    stop: &Stop,
 ) -> Result<(), CaptureError> {
     let masked = capture.states.iter().flatten().filter(|f| f.mask.is_some()).count();
     let all = capture.states.iter().flatten().count();
@@ -66,11 +68,11 @@ pub fn isolate(
     }
     let size_m = cell_size(capture);
     if masked == all {
-        clean_masks(capture, config, size_m);
+        clean_masks(capture, config, size_m, stop)?;
     } else {
-        find_object(capture, config, size_m, rng)?;
+        find_object(capture, config, size_m, rng, stop)?;
     }
-    capture.object_box_m = Some(check(capture, size_m)?);
+    capture.object_box_m = Some(check(capture, size_m, stop)?);
     Ok(())
 }
 
@@ -100,20 +102,33 @@ fn object_cells(frame: &RgbdFrame, size_m: f64) -> Vec<Cell> {
     cells
 }
 
-fn cells_of_frames(frames: &[RgbdFrame], size_m: f64) -> Vec<Vec<Cell>> {
-    frames.par_iter().map(|f| object_cells(f, size_m)).collect()
+fn cells_of_frames(frames: &[RgbdFrame], size_m: f64, stop: &Stop) -> Result<Vec<Vec<Cell>>, Stopped> {
+    frames
+        .par_iter()
+        .map(|f| {
+            stop.check()?;
+            Ok(object_cells(f, size_m))
+        })
+        .collect()
 }
 
 /// Forgets depth under masks in outlier cells, or outside the workspace.
-fn clean_masks(capture: &mut Capture, config: &CaptureConfig, size_m: f64) {
+fn clean_masks(
+    capture: &mut Capture,
+    config: &CaptureConfig,
+    size_m: f64,
+    stop: &Stop,
+) -> Result<(), Stopped> {
     let states = capture.states.par_iter_mut();
-    let forgotten: usize = states.map(|frames| forget_outliers(frames, config, size_m)).sum();
+    let forgotten =
+        states.map(|frames| forget_outliers(frames, config, size_m, stop)).sum::<Result<usize, Stopped>>()?;
     let frames = capture.states.par_iter().flatten();
     let pixels: usize = frames.map(|f| (0..f.depth_m.len()).filter(|p| f.is_object(*p)).count()).sum();
     capture.notes.push(Note::new(NoteCode::MasksUsed, format!(
         "masks of the recording are used ({pixels} pixels); {forgotten} depth readings in them stand apart \
          and are not used"
     )));
+    Ok(())
 }
 
 /// Forgets the depth of object pixels by a test of their world points; returns their number.
@@ -132,11 +147,15 @@ fn find_object(
     config: &CaptureConfig,
     size_m: f64,
     rng: &mut impl Rng,
+    stop: &Stop,
 ) -> Result<(), CaptureError> {
     let workspace = config.isolate.workspace;
     let planes = match workspace {
         Some(_) if !config.isolate.plane_in_workspace => Vec::new(),
-        _ => background_planes(&capture.states.iter().flatten().collect::<Vec<_>>(), &capture.noise, rng),
+        _ => {
+            let frames: Vec<&RgbdFrame> = capture.states.iter().flatten().collect();
+            background_planes(&frames, &capture.noise, rng, stop)?
+        }
     };
     for p in &planes {
         let n = p.normal;
@@ -151,19 +170,26 @@ fn find_object(
     let background = Background { planes, config, noise: capture.noise };
     let mut supports = Vec::with_capacity(capture.states.len());
     for frames in &capture.states {
-        let weights: Vec<Vec<f32>> = frames.par_iter().map(|f| pixel_weights(f, &capture.noise)).collect();
-        supports.push(find_support(frames, &weights, size_m, &background));
+        let weights: Vec<Vec<f32>> = frames
+            .par_iter()
+            .map(|f| {
+                stop.check()?;
+                Ok(pixel_weights(f, &capture.noise))
+            })
+            .collect::<Result<_, Stopped>>()?;
+        supports.push(find_support(frames, &weights, size_m, &background, stop)?);
     }
     let seen: Vec<Vec<Cell>> = supports.iter().map(|s| s.cells.clone()).collect();
     // A hand or a person in some frames is no part of the scene.
-    let cells = at_rest(&seen, &capture.states, size_m, &capture.noise);
-    let object = choose(capture, &background, size_m, &cells)?;
+    let cells = at_rest(&seen, &capture.states, size_m, &capture.noise, stop)?;
+    let object = choose(capture, &background, size_m, &cells, stop)?;
     capture.notes.push(Note::new(NoteCode::ObjectIsolated, object.note.clone()));
     for (s, frames) in capture.states.iter_mut().enumerate() {
         let own: Vec<Cell> = cells[s].iter().filter(|c| object.contains(c)).copied().collect();
         // Cells at the rim are seen too rarely to count, but their points belong to the object.
         let near = dilated(&own, 1);
-        frames.par_iter_mut().for_each(|frame| {
+        frames.par_iter_mut().try_for_each(|frame| {
+            stop.check()?;
             let silhouette = silhouette(frame, &own, size_m);
             paint(
                 frame,
@@ -173,21 +199,30 @@ fn find_object(
                     background.is_above(f, pixel, p) || supports[s].is_solid(p, size_m, &background)
                 },
             );
-        });
+            Ok::<_, Stopped>(())
+        })?;
     }
     Ok(())
 }
 
 /// Forgets depth under the masks of one state in outlier cells, or outside the workspace; returns the number
 /// of readings.
-fn forget_outliers(frames: &mut [RgbdFrame], config: &CaptureConfig, size_m: f64) -> usize {
+fn forget_outliers(
+    frames: &mut [RgbdFrame],
+    config: &CaptureConfig,
+    size_m: f64,
+    stop: &Stop,
+) -> Result<usize, Stopped> {
     // One frame is enough, since masks leave no noisy background.
-    let cells = supported(&cells_of_frames(frames, size_m), 1);
-    let bad = outlier_cells(&cells, size_m);
+    let cells = supported(&cells_of_frames(frames, size_m, stop)?, 1);
+    let bad = outlier_cells(&cells, size_m, stop)?;
     let workspace = config.isolate.workspace;
     frames
         .par_iter_mut()
-        .map(|f| forget(f, |p| !in_box(workspace, p) || cell(p, size_m).is_none_or(|c| bad.contains(&c))))
+        .map(|f| {
+            stop.check()?;
+            Ok(forget(f, |p| !in_box(workspace, p) || cell(p, size_m).is_none_or(|c| bad.contains(&c))))
+        })
         .sum()
 }
 
@@ -197,16 +232,17 @@ fn choose(
     background: &Background<'_>,
     size_m: f64,
     cells: &[Vec<Cell>],
+    stop: &Stop,
 ) -> Result<Object, CaptureError> {
     let isolate = &background.config.isolate;
-    let changed = changed(cells, &capture.states, size_m, &capture.noise);
+    let changed = changed(cells, &capture.states, size_m, &capture.noise, stop)?;
     let poses: Vec<_> = capture.states.iter().flatten().map(|f| f.world_from_camera).collect();
     // At most 20: the search for neighbors visits its cube.
     let reach = isolate.link_distance_m.map_or(3, |d| ((d / size_m).ceil() as i32).clamp(1, 20));
     // As near to a plane as the cells of a group may be to each other.
     let touching_m = isolate.plane_clearance_m + f64::from(reach + 1) * size_m;
     // Over all states together: separate parts of one may be linked in another.
-    choose_object(&Search {
+    let search = Search {
         cells,
         size_m,
         reach,
@@ -217,7 +253,8 @@ fn choose(
         focus: common_focus(&poses),
         at: isolate.at.as_ref().map(|at| place(at, &capture.states)).transpose()?,
         takes_all: isolate.workspace.is_some(),
-    })
+    };
+    choose_object(&search, stop)
 }
 
 /// The given point in the world, or the point of a given pixel.
@@ -284,7 +321,7 @@ fn pixels_about(middle: f64, half: f64, count: usize) -> Range<usize> {
 
 /// Refuses states without depth on the object and states without a common place. The box about the object in
 /// all states, lower and upper corner, meters.
-fn check(capture: &Capture, size_m: f64) -> Result<[[f64; 3]; 2], CaptureError> {
+fn check(capture: &Capture, size_m: f64, stop: &Stop) -> Result<[[f64; 3]; 2], CaptureError> {
     let mut cells = Vec::new();
     for (state, frames) in capture.states.iter().enumerate() {
         let pixels = frames
@@ -298,7 +335,7 @@ fn check(capture: &Capture, size_m: f64) -> Result<[[f64; 3]; 2], CaptureError> 
             );
             return Err(CaptureError::Isolation { reason });
         }
-        cells.push(supported(&cells_of_frames(frames, size_m), frames_needed(frames.len())));
+        cells.push(supported(&cells_of_frames(frames, size_m, stop)?, frames_needed(frames.len())));
     }
     let (lower, upper) = bounds(cells.iter().flatten());
     let corners = [lower, upper.map(|v| v.saturating_add(1))].map(|c| c.map(|v| f64::from(v) * size_m));

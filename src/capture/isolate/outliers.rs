@@ -6,6 +6,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
 use super::voxels::{Cell, CellSet, center};
+use common::stop::{Stop, Stopped};
 
 /// Number of neighbors for the mean distance.
 const NEIGHBORS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(15);
@@ -18,25 +19,25 @@ const ALWAYS_KEPT_CELLS: f64 = 6.0;
 
 /// Cells of a sorted list far from the others (statistical outlier removal on cells, with a floor for rods
 /// and wires).
-#[must_use]
-pub fn outlier_cells(cells: &[Cell], size_m: f64) -> CellSet {
+pub fn outlier_cells(cells: &[Cell], size_m: f64, stop: &Stop) -> Result<CellSet, Stopped> {
     if cells.len() <= NEIGHBORS.get() {
-        return CellSet::default();
+        return Ok(CellSet::default());
     }
     // Cells in place of readings: places seen often do not make the others look lonely.
     let points: Vec<[f64; 3]> = cells.iter().map(|c| center(c, size_m).coords.into()).collect();
-    let Ok(tree) = ImmutableKdTree::new_from_slice(&points) else { return CellSet::default() };
+    let Ok(tree) = ImmutableKdTree::new_from_slice(&points) else { return Ok(CellSet::default()) };
     let mean_distances = points.par_iter().with_min_len(256).map(|p| {
+        stop.check()?;
         // The cell itself is the nearest, at distance 0.
         let near = tree.query(p).nearest_n::<SquaredEuclidean<f64>>(NEIGHBORS.saturating_add(1)).execute();
-        near.iter().map(|n| n.distance.sqrt()).sum::<f64>() / NEIGHBORS.get() as f64
+        Ok(near.iter().map(|n| n.distance.sqrt()).sum::<f64>() / NEIGHBORS.get() as f64)
     });
-    let distances: Vec<f64> = mean_distances.collect();
+    let distances: Vec<f64> = mean_distances.collect::<Result<_, Stopped>>()?;
     let mean = distances.iter().sum::<f64>() / distances.len() as f64;
     let deviation =
         (distances.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / distances.len() as f64).sqrt();
     let limit = (mean + SIGMAS * deviation).max(ALWAYS_KEPT_CELLS * size_m);
-    cells.iter().zip(distances).filter(|(_, d)| *d > limit).map(|(c, _)| *c).collect()
+    Ok(cells.iter().zip(distances).filter(|(_, d)| *d > limit).map(|(c, _)| *c).collect())
 }
 
 #[cfg(test)]
@@ -51,11 +52,11 @@ mod tests {
         cells.extend(&rod);
         cells.extend(lone);
         cells.sort_unstable();
-        assert_eq!(outlier_cells(&cells, 0.005), lone.into_iter().collect());
+        assert_eq!(outlier_cells(&cells, 0.005, &Stop::never()).unwrap(), lone.into_iter().collect());
     }
 
     #[test]
     fn few_cells_are_left_alone() {
-        assert!(outlier_cells(&[[0, 0, 0], [90, 0, 0]], 0.01).is_empty());
+        assert!(outlier_cells(&[[0, 0, 0], [90, 0, 0]], 0.01, &Stop::never()).unwrap().is_empty());
     }
 }

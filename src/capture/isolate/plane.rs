@@ -8,6 +8,7 @@ use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use rand_core::Rng;
 
 use crate::{NoiseConfig, RgbdFrame};
+use common::stop::{Stop, Stopped};
 
 /// Points looked at.
 const SAMPLES: usize = 60_000;
@@ -65,8 +66,12 @@ struct Sample {
 }
 
 /// The background planes of the frames, in the order of their removal.
-#[must_use]
-pub fn background_planes(frames: &[&RgbdFrame], noise: &NoiseConfig, rng: &mut impl Rng) -> Vec<Plane> {
+pub fn background_planes(
+    frames: &[&RgbdFrame],
+    noise: &NoiseConfig,
+    rng: &mut impl Rng,
+    stop: &Stop,
+) -> Result<Vec<Plane>, Stopped> {
     let mut samples = sample(frames, noise);
     let cameras: Vec<_> =
         frames.iter().map(|f| Point3::from(f.world_from_camera.translation.vector)).collect();
@@ -74,6 +79,7 @@ pub fn background_planes(frames: &[&RgbdFrame], noise: &NoiseConfig, rng: &mut i
     let borders = samples.iter().filter(|s| s.at_border).count();
     let mut planes = Vec::new();
     while planes.len() < MAX_PLANES {
+        stop.check()?;
         let left = samples.iter().filter(|s| s.at_border).count();
         // With hardly a reading left at the borders, the rest has no background.
         if samples.len() < 100 || left * 50 < borders {
@@ -84,7 +90,7 @@ pub fn background_planes(frames: &[&RgbdFrame], noise: &NoiseConfig, rng: &mut i
         samples.retain(|s| plane.height_m(&s.point) > 0.005 + 4.0 * plane.height_sigma_m(&s.ray, s.sigma_m));
         planes.push(plane);
     }
-    planes
+    Ok(planes)
 }
 
 /// Depth readings on a regular grid in every frame.
@@ -258,7 +264,9 @@ mod tests {
             &frames.iter().collect::<Vec<_>>(),
             &NoiseConfig::default(),
             &mut stage_rng(0, "test", 0),
+            &Stop::never(),
         )
+        .unwrap()
     }
 
     const FLOOR: Block = [[-9.0, -9.0, -1.1], [9.0, 9.0, -1.0]];

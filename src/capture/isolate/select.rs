@@ -2,8 +2,9 @@
 
 use nalgebra::Point3;
 
-use super::voxels::{Cell, CellSet, center, clusters};
+use super::voxels::{Cell, CellSet, center, groups};
 use crate::CaptureError;
+use common::stop::Stop;
 
 /// Ratio of changes between two things; above, one of them clearly changed.
 /// tuned: eval/tracking/objects.py, seeds 9101 to 9110: still things have 0.1 of the object's changes, and
@@ -63,12 +64,12 @@ impl Object {
 ///
 /// # Errors
 /// [`CaptureError::Isolation`] where there are no cells, [`CaptureError::SeveralChanged`] where two things
-/// changed about as much.
-pub fn choose_object(search: &Search<'_>) -> Result<Object, CaptureError> {
+/// changed about as much, [`CaptureError::Stopped`].
+pub fn choose_object(search: &Search<'_>, stop: &Stop) -> Result<Object, CaptureError> {
     let mut all: Vec<Cell> = search.cells.iter().flatten().copied().collect();
     all.sort_unstable();
     all.dedup();
-    let groups = clusters(&all, search.reach);
+    let groups = groups(&all, search.reach, stop)?;
     let changed: Vec<usize> = groups.iter().map(|g| search.changed_of(g)).collect();
     let (best, why) = search.best(&groups, &changed)?;
     let reach = search.reach;
@@ -255,29 +256,31 @@ mod tests {
         let cells = [[block(0, 6), block(100, 9)].concat(), Vec::new()];
         let still = CellSet::default();
         let nowhere = None;
-        let object = choose_object(&search(&cells, 2, &still)).unwrap();
+        let object = choose_object(&search(&cells, 2, &still), &Stop::never()).unwrap();
         assert_eq!(object.cells, block(0, 6));
         let blind = Search { focus: nowhere, ..search(&cells, 2, &still) };
-        assert_eq!(choose_object(&blind).unwrap().cells, block(100, 9));
+        assert_eq!(choose_object(&blind, &Stop::never()).unwrap().cells, block(100, 9));
         assert!(object.note.contains("1 of 2 groups"), "{}", object.note);
         let at = Search { at: Some(Point3::new(1.2, 1.0, 1.0)), ..search(&cells, 2, &still) };
-        assert_eq!(choose_object(&at).unwrap().cells, block(100, 9));
+        assert_eq!(choose_object(&at, &Stop::never()).unwrap().cells, block(100, 9));
     }
 
     #[test]
     fn what_changed_wins_over_what_the_cameras_look_at_and_two_such_things_are_asked_about() {
         let cells = [[block(0, 6), block(100, 9)].concat(), Vec::new()];
         let mut changed: CellSet = block(100, 3).into_iter().collect();
-        assert_eq!(choose_object(&search(&cells, 2, &changed)).unwrap().cells, block(100, 9));
+        assert_eq!(choose_object(&search(&cells, 2, &changed), &Stop::never()).unwrap().cells, block(100, 9));
         changed.extend(block(0, 1));
-        assert_eq!(choose_object(&search(&cells, 2, &changed)).unwrap().cells, block(100, 9));
+        assert_eq!(choose_object(&search(&cells, 2, &changed), &Stop::never()).unwrap().cells, block(100, 9));
         changed.extend(block(0, 3));
-        let Err(CaptureError::SeveralChanged { at }) = choose_object(&search(&cells, 2, &changed)) else {
+        let Err(CaptureError::SeveralChanged { at }) =
+            choose_object(&search(&cells, 2, &changed), &Stop::never())
+        else {
             panic!("two things changed alike")
         };
         assert!((at[0][0] - 0.03).abs() < 1e-9 && (at[1][0] - 1.045).abs() < 1e-9, "{at:?}");
         let all = Search { takes_all: true, ..search(&cells, 2, &changed) };
-        assert_eq!(choose_object(&all).unwrap().cells.len(), 6 * 6 * 6 + 9 * 9 * 9);
+        assert_eq!(choose_object(&all, &Stop::never()).unwrap().cells.len(), 6 * 6 * 6 + 9 * 9 * 9);
     }
 
     #[test]
@@ -288,7 +291,7 @@ mod tests {
         let still = [block(0, 8), block(60, 8).into_iter().map(|[x, y, z]| [x, y - 60, z - 60]).collect()];
         let cells = [[&still[0], &still[1], &arm, &head].map(|c| c.clone()).concat(), Vec::new()];
         let changed: CellSet = arm.iter().chain(&head).copied().collect();
-        let object = choose_object(&search(&cells, 2, &changed)).unwrap();
+        let object = choose_object(&search(&cells, 2, &changed), &Stop::never()).unwrap();
         let all = [&still[0], &arm, &head].map(|c| c.clone()).concat().len();
         assert_eq!(object.cells.len(), all, "{}", object.note);
     }
@@ -298,12 +301,15 @@ mod tests {
         // In state 0 the far part is loose; state 1 has the bridge.
         let bridge: Vec<Cell> = (6..20).map(|x| [x, 0, 0]).collect();
         let cells = [[block(0, 6), block(20, 3)].concat(), [block(0, 6), bridge].concat()];
-        let object = choose_object(&search(&cells, 1, &CellSet::default())).unwrap();
+        let object = choose_object(&search(&cells, 1, &CellSet::default()), &Stop::never()).unwrap();
         assert!(object.contains(&[22, 2, 2]) && object.contains(&[10, 0, 0]));
     }
 
     #[test]
     fn no_cells_are_no_object() {
-        assert!(choose_object(&search(&[Vec::new(), Vec::new()], 1, &CellSet::default())).is_err());
+        assert!(
+            choose_object(&search(&[Vec::new(), Vec::new()], 1, &CellSet::default()), &Stop::never())
+                .is_err()
+        );
     }
 }

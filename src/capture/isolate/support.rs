@@ -15,6 +15,7 @@ use super::{
     voxels::{Cell, cell, center, frames_needed},
 };
 use crate::RgbdFrame;
+use common::stop::{Stop, Stopped};
 
 /// Readings of a cell against those of the background in its column, at least. Chance gives 0.1 % beyond
 /// three standard deviations, real sensors some more. tuned: made and recorded objects (docs/method.md 16)
@@ -68,13 +69,18 @@ pub fn find_support(
     weights: &[Vec<f32>],
     size_m: f64,
     background: &Background,
-) -> Support {
-    let readings: Vec<Readings> =
-        frames.par_iter().zip(weights).map(|(f, w)| read(f, w, size_m, background)).collect();
+    stop: &Stop,
+) -> Result<Support, Stopped> {
+    let read = |(frame, weights): (&RgbdFrame, &Vec<f32>)| {
+        stop.check()?;
+        Ok(read(frame, weights, size_m, background))
+    };
+    let readings: Vec<Readings> = frames.par_iter().zip(weights).map(read).collect::<Result<_, Stopped>>()?;
     // Frames and readings of a cell.
     let mut totals: FxHashMap<Cell, (usize, u32)> = FxHashMap::default();
     let mut columns: FxHashMap<Column, ColumnReadings> = FxHashMap::default();
     for r in &readings {
+        stop.check()?;
         for (c, n) in &r.cells {
             let total = totals.entry(*c).or_default();
             *total = (total.0 + 1, total.1 + n);
@@ -102,7 +108,7 @@ pub fn find_support(
     }
     cells.sort_unstable();
     let solid = columns.into_iter().filter(|(_, n)| n.are_solid()).map(|(c, _)| c).collect();
-    Support { cells, solid }
+    Ok(Support { cells, solid })
 }
 
 impl Support {

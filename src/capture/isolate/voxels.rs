@@ -4,6 +4,8 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 use rustc_hash::{FxHashMap, FxHashSet};
 
+use common::stop::{Stop, Stopped};
+
 /// Cell coordinates.
 pub type Cell = [i32; 3];
 /// Cells in no order.
@@ -42,6 +44,11 @@ pub fn supported(frames: &[Vec<Cell>], frames_needed: usize) -> Vec<Cell> {
 /// sorted, groups in the order of their first cell.
 #[must_use]
 pub fn clusters(cells: &[Cell], reach: i32) -> Vec<Vec<Cell>> {
+    groups(cells, reach, &Stop::never()).unwrap_or_default()
+}
+
+/// [`clusters`] that can be asked to stop.
+pub(super) fn groups(cells: &[Cell], reach: i32, stop: &Stop) -> Result<Vec<Vec<Cell>>, Stopped> {
     let index: FxHashMap<Cell, usize> = cells.iter().enumerate().map(|(i, c)| (*c, i)).collect();
     let mut group = vec![usize::MAX; cells.len()];
     let mut groups: Vec<Vec<Cell>> = Vec::new();
@@ -54,6 +61,7 @@ pub fn clusters(cells: &[Cell], reach: i32) -> Vec<Vec<Cell>> {
         group[start] = number;
         let mut next = 0;
         while next < members.len() {
+            stop.check()?;
             for neighbor in around(&cells[members[next]], reach) {
                 if let Some(i) = index.get(&neighbor).filter(|i| group[**i] == usize::MAX) {
                     group[*i] = number;
@@ -65,7 +73,7 @@ pub fn clusters(cells: &[Cell], reach: i32) -> Vec<Vec<Cell>> {
         members.sort_unstable();
         groups.push(members.into_iter().map(|i| cells[i]).collect());
     }
-    groups
+    Ok(groups)
 }
 
 /// The cells together with all within `reach` of them.

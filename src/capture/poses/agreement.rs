@@ -7,6 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{pairs::Matches, pose_noise::PoseNoise, surfels::Surfels, trajectory::Trajectory};
+use common::stop::{Stop, Stopped};
 
 /// Fewest matches of a state.
 const LEAST_MATCHES: usize = 200;
@@ -34,16 +35,25 @@ pub struct PoseAgreement {
 
 impl PoseAgreement {
     /// Of a state's frames; `None` where too few features match.
-    pub(super) fn of(trajectory: &Trajectory, surfels: &[Surfels], matches: &Matches) -> Option<Self> {
-        let reported = agreeing_share(trajectory, surfels, matches, 0.0)?;
-        let mut delay = None;
+    pub(super) fn of(
+        trajectory: &Trajectory,
+        surfels: &[Surfels],
+        matches: &Matches,
+        stop: &Stop,
+    ) -> Result<Option<Self>, Stopped> {
+        let Some(reported) = agreeing_share(trajectory, surfels, matches, 0.0) else { return Ok(None) };
+        let mut delay: Option<[f64; 2]> = None;
         if reported < LEAST_SHARE {
             let steps = (MOST_DELAY_S / DELAY_STEP_S).round() as i32;
-            let delays_s = (-steps..=steps).map(|k| f64::from(k) * DELAY_STEP_S);
-            let shares = delays_s.filter_map(|s| Some([s, agreeing_share(trajectory, surfels, matches, s)?]));
-            delay = shares.reduce(|a, b| if b[1] > a[1] { b } else { a });
+            for delay_s in (-steps..=steps).map(|k| f64::from(k) * DELAY_STEP_S) {
+                stop.check()?;
+                let Some(share) = agreeing_share(trajectory, surfels, matches, delay_s) else { continue };
+                if delay.is_none_or(|best| share > best[1]) {
+                    delay = Some([delay_s, share]);
+                }
+            }
         }
-        Some(Self { share: reported, delay: delay.filter(|d| d[1] > EXPLAINED * reported) })
+        Ok(Some(Self { share: reported, delay: delay.filter(|d| d[1] > EXPLAINED * reported) }))
     }
 
     /// Whether poses and images contradict each other.

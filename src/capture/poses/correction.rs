@@ -12,6 +12,7 @@ use super::{
     sensor_errors::SensorErrors,
     solve::{Problem, correction, solve},
 };
+use common::stop::Stopped;
 use geometry::Pose;
 
 /// The held-out distances must fall by this share ...
@@ -84,15 +85,16 @@ pub(super) struct Refined {
 
 impl Refined {
     /// Without regard to the sensor, of one state alone.
-    pub fn alone(problem: &Problem<'_>) -> Option<Self> {
-        let solution = solve(&[problem], None)?;
+    pub fn alone(problem: &Problem<'_>) -> Result<Option<Self>, Stopped> {
+        let Some(solution) = solve(&[problem], None)? else { return Ok(None) };
         let draws = solution.draws.into_iter().filter_map(|d| d.poses.into_iter().next()).collect();
-        let poses = solution.poses.into_iter().next()?;
-        let mut refined = Self::new(problem, poses, draws, &solution.errors[0], None)?;
+        let Some(poses) = solution.poses.into_iter().next() else { return Ok(None) };
+        let refined = Self::new(problem, poses, draws, &solution.errors[0], None)?;
+        let Some(mut refined) = refined else { return Ok(None) };
         let PoseCorrection { gain_sigmas, residual_m, .. } = refined.correction;
         // Of tracked poses none is better for having been there first.
         refined.correction.used = problem.tracked || is_clear(&Gain { sigmas: gain_sigmas, residual_m });
-        Some(refined)
+        Ok(Some(refined))
     }
 
     /// Poses for corrected readings; used.
@@ -102,11 +104,11 @@ impl Refined {
         draws: Vec<Vec<Vector6<f64>>>,
         errors: &PoseErrors,
         sensor: Option<&SensorErrors>,
-    ) -> Option<Self> {
+    ) -> Result<Option<Self>, Stopped> {
         let corrected = problem.corrected(sensor);
         let after = Views { surfels: &corrected, world_from_camera: &poses };
-        let Gain { sigmas, residual_m } =
-            Gain::of(&[problem.comparison().changes(problem.as_reported(), after)])?;
+        let changes = problem.comparison().changes(problem.as_reported(), after)?;
+        let Some(Gain { sigmas, residual_m }) = Gain::of(&[changes]) else { return Ok(None) };
         let corrections: Vec<[Vector3<f64>; 2]> =
             problem.reported.iter().zip(&poses).map(|(r, f)| correction(r, f)).collect();
         let count = poses.len();
@@ -123,7 +125,7 @@ impl Refined {
             errors: *errors,
             tracked: problem.tracked,
         };
-        Some(Self { poses, draws, correction })
+        Ok(Some(Self { poses, draws, correction }))
     }
 }
 

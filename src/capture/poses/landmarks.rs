@@ -12,7 +12,10 @@ use crate::{
     NoiseConfig, RgbdFrame,
     features::{Feature, frame_pairs, mutual_matches, whole_image_features},
 };
-use common::ahead::Ahead;
+use common::{
+    ahead::Ahead,
+    stop::{Stop, Stopped},
+};
 
 /// Frames matched with every frame: those seen from nearest by.
 const NEIGHBORS: usize = 8;
@@ -56,29 +59,48 @@ impl Landmarks {
         surfels: &mut [Vec<Surfels>],
         noise: &NoiseConfig,
         ahead: &Ahead,
-    ) -> Self {
+        stop: &Stop,
+    ) -> Result<Self, Stopped> {
         let of_states = states.par_iter().zip(surfels).map(|(frames, surfels)| {
             let pairs = frames.par_iter().zip(surfels.par_iter_mut());
-            pairs.map(|(frame, surfels)| FrameLandmarks::find(frame, surfels, noise, ahead)).collect()
+            let found = pairs.map(|(frame, surfels)| {
+                stop.check()?;
+                Ok(FrameLandmarks::find(frame, surfels, noise, ahead))
+            });
+            found.collect::<Result<_, Stopped>>()
         });
-        Self(of_states.collect())
+        Ok(Self(of_states.collect::<Result<_, Stopped>>()?))
     }
 
     /// Matches between the frames of a state.
-    pub fn within(&self, state: usize, frames: &[RgbdFrame]) -> Matches {
+    pub fn within(&self, state: usize, frames: &[RgbdFrame], stop: &Stop) -> Result<Matches, Stopped> {
         let pairs = frame_pairs([frames, frames], NEIGHBORS);
-        self.of([state, state], pairs.into_iter().filter(|(i, j)| i < j).collect(), 0)
+        self.of([state, state], pairs.into_iter().filter(|(i, j)| i < j).collect(), 0, stop)
     }
 
     /// Matches between the frames of two states; those of the second are counted behind those of the first.
-    pub fn between(&self, states: [usize; 2], frames: [&[RgbdFrame]; 2]) -> Matches {
-        self.of(states, frame_pairs(frames, NEIGHBORS), frames[0].len())
+    pub fn between(
+        &self,
+        states: [usize; 2],
+        frames: [&[RgbdFrame]; 2],
+        stop: &Stop,
+    ) -> Result<Matches, Stopped> {
+        self.of(states, frame_pairs(frames, NEIGHBORS), frames[0].len(), stop)
     }
 
-    fn of(&self, [a, b]: [usize; 2], pairs: Vec<(usize, usize)>, behind: usize) -> Matches {
-        let found: Vec<([usize; 2], Vec<[u32; 2]>)> =
-            pairs.par_iter().map(|&(i, j)| ([i, behind + j], self.0[a][i].matches(&self.0[b][j]))).collect();
+    fn of(
+        &self,
+        [a, b]: [usize; 2],
+        pairs: Vec<(usize, usize)>,
+        behind: usize,
+        stop: &Stop,
+    ) -> Result<Matches, Stopped> {
+        let found = pairs.par_iter().map(|&(i, j)| {
+            stop.check()?;
+            Ok(([i, behind + j], self.0[a][i].matches(&self.0[b][j])))
+        });
+        let found: Vec<([usize; 2], Vec<[u32; 2]>)> = found.collect::<Result<_, Stopped>>()?;
         let back = found.iter().map(|([i, j], m)| ([*j, *i], m.iter().map(|[a, b]| [*b, *a]).collect()));
-        back.collect::<Vec<_>>().into_iter().chain(found).collect()
+        Ok(back.collect::<Vec<_>>().into_iter().chain(found).collect())
     }
 }

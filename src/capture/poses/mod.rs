@@ -31,6 +31,8 @@ pub(super) mod surfels;
 mod trajectory;
 pub(super) mod world;
 
+use std::iter;
+
 use nalgebra::{Point3, Vector6};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -48,7 +50,10 @@ use self::{
     solve::Problem, surfels::Surfels, trajectory::Trajectory,
 };
 use super::{NoiseConfig, RgbdFrame};
-use common::ahead::Ahead;
+use common::{
+    ahead::Ahead,
+    stop::{Stop, Stopped},
+};
 
 /// Whether poses are corrected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -112,34 +117,53 @@ impl PoseFindings {
 /// Corrects the poses of every state, and the depth of all, where held-out surfels then agree clearly better.
 /// Poses that were `tracked` come from the frames themselves: they are taken to where the frames agree best,
 /// with the remaining uncertainty as their error. Features found `ahead` are not searched again.
-#[must_use]
+///
+/// # Errors
+/// [`Stopped`]; the frames are of no use then.
 pub fn refine_poses(
     states: &mut [Vec<RgbdFrame>],
     noise: &NoiseConfig,
     tracked: bool,
     ahead: &Ahead,
-) -> PoseFindings {
+    stop: &Stop,
+) -> Result<PoseFindings, Stopped> {
+    let surfels_of = |f: &RgbdFrame| {
+        stop.check()?;
+        Ok(Surfels::of(f, noise, |_| true))
+    };
     let mut surfels: Vec<Vec<Surfels>> = states
         .par_iter()
-        .map(|frames| frames.par_iter().map(|f| Surfels::of(f, noise, |_| true)).collect())
-        .collect();
-    let landmarks = Landmarks::find(states, &mut surfels, noise, ahead);
-    let within: Vec<Matches> = states.par_iter().enumerate().map(|(s, f)| landmarks.within(s, f)).collect();
+        .map(|frames| frames.par_iter().map(surfels_of).collect())
+        .collect::<Result<_, Stopped>>()?;
+    let landmarks = Landmarks::find(states, &mut surfels, noise, ahead, stop)?;
+    let within: Vec<Matches> = states
+        .par_iter()
+        .enumerate()
+        .map(|(s, f)| landmarks.within(s, f, stop))
+        .collect::<Result<_, Stopped>>()?;
     // 0. Poses of another time, or of another scene, are beyond correction by the rest.
-    let agreement = agreements(states, &surfels, &within);
+    let agreement = agreements(states, &surfels, &within, stop)?;
     let problems: Vec<Option<Problem<'_>>> = states
         .par_iter()
         .zip(&surfels)
         .zip(within)
-        .map(|((frames, surfels), matches)| problem(frames, surfels, matches, tracked))
+        .map(|((frames, surfels), matches)| problem(frames, surfels, matches, tracked, stop))
         .collect();
     // 1. Each state by itself: the sensor must beat the best by poses alone.
     // 2. All states with their sensor.
-    let (alone, together): (Vec<Option<Refined>>, _) = rayon::join(
-        || problems.par_iter().map(|p| Refined::alone(p.as_ref()?)).collect(),
+    let alone = |problem: &Option<Problem<'_>>| match problem {
+        Some(problem) => Refined::alone(problem),
+        None => Ok(None),
+    };
+    let (alone, together) = rayon::join(
+        || problems.par_iter().map(alone).collect::<Result<Vec<Option<Refined>>, Stopped>>(),
         || sensor::solve_together(states, &problems),
     );
-    let calibrated = together.and_then(|solution| sensor::calibrate(states, &problems, &alone, solution));
+    let alone = alone?;
+    let calibrated = match together? {
+        Some(solution) => sensor::calibrate(states, &problems, &alone, solution)?,
+        None => None,
+    };
     let (mut found, calibration, warps) = match calibrated {
         Some(Calibrated { calibration, states, warps }) if calibration.used => {
             (states, Some(calibration), warps)
@@ -151,8 +175,14 @@ pub fn refine_poses(
     let camera = states.iter().flatten().next().map(|f| f.intrinsics);
     if let (Some(used), Some(camera)) = (calibration.as_ref().filter(|c| c.used), camera) {
         let errors = used.errors(&camera);
-        errors.warp.correct(states.iter_mut().flatten());
-        used.move_color(states.iter_mut().flatten());
+        for frames in states.iter_mut() {
+            stop.check()?;
+            errors.warp.correct(frames.iter_mut());
+        }
+        for frame in states.iter_mut().flatten() {
+            stop.check()?;
+            used.move_color(iter::once(frame));
+        }
         surfels.iter_mut().for_each(|s| *s = Surfels::corrected(s, &errors));
     }
     let draws = draws(states, &found, warps);
@@ -165,15 +195,15 @@ pub fn refine_poses(
     let mut findings =
         PoseFindings { states: found, agreement, sensor: calibration, worlds: Vec::new(), draws };
     if !findings.changed() {
-        return findings;
+        return Ok(findings);
     }
     // 4. The mean error of each state against state 0.
     for s in 1..states.len() {
         let expected = findings.mean_noise(0, states).beside(&findings.mean_noise(s, states));
-        let matches = landmarks.between([0, s], [&states[0], &states[s]]);
+        let matches = landmarks.between([0, s], [&states[0], &states[s]], stop)?;
         let poses = [0, s].map(|s| world::poses_of(&states[s]));
         let poses = poses.each_ref().map(Vec::as_slice);
-        let found = world::correct(poses, [&*surfels[0], &*surfels[s]], matches, &expected);
+        let found = world::correct(poses, [&*surfels[0], &*surfels[s]], matches, &expected, stop)?;
         if let Some((_, follow)) = &found {
             findings.draws.iter_mut().for_each(|draw| follow.apply([0, s], draw));
         }
@@ -184,7 +214,7 @@ pub fn refine_poses(
             frames.iter_mut().for_each(|f| f.world_from_camera = correction * f.world_from_camera);
         }
     }
-    findings
+    Ok(findings)
 }
 
 /// How far the poses of each state agree with its images; certainly late poses are moved to the images'
@@ -193,20 +223,23 @@ fn agreements(
     states: &mut [Vec<RgbdFrame>],
     surfels: &[Vec<Surfels>],
     within: &[Matches],
-) -> Vec<Option<PoseAgreement>> {
+    stop: &Stop,
+) -> Result<Vec<Option<PoseAgreement>>, Stopped> {
     let agreement: Vec<Option<PoseAgreement>> = states
         .par_iter()
         .zip(surfels)
         .zip(within)
-        .map(|((frames, surfels), matches)| PoseAgreement::of(&Trajectory::of(frames), surfels, matches))
-        .collect();
+        .map(|((frames, surfels), matches)| {
+            PoseAgreement::of(&Trajectory::of(frames), surfels, matches, stop)
+        })
+        .collect::<Result<_, Stopped>>()?;
     for (frames, found) in states.iter_mut().zip(&agreement) {
         if let Some(delay_s) = found.and_then(|f| f.certain_delay_s()) {
             let poses = Trajectory::of(frames).delayed(delay_s);
             frames.iter_mut().zip(poses).for_each(|(f, pose)| f.world_from_camera = pose);
         }
     }
-    agreement
+    Ok(agreement)
 }
 
 /// Draws of the remaining errors of all corrected poses, and of depth.
@@ -232,12 +265,13 @@ fn problem<'a>(
     surfels: &'a [Surfels],
     matches: Matches,
     tracked: bool,
+    stop: &Stop,
 ) -> Option<Problem<'a>> {
     // Errors smaller than a pixel cannot be distinguished from the steps of a coarse image.
     let mut focal_px = frames.iter().map(|f| f.intrinsics.fx.min(f.intrinsics.fy));
     let has_coarse = focal_px.any(|focal_px| focal_px * PoseNoise::EXPECTED.rotation_rad < 1.0);
     (frames.len() >= LEAST_FRAMES && !has_coarse)
-        .then(|| Problem::new(surfels, matches, &Trajectory::of(frames), tracked))
+        .then(|| Problem::new(surfels, matches, &Trajectory::of(frames), tracked, stop))
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@ use super::{
     sensor_sums::{BySensor, Row, SensorSums, add_rows, by_sensor},
     surfels::{FACINGS, Residual, Surfels},
 };
+use common::stop::{Stop, Stopped};
 use geometry::Pose;
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
@@ -54,6 +55,8 @@ pub(crate) struct Comparison {
     compared: usize,
     /// One in so many is enough while poses are loose.
     coarse: usize,
+    /// Asked before every frame.
+    stop: Stop,
 }
 
 /// Matching landmarks of two frames, by their numbers; of every ordered pair of frames.
@@ -166,9 +169,10 @@ impl Comparison {
         pairs: Vec<[usize; 2]>,
         matches: Matches,
         noise: PoseNoise,
+        stop: &Stop,
     ) -> Self {
         let sets = [false, true].map(|held_out| surfels.clone().map(|s| subset(s, held_out)).collect());
-        Self { sets, pairs, matches, noise, compared: COMPARED, coarse: 1 }
+        Self { sets, pairs, matches, noise, compared: COMPARED, coarse: 1, stop: stop.clone() }
     }
 
     /// The same with fewer surfels while poses are loose: of many frames they are enough to come near.
@@ -182,22 +186,31 @@ impl Comparison {
     }
 
     /// Robust standard deviation of the residuals in expected ones, at least 1.
-    pub fn scale(&self, views: Views<'_>) -> f64 {
+    pub fn scale(&self, views: Views<'_>) -> Result<f64, Stopped> {
         let ratios = self.pairs.par_iter().map(|pair| {
+            self.stop.check()?;
             let mut ratios = Ratios::default();
             self.compare(*pair, views, Subset::Fitted, |r, _| ratios.add(r));
-            ratios
+            Ok(ratios)
         });
-        robust_scale(ratios.collect())
+        Ok(robust_scale(ratios.collect::<Result<_, Stopped>>()?))
     }
 
     /// Normal equations about poses, and about the sensor's errors, where some are given; `scale` is the one
     /// before.
-    pub fn sums(&self, views: Views<'_>, sensor: Option<&SensorErrors>, scale: f64, fit: Fit) -> Sums {
+    pub fn sums(
+        &self,
+        views: Views<'_>,
+        sensor: Option<&SensorErrors>,
+        scale: f64,
+        fit: Fit,
+    ) -> Result<Sums, Stopped> {
         // By first frames: the sensor's sums are large, and a task has them once.
         let frames: Vec<&[[usize; 2]]> = self.pairs.chunk_by(|a, b| a[0] == b[0]).collect();
-        let all: Vec<FrameSums> =
-            frames.par_iter().map(|pairs| self.frame_sums(pairs, views, sensor, scale, fit)).collect();
+        let all: Vec<FrameSums> = frames
+            .par_iter()
+            .map(|pairs| self.frame_sums(pairs, views, sensor, scale, fit))
+            .collect::<Result<_, Stopped>>()?;
         let mut pairs = Vec::new();
         let mut ratios = Vec::new();
         let mut sensor_sums = None;
@@ -210,7 +223,7 @@ impl Comparison {
                 (sum, next) => sum.or(next),
             };
         }
-        Sums { pairs, sensor: sensor_sums.map(SensorSums::whole), scale: robust_scale(ratios) }
+        Ok(Sums { pairs, sensor: sensor_sums.map(SensorSums::whole), scale: robust_scale(ratios) })
     }
 
     /// Normal equations of the pairs of one first frame.
@@ -221,7 +234,8 @@ impl Comparison {
         sensor: Option<&SensorErrors>,
         scale: f64,
         fit: Fit,
-    ) -> FrameSums {
+    ) -> Result<FrameSums, Stopped> {
+        self.stop.check()?;
         let rows: Vec<Rows> = pairs.iter().map(|&pair| self.rows(pair, views, sensor, scale, fit)).collect();
         let agreeing = rows.iter().map(|r| r.agreeing / r.tried.max(1) as f64).sum();
         let matches = pairs.iter().filter_map(|pair| self.matches.get(pair)).flatten();
@@ -245,7 +259,7 @@ impl Comparison {
                 add_rows(sensor, pair, &rows.surfels);
             }
         }
-        sums
+        Ok(sums)
     }
 
     fn rows(
@@ -276,11 +290,14 @@ impl Comparison {
     }
 
     /// Gain of held-out surfels `after`.
-    pub fn changes(&self, before: Views<'_>, after: Views<'_>) -> Changes {
+    pub fn changes(&self, before: Views<'_>, after: Views<'_>) -> Result<Changes, Stopped> {
         // One scale for both: a scale of its own would forgive the worse poses their residuals.
-        let scale = self.scale(after);
-        let pairs = self.pairs.par_iter().map(|p| self.pair_change(*p, before, after, scale));
-        Changes { frames: before.surfels.len(), pairs: pairs.collect() }
+        let scale = self.scale(after)?;
+        let pairs = self.pairs.par_iter().map(|p| {
+            self.stop.check()?;
+            Ok(self.pair_change(*p, before, after, scale))
+        });
+        Ok(Changes { frames: before.surfels.len(), pairs: pairs.collect::<Result<_, Stopped>>()? })
     }
 
     fn pair_change(&self, frames: [usize; 2], before: Views<'_>, after: Views<'_>, scale: f64) -> PairChange {

@@ -13,6 +13,7 @@ use super::{
     solve::{Problem, Sensor, Solution, solve},
 };
 use crate::{RgbdFrame, frame::cameras};
+use common::stop::Stopped;
 use geometry::Intrinsics;
 
 /// The calibration of the depth sensor.
@@ -129,10 +130,10 @@ pub(super) struct Calibrated {
 pub(super) fn solve_together(
     states: &[Vec<RgbdFrame>],
     problems: &[Option<Problem<'_>>],
-) -> Option<Solution> {
-    let [intrinsics] = cameras(states.iter().flatten())[..] else { return None };
+) -> Result<Option<Solution>, Stopped> {
+    let [intrinsics] = cameras(states.iter().flatten())[..] else { return Ok(None) };
     let posed: Vec<&Problem<'_>> = problems.iter().flatten().collect();
-    if posed.is_empty() { None } else { solve(&posed, Some(SensorErrors::none(&intrinsics))) }
+    if posed.is_empty() { Ok(None) } else { solve(&posed, Some(SensorErrors::none(&intrinsics))) }
 }
 
 /// Color at a place of the image, bilinear; the border repeats.
@@ -162,19 +163,19 @@ pub(super) fn calibrate(
     problems: &[Option<Problem<'_>>],
     alone: &[Option<Refined>],
     Solution { poses, errors, sensor, draws }: Solution,
-) -> Option<Calibrated> {
-    let [intrinsics] = cameras(states.iter().flatten())[..] else { return None };
-    let Sensor { errors: sensor, covariance } = sensor?;
+) -> Result<Option<Calibrated>, Stopped> {
+    let [intrinsics] = cameras(states.iter().flatten())[..] else { return Ok(None) };
+    let Some(Sensor { errors: sensor, covariance }) = sensor else { return Ok(None) };
     let mut found = poses.into_iter().zip(&errors).enumerate();
     let refined: Vec<Option<Refined>> = problems
         .iter()
         .map(|problem| {
-            let problem = problem.as_ref()?;
-            let (k, (poses, errors)) = found.next()?;
+            let Some(problem) = problem else { return Ok(None) };
+            let Some((k, (poses, errors))) = found.next() else { return Ok(None) };
             let draws = draws.iter().map(|d| d.poses[k].clone()).collect();
             Refined::new(problem, poses, draws, errors, Some(&sensor))
         })
-        .collect();
+        .collect::<Result<_, Stopped>>()?;
     // Against the best by poses alone.
     let changes: Vec<Changes> = problems
         .par_iter()
@@ -189,9 +190,9 @@ pub(super) fn calibrate(
             let after = Views { surfels: &corrected, world_from_camera: &refined.poses };
             Some(problem.comparison().changes(before, after))
         })
-        .collect();
+        .collect::<Result<_, Stopped>>()?;
     // All frames of all states decide together, since they have one sensor.
-    let gain = Gain::of(&changes)?;
+    let Some(gain) = Gain::of(&changes) else { return Ok(None) };
     let count = sensor.first_of_shift();
     let focal_px = [intrinsics.fx, intrinsics.fy];
     let lag = sensor.lag();
@@ -222,5 +223,5 @@ pub(super) fn calibrate(
         residual_m: gain.residual_m,
         gain_sigmas: gain.sigmas,
     };
-    Some(Calibrated { calibration, states: refined, warps })
+    Ok(Some(Calibrated { calibration, states: refined, warps }))
 }

@@ -18,6 +18,7 @@ use super::{
     surfels::Surfels,
     trajectory::Trajectory,
 };
+use common::stop::{Stop, Stopped};
 use geometry::{Pose, log_so3};
 
 /// Rounds of association and Gauss-Newton with each size of the errors, at most.
@@ -49,6 +50,7 @@ pub(super) struct Problem<'a> {
     /// By how much the corrections grow with the lag of the poses: the cameras' velocities in their own
     /// frames, meters and radians a second.
     velocities: DVector<f64>,
+    stop: Stop,
 }
 
 /// The solution.
@@ -93,13 +95,19 @@ struct Step {
 
 impl<'a> Problem<'a> {
     /// Of a state's frames in the order of time.
-    pub fn new(surfels: &'a [Surfels], matches: Matches, reported: &Trajectory, tracked: bool) -> Self {
+    pub fn new(
+        surfels: &'a [Surfels],
+        matches: Matches,
+        reported: &Trajectory,
+        tracked: bool,
+        stop: &Stop,
+    ) -> Self {
         let velocities = reported.velocities();
         let reported = reported.poses.clone();
         let count = reported.len();
         let pairs = (0..count).flat_map(|i| (0..count).filter(move |j| *j != i).map(move |j| [i, j]));
         let expected = PoseErrors::EXPECTED.jitter;
-        let comparison = Comparison::new(surfels.iter(), pairs.collect(), matches, expected);
+        let comparison = Comparison::new(surfels.iter(), pairs.collect(), matches, expected, stop);
         Self {
             comparison: comparison.coarse_while_loose(),
             surfels,
@@ -107,6 +115,7 @@ impl<'a> Problem<'a> {
             reported,
             tracked,
             velocities,
+            stop: stop.clone(),
         }
     }
 
@@ -136,14 +145,21 @@ impl<'a> Problem<'a> {
 
 /// The poses of best agreement of all states' fitted surfels, and the sizes of the errors of the reported
 /// ones; with those of the sensor, if given as a start.
-pub(super) fn solve(problems: &[&Problem<'_>], sensor: Option<SensorErrors>) -> Option<Solution> {
+///
+/// # Errors
+/// [`Stopped`].
+pub(super) fn solve(
+    problems: &[&Problem<'_>],
+    sensor: Option<SensorErrors>,
+) -> Result<Option<Solution>, Stopped> {
     let mut sensor = sensor.map(|errors| {
         let count = errors.count();
         Sensor { errors, covariance: DMatrix::zeros(count, count) }
     });
     let mut poses: Vec<Vec<Pose>> = problems.iter().map(|p| p.reported.clone()).collect();
     let mut sizes = Sizes { poses: started(problems, PoseErrors::EXPECTED), warp: WARP };
-    let mut scales: Vec<f64> = problems.iter().map(|p| p.comparison.scale(p.as_reported())).collect();
+    let mut scales: Vec<f64> =
+        problems.iter().map(|p| p.comparison.scale(p.as_reported())).collect::<Result<_, Stopped>>()?;
     let mut loosened = LOOSE.into_iter();
     let mut found = None;
     for (stage, rounds) in ROUNDS.into_iter().enumerate() {
@@ -162,11 +178,11 @@ pub(super) fn solve(problems: &[&Problem<'_>], sensor: Option<SensorErrors>) -> 
                     let fit = Fit { loose: loose.unwrap_or(0.0), is_rough: stage == 0 };
                     p.comparison.sums(views, known, scale, fit)
                 })
-                .collect();
+                .collect::<Result<_, Stopped>>()?;
             scales = sums.iter().map(|s| s.scale).collect();
             let at: Vec<DVector<f64>> =
                 problems.iter().zip(&poses).map(|(p, poses)| p.corrections(poses)).collect();
-            let step = step(problems, &sums, &at, known, &sizes)?;
+            let Some(step) = step(problems, &sums, &at, known, &sizes) else { return unsolved(problems) };
             let mut longest = 0.0f64;
             for (poses, step) in poses.iter_mut().zip(&step.poses) {
                 for (pose, s) in poses.iter_mut().zip(step.as_slice().chunks_exact(6)) {
@@ -187,16 +203,25 @@ pub(super) fn solve(problems: &[&Problem<'_>], sensor: Option<SensorErrors>) -> 
             }
         }
         if let Some((sums, at, step)) = last {
-            sizes = most_likely(problems, &sums, &at, sensor.as_ref().map(|s| &s.errors), &sizes)?;
+            let known = sensor.as_ref().map(|s| &s.errors);
+            sizes = match most_likely(problems, &sums, &at, known, &sizes) {
+                Some(likely) => likely,
+                None => return unsolved(problems),
+            };
             found = Some(step);
         }
     }
-    let found = found?;
-    let draws = drawn(&found.own, &found.sensor_covariance)?;
-    Some(Solution { poses, errors: sizes.poses, sensor, draws })
+    let draws = found.and_then(|found| drawn(&found.own, &found.sensor_covariance));
+    Ok(draws.map(|draws| Solution { poses, errors: sizes.poses, sensor, draws }))
 }
 
-/// The step by the normal equations of all states.
+/// No solution: too little is seen, or it was asked to stop.
+fn unsolved(problems: &[&Problem<'_>]) -> Result<Option<Solution>, Stopped> {
+    problems.iter().try_for_each(|p| p.stop.check())?;
+    Ok(None)
+}
+
+/// The step by the normal equations of all states; `None`, too, where it was asked to stop.
 fn step(
     problems: &[&Problem<'_>],
     sums: &[Sums],
@@ -220,6 +245,7 @@ fn step(
     let mut eliminated = Vec::new();
     let mut pose_information = Vec::new();
     for (((problem, sums), at), errors) in problems.iter().zip(sums).zip(at).zip(&sizes.poses) {
+        problem.stop.check().ok()?;
         let (prior, half_log) = problem.drift.information(errors)?;
         let (mut own, mut own_gradient) = pose_equations(&sums.pairs, at.len() / 6);
         own += &prior;

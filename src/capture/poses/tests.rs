@@ -71,7 +71,7 @@ fn disturbed(frames: &[RgbdFrame], translation_m: f64, rotation_rad: f64) -> Vec
 fn refine(frames: &mut [RgbdFrame]) -> Option<PoseCorrection> {
     let surfels: Vec<Surfels> = frames.iter().map(|f| Surfels::of(f, &NOISE, |_| true)).collect();
     let Refined { poses, correction, .. } =
-        Refined::alone(&problem(frames, &surfels, Matches::new(), false)?)?;
+        Refined::alone(&problem(frames, &surfels, Matches::new(), false, &Stop::never())?).unwrap()?;
     if correction.used {
         frames.iter_mut().zip(poses).for_each(|(f, pose)| f.world_from_camera = pose);
     }
@@ -180,7 +180,9 @@ fn the_mean_error_of_a_state_is_found_beside_a_part_that_moved() {
         .iter()
         .map(|f| RgbdFrame { world_from_camera: drift * f.world_from_camera, ..f.clone() })
         .collect();
-    let found = align_worlds([&state0, &reported], &NOISE, &PoseNoise::EXPECTED, false).unwrap();
+    let found = align_worlds([&state0, &reported], &NOISE, &PoseNoise::EXPECTED, false, &Stop::never())
+        .unwrap()
+        .unwrap();
     let left = found.corrected_from_reported * drift;
     assert!(left.translation.vector.norm() < 0.0005 && left.rotation.angle() < 0.0007, "{left}");
     let error = shift_and_turn(&left);
@@ -190,10 +192,13 @@ fn the_mean_error_of_a_state_is_found_beside_a_part_that_moved() {
         squared < CHI_SQUARE_999[5],
         "{squared} squared deviations in six directions: {error} {covariance}"
     );
-    let few = align_worlds([&state0[..6], &reported], &NOISE, &PoseNoise::EXPECTED, false).unwrap();
+    let few = align_worlds([&state0[..6], &reported], &NOISE, &PoseNoise::EXPECTED, false, &Stop::never())
+        .unwrap()
+        .unwrap();
     assert_eq!(few.covariance, None, "six frames do not determine the spread of six parameters");
     assert!(found.residual_m[1] < found.residual_m[0]);
-    let still = align_worlds([&state0, &state1], &NOISE, &PoseNoise::EXPECTED, false);
+    let still =
+        align_worlds([&state0, &state1], &NOISE, &PoseNoise::EXPECTED, false, &Stop::never()).unwrap();
     assert!(still.is_none_or(|s| s.moved_m < 0.0005 && s.turned_rad < 0.0007));
 }
 
@@ -266,7 +271,10 @@ fn the_errors_of_a_sensor_are_found_within_their_deviation() {
     for seed in 0..4 {
         let truth = drawn_warp(seed);
         let mut states = warped((0..2).map(|s| of_room(10 * seed + s, 12)).collect(), &truth);
-        let found = refine_poses(&mut states, &NOISE, false, &Ahead::default()).sensor.unwrap();
+        let found = refine_poses(&mut states, &NOISE, false, &Ahead::default(), &Stop::never())
+            .unwrap()
+            .sensor
+            .unwrap();
         assert!(found.used, "{found}");
         let count = truth.values.len();
         let covariance = nalgebra::DMatrix::from_column_slice(count, count, &found.covariance);
@@ -289,7 +297,7 @@ fn the_errors_of_a_sensor_are_found_within_their_deviation() {
 fn a_sensor_without_errors_stays() {
     let read: Vec<_> = (0..2).map(|s| of_room(s, 10)).collect();
     let mut states = read.clone();
-    let found = refine_poses(&mut states, &NOISE, false, &Ahead::default());
+    let found = refine_poses(&mut states, &NOISE, false, &Ahead::default(), &Stop::never()).unwrap();
     let sensor = found.sensor.unwrap();
     assert!(!sensor.used, "{sensor}");
     assert!(states.iter().flatten().zip(read.iter().flatten()).all(|(a, b)| a.depth_m == b.depth_m));
@@ -300,7 +308,7 @@ fn the_order_of_the_states_does_not_matter() {
     let states = warped((0..2).map(|s| of_room(s, 8)).collect(), &drawn_warp(1));
     let [mut forward, mut backward] = [states.clone(), states.into_iter().rev().collect()];
     let [one, other] = [&mut forward, &mut backward]
-        .map(|s| refine_poses(s, &NOISE, false, &Ahead::default()).sensor.unwrap());
+        .map(|s| refine_poses(s, &NOISE, false, &Ahead::default(), &Stop::never()).unwrap().sensor.unwrap());
     let apart = one.warp.values.iter().zip(&other.warp.values).map(|(a, b)| (a - b).abs());
     assert!(apart.fold(0.0, f64::max) < 1e-6, "{one} {other}");
 }
@@ -350,7 +358,7 @@ fn texture_shows_how_far_cameras_slid_along_a_wall() {
     let truth = painted(frames(&wall, 0.5, 8), [0, 0]);
     let reported = disturbed(&truth, 0.004, 0.002);
     let mut found = vec![reported.clone()];
-    let findings = refine_poses(&mut found, &NOISE, false, &Ahead::default());
+    let findings = refine_poses(&mut found, &NOISE, false, &Ahead::default(), &Stop::never()).unwrap();
     assert!(findings.states[0].as_ref().is_some_and(|s| s.used), "{findings:?}");
     let before = relative_errors(&reported, &truth);
     let after = relative_errors(&found[0], &truth);
@@ -371,7 +379,8 @@ fn color_that_lies_beside_its_depth_is_found_and_moved() {
     let mut states: Vec<Vec<RgbdFrame>> =
         states.into_iter().zip(0..).map(|(frames, seed)| painted_as_seen(frames, seed)).collect();
     let before = states[0][0].rgb.clone();
-    let found = refine_poses(&mut states, &NOISE, false, &Ahead::default()).sensor.unwrap();
+    let found =
+        refine_poses(&mut states, &NOISE, false, &Ahead::default(), &Stop::never()).unwrap().sensor.unwrap();
     assert!(found.used, "{found}");
     for k in 0..2 {
         let error = found.color_shift_px[0][k] - shift_px[k] as f64;
@@ -411,7 +420,10 @@ fn poses_that_are_older_than_their_images_are_found() {
     for lag_s in [0.015, -0.015] {
         let read = (0..2).map(|s| late(3.0 * f64::from(s), 14, lag_s)).collect();
         let mut states = warped(read, &drawn_warp(2));
-        let found = refine_poses(&mut states, &NOISE, false, &Ahead::default()).sensor.unwrap();
+        let found = refine_poses(&mut states, &NOISE, false, &Ahead::default(), &Stop::never())
+            .unwrap()
+            .sensor
+            .unwrap();
         let [found_s, sigma_s] = found.pose_lag_s;
         assert!(found.used && sigma_s < 0.004, "{found}");
         assert!((found_s - lag_s).abs() < 3.0 * sigma_s.max(0.001), "{lag_s} {found}");
@@ -425,7 +437,9 @@ fn a_delay_of_half_a_second_is_named_and_undone() {
     for lag_s in [0.5, -0.4] {
         let reported = late(0.0, 20, lag_s);
         let mut found = vec![reported.clone()];
-        let agreement = refine_poses(&mut found, &NOISE, false, &Ahead::default()).agreement[0].unwrap();
+        let agreement =
+            refine_poses(&mut found, &NOISE, false, &Ahead::default(), &Stop::never()).unwrap().agreement[0]
+                .unwrap();
         let delay_s = agreement.certain_delay_s();
         assert!(delay_s.is_some_and(|d| (d - lag_s).abs() < 0.05), "{lag_s} {agreement:?}");
         let before = relative_errors(&reported, &truth);
@@ -437,7 +451,8 @@ fn a_delay_of_half_a_second_is_named_and_undone() {
 #[test]
 fn poses_that_no_time_explains_contradict() {
     let agreement = |frames: Vec<RgbdFrame>| {
-        refine_poses(&mut [frames], &NOISE, false, &Ahead::default()).agreement[0].unwrap()
+        refine_poses(&mut [frames], &NOISE, false, &Ahead::default(), &Stop::never()).unwrap().agreement[0]
+            .unwrap()
     };
     let right = agreement(late(0.0, 12, 0.0));
     assert!(!right.contradicts() && right.share > 0.8, "{right:?}");
@@ -452,7 +467,7 @@ fn draws_are_as_large_as_what_is_left_of_the_errors() {
     for seed in 0..3 {
         let truth = late(0.3 * f64::from(seed), 12, 0.0);
         let mut found = vec![disturbed(&truth, 0.003, 0.004)];
-        let findings = refine_poses(&mut found, &NOISE, false, &Ahead::default());
+        let findings = refine_poses(&mut found, &NOISE, false, &Ahead::default(), &Stop::never()).unwrap();
         assert!(findings.changed() && findings.draws.len() > 8);
         let square = |sum: &mut [f64; 2], errors: [f64; 2], share: f64| {
             (0..2).for_each(|k| sum[k] += share * errors[k].powi(2));
@@ -478,11 +493,14 @@ fn tracked_poses_have_the_errors_that_their_frames_leave_open() {
     let truth = frames(&boxes, 0.8, 8);
     let mut reported = vec![truth.clone()];
     assert!(
-        refine_poses(&mut reported, &NOISE, false, &Ahead::default()).draws.is_empty(),
+        refine_poses(&mut reported, &NOISE, false, &Ahead::default(), &Stop::never())
+            .unwrap()
+            .draws
+            .is_empty(),
         "right poses have no errors"
     );
     let mut tracked = vec![disturbed(&truth, 0.0005, 0.0005)];
-    let found = refine_poses(&mut tracked, &NOISE, true, &Ahead::default());
+    let found = refine_poses(&mut tracked, &NOISE, true, &Ahead::default(), &Stop::never()).unwrap();
     assert!(found.states[0].as_ref().is_some_and(|s| s.used && !s.beyond_expected()), "{found:?}");
     assert!(!found.draws.is_empty());
     // Of one frame against the next, as nothing shows where all are.

@@ -19,6 +19,7 @@ use super::{
     surfels::Surfels,
 };
 use crate::{NoiseConfig, RgbdFrame};
+use common::stop::{Stop, Stopped};
 use geometry::{Pose, log_so3, shift_and_turn};
 
 /// Rounds of association and Gauss-Newton at most.
@@ -60,21 +61,27 @@ impl fmt::Display for WorldCorrection {
 
 /// The correction of the second state's world frame, with an error of size `expected`, by still surfaces;
 /// `only_object`: of the object alone. `None` where held-out surfels do not gain.
-#[must_use]
+///
+/// # Errors
+/// [`Stopped`].
 pub fn align_worlds(
     states: [&[RgbdFrame]; 2],
     noise: &NoiseConfig,
     expected: &PoseNoise,
     only_object: bool,
-) -> Option<WorldCorrection> {
-    let surfels = states.map(|frames| {
-        let frames = frames.par_iter();
-        let surfels = frames.map(|f| Surfels::of(f, noise, |pixel| !only_object || f.is_object(pixel)));
-        surfels.collect::<Vec<_>>()
-    });
+    stop: &Stop,
+) -> Result<Option<WorldCorrection>, Stopped> {
+    let of_frame = |f: &RgbdFrame| {
+        stop.check()?;
+        Ok(Surfels::of(f, noise, |pixel| !only_object || f.is_object(pixel)))
+    };
+    let of_state =
+        |frames: &[RgbdFrame]| frames.par_iter().map(of_frame).collect::<Result<Vec<_>, Stopped>>();
+    let surfels = [of_state(states[0])?, of_state(states[1])?];
     let poses = states.map(poses_of);
     let poses = poses.each_ref().map(Vec::as_slice);
-    correct(poses, surfels.each_ref().map(Vec::as_slice), Matches::new(), expected).map(|(world, _)| world)
+    let found = correct(poses, surfels.each_ref().map(Vec::as_slice), Matches::new(), expected, stop)?;
+    Ok(found.map(|(world, _)| world))
 }
 
 /// Reported poses of frames.
@@ -94,7 +101,8 @@ pub(crate) fn correct(
     surfels: [&[Surfels]; 2],
     matches: Matches,
     expected: &PoseNoise,
-) -> Option<(WorldCorrection, Follow)> {
+    stop: &Stop,
+) -> Result<Option<(WorldCorrection, Follow)>, Stopped> {
     let first = states[0].len();
     let count = states[0].len() + states[1].len();
     // Pairs across the states alone: within one the motion changes nothing.
@@ -102,16 +110,16 @@ pub(crate) fn correct(
         .flat_map(|i| (0..count).filter(move |j| (i < first) != (*j < first)).map(move |j| [i, j]))
         .collect();
     let all: Vec<Surfels> = surfels.into_iter().flatten().cloned().collect();
-    let comparison = Comparison::new(all.iter(), pairs, matches, *expected);
+    let comparison = Comparison::new(all.iter(), pairs, matches, *expected, stop);
     fn seen_from<'a>(surfels: &'a [Surfels], world_from_camera: &'a [Pose]) -> Views<'a> {
         Views { surfels, world_from_camera }
     }
     let reported: Vec<Pose> = states.concat();
-    let center = middle(&reported[first..], surfels[1])?;
+    let Some(center) = middle(&reported[first..], surfels[1]) else { return Ok(None) };
     let from_center = Pose::from_parts(center.coords.into(), nalgebra::UnitQuaternion::identity());
     // A motion about the middle; undetermined motions stay small there.
     let mut moved = Pose::identity();
-    let mut scale = comparison.scale(seen_from(&all, &reported));
+    let mut scale = comparison.scale(seen_from(&all, &reported))?;
     for round in 0..ROUNDS {
         let poses = second_state_moved(&reported, first, &from_center, &moved);
         let sums = comparison.sums(
@@ -119,23 +127,25 @@ pub(crate) fn correct(
             None,
             scale,
             Fit::loose(LOOSE.get(round).copied().unwrap_or(0.0)),
-        );
+        )?;
         scale = sums.scale;
-        let step = step(&sums.pairs, &poses, first, &from_center, &moved, expected)?;
+        let step = step(&sums.pairs, &poses, first, &from_center, &moved, expected);
+        let Some(step) = step else { return Ok(None) };
         moved = Pose::new(step.fixed_rows::<3>(0).into(), step.fixed_rows::<3>(3).into()) * moved;
         if round >= LOOSE.len() && step.amax() < STEP_M {
             break;
         }
     }
     let poses = second_state_moved(&reported, first, &from_center, &moved);
-    let Gain { sigmas, residual_m } =
-        Gain::of(&[comparison.changes(seen_from(&all, &reported), seen_from(&all, &poses))])?;
+    let changes = comparison.changes(seen_from(&all, &reported), seen_from(&all, &poses))?;
+    let Some(Gain { sigmas, residual_m }) = Gain::of(&[changes]) else { return Ok(None) };
     if sigmas <= 0.0 {
-        return None;
+        return Ok(None);
     }
     // Both states have one sensor, with the same error for all readings at one pixel.
-    let sensor = SensorErrors::none(surfels[0].first()?.intrinsics());
-    let sums = comparison.sums(seen_from(&all, &poses), Some(&sensor), scale, Fit::CLOSE);
+    let Some(of_first) = surfels[0].first() else { return Ok(None) };
+    let sensor = SensorErrors::none(of_first.intrinsics());
+    let sums = comparison.sums(seen_from(&all, &poses), Some(&sensor), scale, Fit::CLOSE)?;
     let pairs: Vec<PairInformation> =
         sums.pairs.iter().map(|s| PairInformation::of(s, &poses, first, &from_center)).collect();
     let covariance = covariance(&pairs, [first, count - first], expected).map(|about_center| {
@@ -150,7 +160,8 @@ pub(crate) fn correct(
         turned_rad: log_so3(&moved.rotation).norm(),
         residual_m,
     };
-    Some((world, Follow::new(&pairs, &sums.sensor?, &poses, first, &from_center, expected)?))
+    let follow = sums.sensor.and_then(|s| Follow::new(&pairs, &s, &poses, first, &from_center, expected));
+    Ok(follow.map(|follow| (world, follow)))
 }
 
 /// Derivatives of state 1's world by errors of poses and depth, as it is brought to rest by these frames. See

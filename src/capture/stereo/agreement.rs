@@ -3,6 +3,7 @@
 use nalgebra::Point3;
 
 use super::{cells::Cells, likeness::Side, planes::Planes};
+use common::stop::{Stop, Stopped};
 use numeric::statistics::{SIGMAS_PER_MAD, median};
 
 /// Largest cost of a confirmed plane: a correlation of 0.6.
@@ -45,9 +46,15 @@ pub(super) fn agreed(views: &[Cells], planes: &[Planes], reference: usize) -> Ve
 }
 
 /// Relative standard deviation of agreed depths: of differences between two views, over the root of two.
-pub(super) fn spread(views: &[Cells], planes: &[Planes], agreed: &[Vec<bool>]) -> f64 {
+pub(super) fn spread(
+    views: &[Cells],
+    planes: &[Planes],
+    agreed: &[Vec<bool>],
+    stop: &Stop,
+) -> Result<f64, Stopped> {
     let mut differences = Vec::new();
     for (reference, view) in views.iter().enumerate() {
+        stop.check()?;
         // Every few cells: neighbors share their patch.
         for cell in (0..view.hole.len()).step_by(7).filter(|&c| agreed[reference][c]) {
             let Some(point) = place(view, &planes[reference], cell) else { continue };
@@ -58,7 +65,7 @@ pub(super) fn spread(views: &[Cells], planes: &[Planes], agreed: &[Vec<bool>]) -
             }
         }
     }
-    SIGMAS_PER_MAD * median(differences).unwrap_or(0.0) / 2f64.sqrt()
+    Ok(SIGMAS_PER_MAD * median(differences).unwrap_or(0.0) / 2f64.sqrt())
 }
 
 /// The world point of a cell with a confirmed plane.

@@ -20,6 +20,7 @@ use self::{
     planes::{Planes, propagated},
 };
 use super::{NoiseConfig, RgbdFrame};
+use common::stop::{Stop, Stopped};
 
 /// Most and fewest readings of the sensor in place of a depth by color.
 /// chosen: neighbors share their patch of color, so one pixel is never worth more than a reading; the lower
@@ -48,12 +49,15 @@ const MUCH_UNREAD: f64 = 0.05;
 const ASKED: usize = 5;
 
 /// Share of the object further than [`REACH`] from any reading of it, in some of the views.
-fn unread(frames: &[RgbdFrame], noise: &NoiseConfig) -> f64 {
+fn unread(frames: &[RgbdFrame], noise: &NoiseConfig, stop: &Stop) -> Result<f64, Stopped> {
     let asked: Vec<&RgbdFrame> = frames.iter().step_by(ASKED).collect();
-    let counts: Vec<[usize; 2]> =
-        asked.par_iter().map(|frame| Cells::of(frame, noise).unread(REACH as usize)).collect();
+    let unread = |frame: &&RgbdFrame| {
+        stop.check()?;
+        Ok(Cells::of(frame, noise).unread(REACH as usize))
+    };
+    let counts: Vec<[usize; 2]> = asked.par_iter().map(unread).collect::<Result<_, Stopped>>()?;
     let sum = |k: usize| counts.iter().map(|count| count[k]).sum::<usize>();
-    sum(1) as f64 / sum(0).max(1) as f64
+    Ok(sum(1) as f64 / sum(0).max(1) as f64)
 }
 
 /// Counts of filled pixels.
@@ -72,28 +76,39 @@ pub struct ColorDepth {
 /// Fills holes on the object by alike patches of the views of one state, and sets the `readings` of these
 /// pixels by the difference of views there. Read depth stays as it is. Masks must be the recording's:
 /// without, a pixel without depth may show anything. `None` where it is not due.
-#[must_use]
+///
+/// # Errors
+/// [`Stopped`].
 pub fn fill_from_color(
     frames: &mut [RgbdFrame],
     noise: &NoiseConfig,
     when: UseColorDepth,
     seed: u64,
-) -> Option<ColorDepth> {
+    stop: &Stop,
+) -> Result<Option<ColorDepth>, Stopped> {
     if when == UseColorDepth::Never {
-        return None;
+        return Ok(None);
     }
-    let unread = unread(frames, noise);
+    let unread = unread(frames, noise, stop)?;
     if when == UseColorDepth::Auto && unread <= MUCH_UNREAD {
-        return None;
+        return Ok(None);
     }
-    let views: Vec<Cells> = frames.par_iter().map(|frame| Cells::of(frame, noise)).collect();
+    let cells = |frame: &RgbdFrame| {
+        stop.check()?;
+        Ok(Cells::of(frame, noise))
+    };
+    let views: Vec<Cells> = frames.par_iter().map(cells).collect::<Result<_, Stopped>>()?;
     let planes: Vec<Planes> = (0..views.len())
         .into_par_iter()
-        .map(|i| propagated(&views[i], &eyes(&views, i), seed.wrapping_add(i as u64)))
-        .collect();
+        .map(|i| propagated(&views[i], &eyes(&views, i), seed.wrapping_add(i as u64), stop))
+        .collect::<Result<_, Stopped>>()?;
+    let agreed = |i: usize| {
+        stop.check()?;
+        Ok(agreed(&views, &planes, i))
+    };
     let agreed: Vec<Vec<bool>> =
-        (0..views.len()).into_par_iter().map(|i| agreed(&views, &planes, i)).collect();
-    let relative_sigma = spread(&views, &planes, &agreed);
+        (0..views.len()).into_par_iter().map(agreed).collect::<Result<_, Stopped>>()?;
+    let relative_sigma = spread(&views, &planes, &agreed, stop)?;
     let filled: usize = frames
         .par_iter_mut()
         .zip(&views)
@@ -101,7 +116,7 @@ pub fn fill_from_color(
         .map(|((frame, view), (planes, agreed))| fill(frame, view, planes, agreed, relative_sigma, noise))
         .sum();
     let holes = views.iter().map(|view| 4 * view.hole.iter().filter(|h| **h).count()).sum();
-    Some(ColorDepth { unread, holes, filled, relative_sigma })
+    Ok(Some(ColorDepth { unread, holes, filled, relative_sigma }))
 }
 
 /// Writes a view's agreed depths to the pixels without one.

@@ -10,6 +10,7 @@ use super::{
     cells::Cells,
     likeness::{Eye, Patch, UNKNOWN},
 };
+use common::stop::{Stop, Stopped};
 use numeric::random::{self, stage_rng};
 
 /// Rounds of passing planes on, each to one half of the cells and then to the other. assumed; faster
@@ -32,7 +33,8 @@ pub(super) struct Planes {
 }
 
 /// The best confirmed planes of a view's holes.
-pub(super) fn propagated(view: &Cells, eyes: &[Eye<'_>], seed: u64) -> Planes {
+pub(super) fn propagated(view: &Cells, eyes: &[Eye<'_>], seed: u64, stop: &Stop) -> Result<Planes, Stopped> {
+    stop.check()?;
     let mut planes = extended(view);
     let width = view.camera.width;
     let holes: Vec<usize> = (0..view.hole.len()).filter(|&c| view.hole[c]).collect();
@@ -40,8 +42,11 @@ pub(super) fn propagated(view: &Cells, eyes: &[Eye<'_>], seed: u64) -> Planes {
     let costs: Vec<f32> = holes
         .par_iter()
         .zip(&patches)
-        .map(|(&cell, patch)| patch.as_ref().map_or(UNKNOWN, |p| p.cost(&planes.at[cell], eyes)))
-        .collect();
+        .map(|(&cell, patch)| {
+            stop.check()?;
+            Ok(patch.as_ref().map_or(UNKNOWN, |p| p.cost(&planes.at[cell], eyes)))
+        })
+        .collect::<Result<_, Stopped>>()?;
     holes.iter().zip(costs).for_each(|(&cell, cost)| planes.cost[cell] = cost);
     for round in 0..ROUNDS {
         for half in 0..2 {
@@ -50,13 +55,14 @@ pub(super) fn propagated(view: &Cells, eyes: &[Eye<'_>], seed: u64) -> Planes {
                 .par_iter()
                 .zip(&patches)
                 .map(|(&cell, patch)| {
+                    stop.check()?;
                     let is_due = (cell % width + cell / width) % 2 == half;
-                    let patch = patch.as_ref().filter(|_| is_due)?;
+                    let Some(patch) = patch.as_ref().filter(|_| is_due) else { return Ok(None) };
                     let step = (round * 2 + half) * view.hole.len() + cell;
                     let rng = &mut stage_rng(seed, "capture/stereo", step as u64);
-                    Some(best(view, cell, &planes, patch, eyes, round, rng))
+                    Ok(Some(best(view, cell, &planes, patch, eyes, round, rng)))
                 })
-                .collect();
+                .collect::<Result<_, Stopped>>()?;
             for (&cell, better) in holes.iter().zip(better) {
                 if let Some((plane, cost)) = better {
                     (planes.at[cell], planes.cost[cell]) = (plane, cost);
@@ -64,7 +70,7 @@ pub(super) fn propagated(view: &Cells, eyes: &[Eye<'_>], seed: u64) -> Planes {
             }
         }
     }
-    planes
+    Ok(planes)
 }
 
 /// The best of a cell's plane, its neighbors' and some about them.

@@ -58,7 +58,8 @@ fn views(contrast: f64) -> (Vec<RgbdFrame>, Vec<Vec<f64>>) {
 fn a_dark_square_gets_the_depth_that_views_agree_on() {
     let (mut frames, truth) = views(14.0);
     let before = frames.clone();
-    let found = fill_from_color(&mut frames, &NOISE, UseColorDepth::Always, 1).unwrap();
+    let found =
+        fill_from_color(&mut frames, &NOISE, UseColorDepth::Always, 1, &Stop::never()).unwrap().unwrap();
     assert!(found.filled as f64 > 0.8 * found.holes as f64, "{found:?}");
     let mut errors = Vec::new();
     for ((frame, before), truth) in frames.iter().zip(&before).zip(&truth) {
@@ -80,7 +81,7 @@ fn a_dark_square_gets_the_depth_that_views_agree_on() {
 #[test]
 fn a_square_without_texture_stays_without_depth() {
     let (mut frames, _) = views(0.0);
-    let found = fill_from_color(&mut frames, &NOISE, UseColorDepth::Always, 1);
+    let found = fill_from_color(&mut frames, &NOISE, UseColorDepth::Always, 1, &Stop::never()).unwrap();
     assert_eq!(found.unwrap().filled, 0);
 }
 
@@ -88,7 +89,7 @@ fn a_square_without_texture_stays_without_depth() {
 fn a_seed_determines_the_depths() {
     let of = || {
         let (mut frames, _) = views(14.0);
-        let _ = fill_from_color(&mut frames, &NOISE, UseColorDepth::Always, 1);
+        let _ = fill_from_color(&mut frames, &NOISE, UseColorDepth::Always, 1, &Stop::never()).unwrap();
         frames.into_iter().map(|f| f.depth_m).collect::<Vec<_>>()
     };
     assert_eq!(of(), of());
@@ -97,17 +98,25 @@ fn a_seed_determines_the_depths() {
 #[test]
 fn wide_holes_are_filled_and_shadows_left() {
     let (mut frames, _) = views(14.0);
-    assert!(fill_from_color(&mut frames.clone(), &NOISE, UseColorDepth::Never, 1).is_none());
+    assert!(
+        fill_from_color(&mut frames.clone(), &NOISE, UseColorDepth::Never, 1, &Stop::never())
+            .unwrap()
+            .is_none()
+    );
     let mut half = frames.clone();
     for frame in &mut half {
         frame.depth_m.iter_mut().enumerate().filter(|(p, _)| p % 160 < 80).for_each(|(_, d)| *d = 0.0);
     }
-    assert!(fill_from_color(&mut half, &NOISE, UseColorDepth::Auto, 1).is_some_and(|f| f.unread > 0.3));
+    assert!(
+        fill_from_color(&mut half, &NOISE, UseColorDepth::Auto, 1, &Stop::never())
+            .unwrap()
+            .is_some_and(|f| f.unread > 0.3)
+    );
     // Lines as shadows are: depth beside them everywhere.
     for frame in &mut frames {
         for (pixel, depth_m) in frame.depth_m.iter_mut().enumerate() {
             *depth_m = if pixel % 160 % 40 < 8 { 0.0 } else { 1.0 };
         }
     }
-    assert!(fill_from_color(&mut frames, &NOISE, UseColorDepth::Auto, 1).is_none());
+    assert!(fill_from_color(&mut frames, &NOISE, UseColorDepth::Auto, 1, &Stop::never()).unwrap().is_none());
 }

@@ -10,6 +10,7 @@ use crate::poses::{
     pose_noise::PoseNoise,
     surfels::Surfels,
 };
+use common::stop::{Stop, Stopped};
 use geometry::Pose;
 
 /// Share of the expected displacement of the start, counted as noise, by round.
@@ -35,6 +36,8 @@ pub(super) struct Adjustment<'a> {
     pub matches: &'a Matches,
     /// How far the poses to start from may be off.
     pub start: PoseNoise,
+    /// Asked in every round.
+    pub stop: &'a Stop,
 }
 
 /// Agreeing poses.
@@ -48,7 +51,7 @@ pub(super) struct Adjusted {
 
 impl Adjustment<'_> {
     /// Agreeing poses near a start.
-    pub fn solve(&self, start: &[Pose]) -> Option<Adjusted> {
+    pub fn solve(&self, start: &[Pose]) -> Result<Option<Adjusted>, Stopped> {
         let mut pairs: Vec<[usize; 2]> = self.pairs.iter().flat_map(|[i, j]| [[*i, *j], [*j, *i]]).collect();
         pairs.sort_unstable();
         pairs.dedup();
@@ -57,16 +60,16 @@ impl Adjustment<'_> {
             matches.entry([*j, *i]).or_insert_with(|| found.iter().map(|[a, b]| [*b, *a]).collect());
         }
         let free = start.len() - self.fixed;
-        let comparison = Comparison::new(self.surfels.iter(), pairs, matches, self.start)
+        let comparison = Comparison::new(self.surfels.iter(), pairs, matches, self.start, self.stop)
             .comparing(COMPARED * free.max(1));
         let mut poses = start.to_vec();
-        let mut scale = comparison.scale(self.seen_from(&poses));
+        let mut scale = comparison.scale(self.seen_from(&poses))?;
         let mut sums = Vec::new();
         for round in 0..ROUNDS {
             let loose = LOOSE.get(round).copied().unwrap_or(0.0);
-            let found = comparison.sums(self.seen_from(&poses), None, scale, Fit::loose(loose));
+            let found = comparison.sums(self.seen_from(&poses), None, scale, Fit::loose(loose))?;
             (scale, sums) = (found.scale, found.pairs);
-            let step = self.step(&sums, start, &poses)?;
+            let Some(step) = self.step(&sums, start, &poses) else { return Ok(None) };
             for (k, pose) in poses[self.fixed..].iter_mut().enumerate() {
                 *pose *=
                     Pose::new(step.fixed_rows::<3>(6 * k).into(), step.fixed_rows::<3>(6 * k + 3).into());
@@ -75,7 +78,7 @@ impl Adjustment<'_> {
                 break;
             }
         }
-        Some(Adjusted { poses, sums, scale })
+        Ok(Some(Adjusted { poses, sums, scale }))
     }
 
     fn seen_from<'b>(&'b self, poses: &'b [Pose]) -> Views<'b> {

@@ -24,6 +24,7 @@ use crate::{
     },
     select::spread_views,
 };
+use common::stop::{Stop, Stopped};
 use geometry::Pose;
 use numeric::random::stage_rng;
 
@@ -68,30 +69,41 @@ pub enum Unaligned {
 /// of both.
 ///
 /// # Errors
-/// [`Unaligned`].
-pub fn align_tracks(first: &Track, second: &Track, seed: u64) -> Result<(Pose, f64), Unaligned> {
+/// [`Stopped`]; in the result, [`Unaligned`].
+pub fn align_tracks(
+    first: &Track,
+    second: &Track,
+    seed: u64,
+    stop: &Stop,
+) -> Result<Result<(Pose, f64), Unaligned>, Stopped> {
     let sides = [first, second].map(TrackSide::of);
     let pairs: Vec<[usize; 2]> =
         (0..sides[0].poses.len()).flat_map(|i| (0..sides[1].poses.len()).map(move |j| [i, j])).collect();
     let matches: Vec<Vec<[u32; 2]>> = pairs
         .par_iter()
         .map(|&[i, j]| {
-            first.observations[sides[0].keyframes[i]].matches(&second.observations[sides[1].keyframes[j]])
+            stop.check()?;
+            let observations =
+                [&first.observations[sides[0].keyframes[i]], &second.observations[sides[1].keyframes[j]]];
+            Ok(observations[0].matches(observations[1]))
         })
-        .collect();
-    let depth_m = mean_depth_m(sides[0].surfels.first().ok_or(Unaligned::NothingAlike)?);
-    let mut found: Vec<Proposal> = proposals(&sides, &pairs, &matches, depth_m, seed);
+        .collect::<Result<_, Stopped>>()?;
+    let Some(surfels) = sides[0].surfels.first() else { return Ok(Err(Unaligned::NothingAlike)) };
+    let depth_m = mean_depth_m(surfels);
+    let mut found: Vec<Proposal> = proposals(&sides, &pairs, &matches, depth_m, seed, stop)?;
     let best = found.iter().map(|p| p.overlap.agreement()).fold(0.0, f64::max);
     found.retain(|p| p.overlap.agreement() >= POSSIBLE * best);
     // By cells; of equals the first.
     found.sort_by_key(|p| std::cmp::Reverse(p.cells));
-    let &Proposal { motion: coarse, cells, overlap } = found.first().ok_or(Unaligned::NothingAlike)?;
+    let Some(&Proposal { motion: coarse, cells, overlap }) = found.first() else {
+        return Ok(Err(Unaligned::NothingAlike));
+    };
     let mut rivals = found[1..].iter().filter(|p| (cells as f64) < CLEAR * p.cells as f64);
     if let Some(next) = rivals.find(|p| !is_same(&p.motion, &coarse, &sides[0].poses[0], depth_m)) {
-        return Err(Unaligned::Ambiguous { cells: [cells, next.cells] });
+        return Ok(Err(Unaligned::Ambiguous { cells: [cells, next.cells] }));
     }
-    let fine = refined(&sides, &pairs, &matches, &coarse).unwrap_or(coarse);
-    Ok((fine.inverse(), overlap.agreement()))
+    let fine = refined(&sides, &pairs, &matches, &coarse, stop)?.unwrap_or(coarse);
+    Ok(Ok((fine.inverse(), overlap.agreement())))
 }
 
 /// Some keyframes of a state.
@@ -128,7 +140,8 @@ fn proposals(
     matches: &[Vec<[u32; 2]>],
     depth_m: f64,
     seed: u64,
-) -> Vec<Proposal> {
+    stop: &Stop,
+) -> Result<Vec<Proposal>, Stopped> {
     let mut left: Vec<LandmarkPair> = Vec::new();
     for (&[i, j], matched) in pairs.iter().zip(matches) {
         let cameras = [&sides[0].poses[i], &sides[1].poses[j]];
@@ -137,6 +150,7 @@ fn proposals(
     }
     let mut motions = Vec::new();
     for attempt in 0..MOTIONS {
+        stop.check()?;
         let mut rng = stage_rng(seed, "track/states", attempt as u64);
         let Some((motion, _)) = landmark_motion(&left, &mut rng) else { break };
         let cells: BTreeSet<[i64; 3]> =
@@ -144,7 +158,7 @@ fn proposals(
         left.retain(|p| !p.is_near(&motion));
         motions.push(Proposal { motion, cells: cells.len(), overlap: agreement(sides, pairs, &motion) });
     }
-    motions
+    Ok(motions)
 }
 
 /// Surfels in place by the other state, of both states.
@@ -171,7 +185,8 @@ fn refined(
     pairs: &[[usize; 2]],
     matches: &[Vec<[u32; 2]>],
     motion: &Pose,
-) -> Option<Pose> {
+    stop: &Stop,
+) -> Result<Option<Pose>, Stopped> {
     let back = motion.inverse();
     let behind = sides[0].poses.len();
     let moved: Vec<Pose> = sides[1].poses.iter().map(|p| back * p).collect();
@@ -182,6 +197,7 @@ fn refined(
         all.insert([i, behind + j], matched.clone());
     }
     let poses = [&sides[0].poses[..], &moved];
-    let (world, _) = correct(poses, owned.each_ref().map(Vec::as_slice), all, &PoseNoise::EXPECTED)?;
-    Some((world.corrected_from_reported * back).inverse())
+    let surfels = owned.each_ref().map(Vec::as_slice);
+    let found = correct(poses, surfels, all, &PoseNoise::EXPECTED, stop)?;
+    Ok(found.map(|(world, _)| (world.corrected_from_reported * back).inverse()))
 }

@@ -7,6 +7,7 @@ use super::{
     locate::{Guess, Known, Located, locate},
 };
 use crate::poses::pose_noise::PoseNoise;
+use common::stop::{Stop, Stopped};
 use geometry::Pose;
 use numeric::random::stage_rng;
 
@@ -17,7 +18,7 @@ const NEIGHBORS: usize = 6;
 /// chosen: as for keyframes (Mikolajczyk and Schmid 2005)
 const REACH_RAD: f64 = 0.5;
 /// Adds the pairs of keyframes of one piece with common surface; returns their number.
-pub(super) fn close_loops(keyframes: &mut Keyframes, seed: u64) -> usize {
+pub(super) fn close_loops(keyframes: &mut Keyframes, seed: u64, stop: &Stop) -> Result<usize, Stopped> {
     let count = keyframes.all.len();
     let mut pairs: Vec<[usize; 2]> = Vec::new();
     for j in 0..count {
@@ -35,14 +36,15 @@ pub(super) fn close_loops(keyframes: &mut Keyframes, seed: u64) -> usize {
     let found: Vec<Option<KeyframeEdge>> = pairs
         .par_iter()
         .map(|&[i, j]| {
+            stop.check()?;
             let pose = keyframes.all[i].pose.inverse() * keyframes.all[j].pose;
             let noise = PoseNoise::EXPECTED.times(CLOSE);
-            compared(keyframes, [i, j], Some(Guess { pose, noise }), seed)
+            Ok(compared(keyframes, [i, j], Some(Guess { pose, noise }), seed))
         })
-        .collect();
+        .collect::<Result<_, Stopped>>()?;
     let before = keyframes.edges.len();
     keyframes.edges.extend(found.into_iter().flatten());
-    keyframes.edges.len() - before
+    Ok(keyframes.edges.len() - before)
 }
 
 /// Expected drift between keyframes with common surface, in errors of poses before refinement; landmarks may
@@ -51,7 +53,7 @@ pub(super) fn close_loops(keyframes: &mut Keyframes, seed: u64) -> usize {
 const CLOSE: f64 = 4.0;
 
 /// Joins pieces with common surface, the largest first.
-pub(super) fn join_pieces(keyframes: &mut Keyframes, seed: u64) {
+pub(super) fn join_pieces(keyframes: &mut Keyframes, seed: u64, stop: &Stop) -> Result<(), Stopped> {
     let mut sizes: Vec<(usize, usize)> = Vec::new();
     for k in &keyframes.all {
         match sizes.iter_mut().find(|(_, piece)| *piece == k.piece) {
@@ -64,16 +66,23 @@ pub(super) fn join_pieces(keyframes: &mut Keyframes, seed: u64) {
     let mut at = 0;
     while at < pieces.len() {
         // Joined pieces may reach a piece out of reach of the largest.
-        let joined = (at + 1..pieces.len()).find(|&k| join(keyframes, [pieces[at], pieces[k]], seed));
+        let mut joined = None;
+        for k in at + 1..pieces.len() {
+            if join(keyframes, [pieces[at], pieces[k]], seed, stop)? {
+                joined = Some(k);
+                break;
+            }
+        }
         match joined {
             Some(k) => _ = pieces.remove(k),
             None => at += 1,
         }
     }
+    Ok(())
 }
 
 /// Joins the second piece to the first, if one of its keyframes has common surface with the first.
-fn join(keyframes: &mut Keyframes, pieces: [usize; 2], seed: u64) -> bool {
+fn join(keyframes: &mut Keyframes, pieces: [usize; 2], seed: u64, stop: &Stop) -> Result<bool, Stopped> {
     let [into, from] = pieces;
     let [of_into, of_from] = pieces.map(|piece| keyframes.of_piece(piece));
     for &j in of_from.iter().step_by(of_from.len().div_ceil(TRIED)) {
@@ -81,17 +90,17 @@ fn join(keyframes: &mut Keyframes, pieces: [usize; 2], seed: u64) -> bool {
         let mut candidates = of_into.clone();
         candidates.sort_by_key(|&i| (keyframes.all[i].view.abs_diff(keyframes.all[j].view), i));
         candidates.truncate(LOOKED_AT);
-        let alike = keyframes.most_alike(&candidates, &keyframes.all[j].observation, JOINED_BY);
+        let alike = keyframes.most_alike(&candidates, &keyframes.all[j].observation, JOINED_BY, stop)?;
         let (numbers, known): (Vec<usize>, Vec<Known<'_>>) = alike.into_iter().unzip();
         let mut rng = stage_rng(seed, "track/join", (into * keyframes.all.len() + j) as u64);
         if let Ok(located) = locate(&known, &keyframes.all[j].observation, None, &mut rng) {
             let into_from_piece = located.pose * keyframes.all[j].pose.inverse();
             keyframes.merge(from, into, &into_from_piece);
             keyframes.add_edges(&numbers, j, &located, true);
-            return true;
+            return Ok(true);
         }
     }
-    false
+    Ok(false)
 }
 
 /// Most keyframes of a piece tried to join it to another ...

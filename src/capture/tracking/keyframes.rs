@@ -7,6 +7,7 @@ use super::{
     locate::{Known, Located, mean_depth_m},
     observation::Observation,
 };
+use common::stop::{Stop, Stopped};
 use geometry::Pose;
 
 /// A frame for the placement of others.
@@ -78,17 +79,20 @@ impl Keyframes {
         candidates: &[usize],
         new: &Observation,
         count: usize,
-    ) -> Vec<(usize, Known<'_>)> {
+        stop: &Stop,
+    ) -> Result<Vec<(usize, Known<'_>)>, Stopped> {
+        let matched = |&k: &usize| {
+            stop.check()?;
+            Ok((self.all[k].observation.matches(new), k))
+        };
         let mut alike: Vec<(Vec<[u32; 2]>, usize)> =
-            candidates.par_iter().map(|&k| (self.all[k].observation.matches(new), k)).collect();
+            candidates.par_iter().map(matched).collect::<Result<_, Stopped>>()?;
         alike.sort_by(|a, b| b.0.len().cmp(&a.0.len()).then(b.1.cmp(&a.1)));
         let piece = alike.first().map(|(_, k)| self.all[*k].piece);
-        alike
-            .into_iter()
-            .filter(|(_, k)| Some(self.all[*k].piece) == piece)
-            .take(count)
+        let of_piece = alike.into_iter().filter(|(_, k)| Some(self.all[*k].piece) == piece).take(count);
+        Ok(of_piece
             .map(|(matches, k)| (k, Known { matches: Some(matches), ..self.all[k].known() }))
-            .collect()
+            .collect())
     }
 
     /// Edges between a new keyframe and its neighbors.

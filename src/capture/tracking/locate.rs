@@ -16,6 +16,7 @@ use crate::poses::{
     pose_noise::PoseNoise,
     surfels::{Overlap, Surfels},
 };
+use common::stop::Stop;
 use geometry::Pose;
 
 /// Of so many surfels one is looked for in the other frame.
@@ -118,9 +119,16 @@ fn settled(
     let mut surfels: Vec<Surfels> = known.iter().map(|k| k.observation.surfels.clone()).collect();
     surfels.push(new.surfels.clone());
     let start: Vec<Pose> = known.iter().map(|k| k.pose).chain([guess.pose]).collect();
-    let adjustment =
-        Adjustment { surfels: &surfels, fixed: last, pairs: &pairs, matches: &matches, start: guess.noise };
-    let adjusted = adjustment.solve(&start).ok_or(Lost::Undetermined)?;
+    let adjustment = Adjustment {
+        surfels: &surfels,
+        fixed: last,
+        pairs: &pairs,
+        matches: &matches,
+        start: guess.noise,
+        // A moment's work.
+        stop: &Stop::never(),
+    };
+    let Ok(Some(adjusted)) = adjustment.solve(&start) else { return Err(Lost::Undetermined) };
     let pose = adjusted.poses[last];
     let overlaps: Vec<Overlap> = known
         .iter()

@@ -18,6 +18,7 @@ mod lost;
 mod observation;
 mod pose_graph;
 mod track;
+mod tracked_state;
 mod tracker;
 
 use serde::{Deserialize, Serialize};
@@ -30,6 +31,7 @@ pub use self::{
     lost::Lost,
     observation::Observation,
     track::{Track, TrackingFindings},
+    tracked_state::TrackedState,
     tracker::Tracker,
 };
 

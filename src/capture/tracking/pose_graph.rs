@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector, Matrix6, Vector6};
 
 use super::keyframes::KeyframeEdge;
 use crate::poses::{drift::adjoint, pose_noise::PoseNoise};
+use common::stop::{Stop, Stopped};
 use geometry::{Pose, shift_and_turn};
 
 /// Rounds of Gauss-Newton at most.
@@ -26,14 +27,15 @@ const DOUBTED: f64 = 54.0;
 
 /// Poses of best agreement with the pairs; the first frame stays. `edges` name their frames by place in
 /// `start`.
-pub(super) fn pose_graph(start: &[Pose], edges: &[KeyframeEdge]) -> Vec<Pose> {
+pub(super) fn pose_graph(start: &[Pose], edges: &[KeyframeEdge], stop: &Stop) -> Result<Vec<Pose>, Stopped> {
     let mut poses = start.to_vec();
     if poses.len() < 2 {
-        return poses;
+        return Ok(poses);
     }
     for round in 0..ROUNDS {
+        stop.check()?;
         let trusted = (TRUSTED * 0.1f64.powi(round as i32 / 2)).max(1.0);
-        let Some(step) = step(&poses, edges, trusted * DOUBTED) else { return poses };
+        let Some(step) = step(&poses, edges, trusted * DOUBTED) else { return Ok(poses) };
         for (k, pose) in poses[1..].iter_mut().enumerate() {
             *pose *= Pose::new(step.fixed_rows::<3>(6 * k).into(), step.fixed_rows::<3>(6 * k + 3).into());
         }
@@ -41,7 +43,7 @@ pub(super) fn pose_graph(start: &[Pose], edges: &[KeyframeEdge]) -> Vec<Pose> {
             break;
         }
     }
-    poses
+    Ok(poses)
 }
 
 /// The step by the pairs; those found by looks count half at the squared length `doubted`.
@@ -142,6 +144,8 @@ mod tests {
                 poses.iter().zip(&truth).map(|(a, b)| (a.translation.vector - b.translation.vector).norm());
             all.fold(0.0, f64::max)
         };
+        let pose_graph =
+            |start: &[Pose], edges: &[KeyframeEdge]| pose_graph(start, edges, &Stop::never()).unwrap();
         assert!(far(&pose_graph(&start, &edges)) > 0.01, "nothing shows the drift");
         edges.push(edge([11, 0], truth[11].inverse() * truth[0], true));
         let closed = pose_graph(&start, &edges);

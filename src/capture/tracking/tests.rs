@@ -4,7 +4,7 @@ use rand_core::Rng;
 use super::{lost::Lost, *};
 use crate::analytic::{cuboid, looking_at_origin, view_of};
 use crate::{NoiseConfig, RgbdFrame};
-use common::ahead::Ahead;
+use common::{ahead::Ahead, stop::Stop};
 use geometry::{Intrinsics, Pose};
 use numeric::random::stage_rng;
 
@@ -68,7 +68,7 @@ fn track(frames: &[RgbdFrame]) -> (Track, Vec<Option<Lost>>) {
         .iter()
         .map(|f| tracker.add(Observation::of(hidden(f), &NOISE, &Ahead::default())).err())
         .collect();
-    (tracker.finish(), lost)
+    (tracker.finish(&Stop::never()).unwrap(), lost)
 }
 
 /// Largest error of a tracked pose against the first one's: meters, and radians.
@@ -175,7 +175,7 @@ fn states_are_aligned_by_what_stands_still() {
         })
         .collect();
     let tracks = [&first, &second].map(|f| track(f).0);
-    let (map0_from_map1, share) = align_tracks(&tracks[0], &tracks[1], 0).unwrap();
+    let (map0_from_map1, share) = align_tracks(&tracks[0], &tracks[1], 0, &Stop::never()).unwrap().unwrap();
     assert!(share > 0.8, "{share}");
     let truth = first[0].world_from_camera.inverse() * second[0].world_from_camera;
     let found = tracks[0].poses[0].unwrap().inverse() * map0_from_map1 * tracks[1].poses[0].unwrap();
@@ -189,7 +189,8 @@ fn states_that_show_nothing_alike_are_refused() {
     let second: Vec<RgbdFrame> =
         (0..3).map(|i| view(&|p: &Point3<f64>| p.z - 3.0, eye(i), true, i)).collect();
     let tracks = [&first, &second].map(|f| track(f).0);
-    assert_eq!(align_tracks(&tracks[0], &tracks[1], 0).err(), Some(Unaligned::NothingAlike));
+    let found = align_tracks(&tracks[0], &tracks[1], 0, &Stop::never()).unwrap();
+    assert_eq!(found.err(), Some(Unaligned::NothingAlike));
 }
 
 #[test]

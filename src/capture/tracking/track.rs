@@ -14,6 +14,7 @@ use super::{
     tracker::Tracker,
 };
 use crate::poses::{pairs::Matches, pose_noise::PoseNoise, surfels::Surfels};
+use common::stop::{Stop, Stopped};
 use geometry::Pose;
 use numeric::statistics::median;
 
@@ -54,11 +55,13 @@ pub struct Track {
 
 impl Tracker {
     /// Closes loops, joins pieces and puts all keyframes together; the piece of most views stays.
-    #[must_use]
-    pub fn finish(mut self) -> Track {
+    ///
+    /// # Errors
+    /// [`Stopped`].
+    pub fn finish(mut self, stop: &Stop) -> Result<Track, Stopped> {
         let seed = self.seed();
-        join_pieces(&mut self.keyframes, seed);
-        let closures = close_loops(&mut self.keyframes, seed);
+        join_pieces(&mut self.keyframes, seed, stop)?;
+        let closures = close_loops(&mut self.keyframes, seed, stop)?;
         let members = self.keyframes.of_piece(self.largest_piece());
         let place = |k: usize| members.binary_search(&k).ok();
         let edges: Vec<KeyframeEdge> = self
@@ -70,14 +73,14 @@ impl Tracker {
             })
             .collect();
         let start: Vec<Pose> = members.iter().map(|&k| self.keyframes.all[k].pose).collect();
-        let near = pose_graph(&start, &edges);
+        let near = pose_graph(&start, &edges, stop)?;
         let mut observations = Vec::new();
         for (k, Keyframe { observation, .. }) in self.keyframes.all.into_iter().enumerate() {
             if place(k).is_some() {
                 observations.push(observation);
             }
         }
-        let key_poses = together(&observations, &near, &edges);
+        let key_poses = together(&observations, &near, &edges, stop)?;
         let poses: Vec<Option<Pose>> = self
             .views
             .iter()
@@ -99,7 +102,8 @@ impl Tracker {
             closed_m: (moved.sum::<f64>() / key_poses.len().max(1) as f64).sqrt(),
             least_known_m: median(self.least_known_m).unwrap_or(0.0),
         };
-        Track { stamps_nanos: self.stamps_nanos, poses, measured_up: None, findings, observations, key_poses }
+        let stamps_nanos = self.stamps_nanos;
+        Ok(Track { stamps_nanos, poses, measured_up: None, findings, observations, key_poses })
     }
 }
 
@@ -116,7 +120,12 @@ impl Track {
 }
 
 /// Keyframe poses with agreeing surfels and landmarks, near those by the pairs.
-fn together(observations: &[Observation], near: &[Pose], edges: &[KeyframeEdge]) -> Vec<Pose> {
+fn together(
+    observations: &[Observation],
+    near: &[Pose],
+    edges: &[KeyframeEdge],
+    stop: &Stop,
+) -> Result<Vec<Pose>, Stopped> {
     let surfels: Vec<Surfels> = observations.iter().map(|o| o.surfels.clone()).collect();
     let mut pairs: Vec<[usize; 2]> = edges.iter().map(|e| e.frames).collect();
     pairs.sort_unstable();
@@ -128,11 +137,12 @@ fn together(observations: &[Observation], near: &[Pose], edges: &[KeyframeEdge])
         pairs: &pairs,
         matches: &matches,
         start: PoseNoise::EXPECTED,
+        stop,
     };
     if near.len() < 2 {
-        return near.to_vec();
+        return Ok(near.to_vec());
     }
-    adjustment.solve(near).map_or_else(|| near.to_vec(), |a| a.poses)
+    Ok(adjustment.solve(near)?.map_or_else(|| near.to_vec(), |a| a.poses))
 }
 
 /// Stretches of views without a pose.

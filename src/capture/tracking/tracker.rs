@@ -9,6 +9,7 @@ use super::{
     observation::Observation,
 };
 use crate::poses::pose_noise::PoseNoise;
+use common::stop::Stop;
 use geometry::{Pose, shift_and_turn};
 use numeric::random::stage_rng;
 
@@ -146,7 +147,7 @@ impl Tracker {
         let before = count.saturating_sub(latest);
         let step = before.div_ceil(LOOKED_AT - latest).max(1);
         let looked_at: Vec<usize> = (0..before).step_by(step).chain(before..count).collect();
-        let alike = self.keyframes.most_alike(&looked_at, new, NEIGHBORS);
+        let alike = self.keyframes.most_alike(&looked_at, new, NEIGHBORS, &Stop::never()).ok()?;
         let (numbers, known): (Vec<usize>, Vec<Known<'_>>) = alike.into_iter().unzip();
         let mut rng = stage_rng(self.seed, "track/again", view as u64);
         let located = locate(&known, new, None, &mut rng).ok()?;

@@ -20,6 +20,7 @@ use crate::{image_codec as codec, pixels::limit_depth};
 use capture::{Capture, CaptureConfig, CaptureError, RgbdFrame};
 use common::limits::parse_yaml;
 use common::note::{Note, NoteCode};
+use common::stop::Stop;
 
 #[derive(Deserialize)]
 struct Keyframe {
@@ -31,7 +32,7 @@ struct Keyframe {
 ///
 /// # Errors
 /// [`CaptureError::Dataset`] and [`CaptureError::Read`] with the file.
-pub fn open_keyframes(folder: &Path, config: &CaptureConfig) -> Result<Capture, CaptureError> {
+pub fn open_keyframes(folder: &Path, config: &CaptureConfig, stop: &Stop) -> Result<Capture, CaptureError> {
     let camera_file = folder.join("cam_K.txt");
     let text = read_text(&camera_file)?;
     // Nine numbers in lines of three; `camera` refuses another count.
@@ -52,11 +53,13 @@ pub fn open_keyframes(folder: &Path, config: &CaptureConfig) -> Result<Capture, 
     let size = image_size(&color_path(folder, first))?;
     config.check_memory(&[(kept.iter().map(Vec::len).sum(), size.0, size.1)])?;
     for (state, kept) in kept.iter().enumerate() {
-        let frames: Result<Vec<_>, _> =
-            kept.par_iter().map(|e| read_frame(folder, &camera_file, &k, e, size, config)).collect();
-        capture.states[state] = frames?;
+        let read = |entry: &Entry| -> Result<RgbdFrame, CaptureError> {
+            stop.check()?;
+            read_frame(folder, &camera_file, &k, entry, size, config)
+        };
+        capture.states[state] = kept.par_iter().map(read).collect::<Result<_, CaptureError>>()?;
     }
-    import_matches(folder, &mut capture)?;
+    import_matches(folder, &mut capture, stop)?;
     Ok(capture)
 }
 

@@ -11,6 +11,7 @@ use super::{
 use crate::npy::{NpyFault, npy_parts};
 use capture::{Capture, CaptureError, PixelMatch};
 use common::note::{Note, NoteCode};
+use common::stop::Stop;
 
 /// Most pixels of matches that are looked at.
 const MAX_MATCHES: usize = 40_000_000;
@@ -57,7 +58,7 @@ enum MatchesError {
 ///
 /// # Errors
 /// [`CaptureError::Read`].
-pub fn import_matches(folder: &Path, capture: &mut Capture) -> Result<(), CaptureError> {
+pub fn import_matches(folder: &Path, capture: &mut Capture, stop: &Stop) -> Result<(), CaptureError> {
     let folder = folder.join("correspondence_loftr").join("no_filter");
     if !folder.is_dir() {
         return Ok(());
@@ -80,6 +81,7 @@ pub fn import_matches(folder: &Path, capture: &mut Capture) -> Result<(), Captur
     let mut outside = 0;
     let mut left = MAX_MATCHES;
     for file in &files {
+        stop.check()?;
         match read_matches(&read(file)?, &places, &mut capture.matches, &mut left) {
             Ok(lost) => outside += lost,
             Err(why) => capture.warnings.push(Note::new(

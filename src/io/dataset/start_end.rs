@@ -17,12 +17,13 @@ use super::files::{
 use crate::{image_codec as codec, pixels::limit_depth};
 use capture::{Capture, CaptureConfig, CaptureError, RgbdFrame};
 use common::note::{Note, NoteCode};
+use common::stop::Stop;
 
 /// Opens a folder in this layout. Frame ids become `<state>_<number>`.
 ///
 /// # Errors
 /// [`CaptureError::NoTopic`]-like [`CaptureError::Dataset`] where there is no depth; [`CaptureError::Read`].
-pub fn open_start_end(folder: &Path, config: &CaptureConfig) -> Result<Capture, CaptureError> {
+pub fn open_start_end(folder: &Path, config: &CaptureConfig, stop: &Stop) -> Result<Capture, CaptureError> {
     let mut capture = Capture::of_states(2);
     capture.notes.push(Note::new(
         NoteCode::DatasetFormat,
@@ -54,9 +55,11 @@ pub fn open_start_end(folder: &Path, config: &CaptureConfig) -> Result<Capture, 
     let size = image_size(&part.color(first))?;
     config.check_memory(&[(found.iter().map(|part| part.kept.len()).sum(), size.0, size.1)])?;
     for (state, part) in found.iter().enumerate() {
-        let frames: Result<Vec<_>, _> =
-            part.kept.par_iter().map(|e| part.read_frame((state, e), size, config)).collect();
-        capture.states[state] = frames?;
+        let read = |entry: &Entry| -> Result<RgbdFrame, CaptureError> {
+            stop.check()?;
+            part.read_frame((state, entry), size, config)
+        };
+        capture.states[state] = part.kept.par_iter().map(read).collect::<Result<_, CaptureError>>()?;
     }
     Ok(capture)
 }
@@ -77,7 +80,7 @@ fn cameras(path: &Path) -> Result<(Vec<f64>, Vec<Entry>), CaptureError> {
     };
     let Some(k) = map.get("K").map(numbers) else { return refuse(path, "it has no camera matrix `K`") };
     let frames = map.iter().filter(|(name, _)| !name.is_empty() && name.bytes().all(|b| b.is_ascii_digit()));
-    let entries: Result<Vec<_>, _> = frames
+    let entries: Result<Vec<_>, CaptureError> = frames
         .take(MAX_FRAMES)
         .map(|(name, v)| {
             Ok(Entry { id: name.clone(), world_from_camera: pose_from_opengl(path, name, &numbers(v))? })

@@ -1,6 +1,6 @@
 //! What is said of the direction upwards of a tracked recording.
 
-use capture::{Track, UpBy, Upright};
+use ::capture::{Track, UpBy, Upright};
 use common::note::{Note, NoteCode};
 
 /// The world of a tracked state, with what is to be said of its direction upwards: notes, then warnings.

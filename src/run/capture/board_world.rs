@@ -1,11 +1,12 @@
 //! The world of a tracked recording whose views show a printed board of tags.
 
-use super::tracked_state::{TrackedState, Worlds, unaligned};
-use capture::{
-    BoardInView, BoardInWorld, BoardPlace, CaptureError, ColorTurn, Paper, UNREAD_BOARD, Unaligned, UpBy,
-    Upright, board_scale, stretched,
+use super::place::{Worlds, unaligned};
+use ::capture::{
+    BoardInView, BoardInWorld, BoardPlace, CaptureError, ColorTurn, Paper, TrackedState, UNREAD_BOARD,
+    Unaligned, UpBy, Upright, board_scale, stretched,
 };
 use common::note::{Note, NoteCode};
+use common::stop::{Stop, Stopped};
 use geometry::Pose;
 
 /// A size that depth finds further off than this, as a share, is doubted, and depth counts.
@@ -27,14 +28,16 @@ const STANDS_RAD: f64 = 0.35;
 const STANDS_BY_IMAGES_RAD: f64 = 1.0;
 
 /// Where the maps of states lie on boards; `None` where no state shows one often enough.
-pub(super) fn places(tracked: &[TrackedState]) -> Option<Places> {
+pub(super) fn places(tracked: &[TrackedState], stop: &Stop) -> Result<Option<Places>, Stopped> {
     let views: Vec<Vec<BoardInView<'_>>> = tracked.iter().map(in_view).collect();
     let ratios: Vec<f64> = views.iter().flatten().filter_map(|v| v.sighting.depth_ratio).collect();
     // One sensor, one length.
     let scale = board_scale(&ratios).unwrap_or(UNREAD_BOARD);
-    let of_state: Vec<Option<BoardPlace>> =
-        views.iter().map(|v| BoardPlace::of(v, scale, &ColorTurn::EXPECTED)).collect();
-    of_state.iter().any(Option::is_some).then_some(Places { of_state, scale })
+    let of_state: Vec<Option<BoardPlace>> = views
+        .iter()
+        .map(|v| BoardPlace::of(v, scale, &ColorTurn::EXPECTED, stop))
+        .collect::<Result<_, Stopped>>()?;
+    Ok(of_state.iter().any(Option::is_some).then_some(Places { of_state, scale }))
 }
 
 /// The views of a state that show the paper that most of them show.

@@ -1,0 +1,41 @@
+//! What a run needs of recordings, worked out while they grow.
+
+use std::{sync::Arc, time::Instant};
+
+use super::track::{track, tracked_key};
+use crate::Monitor;
+use ::capture::{CaptureConfig, CaptureError, look_at};
+use common::ahead::Ahead;
+use io::{GrowingState, Grown};
+
+/// Works out what a run would have to, of what is new: features of the images that it would take, and of
+/// a closed recording without poses the camera's way. `None` where nothing is new, or it was read just
+/// now.
+///
+/// # Errors
+/// [`CaptureError`]: of a recording that has only begun, nothing to mind.
+pub fn work_ahead(
+    growing: &mut GrowingState,
+    config: &CaptureConfig,
+    seed: u64,
+    ahead: &Ahead,
+    monitor: &Monitor,
+) -> Result<Option<Grown>, CaptureError> {
+    let stop = monitor.stop();
+    let begun = Instant::now();
+    let Some(grown) = growing.read_new(config, &stop)? else { return Ok(None) };
+    for frame in &grown.frames {
+        stop.check()?;
+        look_at(frame, ahead);
+    }
+    if let Some(recording) = &grown.to_track {
+        let state = (growing.state(), seed);
+        let key = tracked_key(&recording.bag.files, config, growing.state(), seed);
+        if let Some(key) = key.filter(|key| !ahead.knows(key)) {
+            let found = track(recording, &recording.all(), config, state, ahead, &stop, &mut || {})?;
+            ahead.keep(key, 1, Arc::new(found));
+        }
+    }
+    growing.rest_after(begun.elapsed());
+    Ok(Some(grown))
+}

@@ -1,0 +1,132 @@
+//! The stage `capture`: from paths to frames that stand in one world and show the object.
+//!
+//! Its steps, a file each: `read` the recordings, `track` the camera where they hold no poses, `place` its
+//! ways in one world, correct the `poses`, isolate and put right the `object`. Every step asks whether to
+//! stop and counts the views that went through it.
+
+mod ahead;
+mod board_world;
+mod object;
+mod place;
+mod poses;
+mod read;
+mod steps;
+mod track;
+mod upright;
+
+use std::path::PathBuf;
+
+use self::{
+    object::{denoised, filled, isolated},
+    place::posed,
+    poses::corrected,
+    read::{RecordedStates, each_a_state, frames_of, measure_noise, of_sources},
+    steps::Steps,
+};
+use super::Monitor;
+use ::capture::{Capture, CaptureConfig, CaptureError, RefinePoses, TrackCamera};
+use common::ahead::Ahead;
+use common::note::Note;
+use geometry::Pose;
+use io::{Source, open_keyframes, open_start_end};
+
+pub use ahead::work_ahead;
+
+/// Steps that kept frames go through once they are decoded.
+const STEPS_OF_FRAMES: usize = 4;
+
+/// Opens paths: a bag a state, a folder with `state0`, `state1`, ..., one bag with both states, or a dataset
+/// folder. Every frame of the result has a mask, and each state has at least one frame with depth on the
+/// object. `seed` is that of the run; the search for background planes draws from it. What was worked out
+/// `ahead` changes the time alone.
+///
+/// # Errors
+/// [`CaptureError`]; see its variants. What is merely degraded stands in [`Capture::warnings`].
+pub fn open(
+    sources: &[PathBuf],
+    config: &CaptureConfig,
+    seed: u64,
+    ahead: &Ahead,
+    monitor: &Monitor,
+) -> Result<Capture, CaptureError> {
+    config.check()?;
+    let source = Source::of(sources)?;
+    let mut steps = Steps::new(monitor);
+    let mut capture = match &source {
+        Source::States(_) | Source::Both(_) => {
+            let mut recorded = of_sources(&source, config, &steps.stop)?;
+            let mut capture = Capture::of_states(source.states());
+            posed(&mut capture, &mut recorded, config, seed, ahead, &mut steps)?;
+            frames_of(&mut capture, recorded, config, &mut steps)?;
+            capture
+        }
+        Source::Keyframes(path) => open_keyframes(path, config, &steps.stop)?,
+        Source::StartEnd(path) => open_start_end(path, config, &steps.stop)?,
+    };
+    capture.name = source.object_name();
+    // What can be refused at once is, before the costly steps.
+    read::check_depth(&capture, config)?;
+    read::check_states_differ(&capture)?;
+    let frames = capture.states.iter().map(Vec::len).sum();
+    steps.expects(STEPS_OF_FRAMES * frames);
+    // The noise first (2.8): all gates behind it are multiples of it.
+    measure_noise(&mut capture, config, &steps.stop)?;
+    // Poses before isolation, which puts the points of all frames together.
+    if config.refine_poses == RefinePoses::Auto {
+        corrected(&mut capture, ahead, &steps.stop)?;
+    }
+    steps.did(frames);
+    let had_masks = capture.states.iter().flatten().all(|frame| frame.mask.is_some());
+    isolated(&mut capture, config, seed, &steps.stop)?;
+    steps.did(frames);
+    // Denoising last: it works on the object's pixels and hides the noise that was measured.
+    if config.denoise {
+        denoised(&mut capture, &steps.stop)?;
+    }
+    steps.did(frames);
+    // Without masks a pixel without depth may show anything.
+    if had_masks {
+        filled(&mut capture, config, seed, &steps.stop)?;
+    }
+    steps.did(frames);
+    Ok(capture)
+}
+
+/// Poses of the optical frame by stamp, nanoseconds, in the order of time.
+pub type Trajectory = Vec<(i64, Pose)>;
+
+/// The camera's way through each state as it is tracked by what it sees, whether or not poses were
+/// recorded; with what is to be said of it: notes, then warnings. Of bags, one a state.
+///
+/// # Errors
+/// Those of [`open`].
+pub fn track_camera(
+    sources: &[PathBuf],
+    config: &CaptureConfig,
+    seed: u64,
+    monitor: &Monitor,
+) -> Result<(Vec<Trajectory>, [Vec<Note>; 2]), CaptureError> {
+    config.check()?;
+    let config = &CaptureConfig { tracking: TrackCamera::Always, ..config.clone() };
+    let paths = match Source::of(sources)? {
+        Source::States(paths) => paths,
+        // A way of its own, whatever states it shows.
+        Source::Both(path) => vec![path],
+        _ => {
+            let why = "bags are tracked, one a state";
+            return Err(CaptureError::NotTracked { state: 0, views: 0, why });
+        }
+    };
+    let mut steps = Steps::new(monitor);
+    let mut capture = Capture::of_states(paths.len());
+    let mut recorded = each_a_state(&paths, config, &steps.stop)?;
+    posed(&mut capture, &mut recorded, config, seed, &Ahead::default(), &mut steps)?;
+    let trajectory = |recorded: &RecordedStates| -> Trajectory {
+        let views = recorded.recording.views.views.iter();
+        views.filter_map(|v| Some((v.stamp_nanos, v.world_from_camera?))).collect()
+    };
+    Ok((recorded.iter().map(trajectory).collect(), [capture.notes, capture.warnings]))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,197 @@
+//! Recordings read: from paths to views, and from views to frames.
+
+use std::path::PathBuf;
+
+use super::steps::Steps;
+use ::capture::{Capture, CaptureConfig, CaptureError, RgbdFrame, measured_noise};
+use common::note::{Note, NoteCode};
+use common::stop::Stop;
+use io::{Decoded, Recording, Source, views_kept};
+
+/// A recording, and the states that it shows: their numbers, and the numbers of their views.
+pub(super) struct RecordedStates {
+    pub recording: Recording,
+    pub states: Vec<(usize, Vec<usize>)>,
+}
+
+/// The recordings of bags, without pixels. All of them have poses, or none has.
+///
+/// # Errors
+/// [`CaptureError::Split`] where recordings, one a state, are to be divided; those of [`Recording`].
+pub(super) fn of_sources(
+    source: &Source,
+    config: &CaptureConfig,
+    stop: &Stop,
+) -> Result<Vec<RecordedStates>, CaptureError> {
+    match source {
+        Source::States(paths) => {
+            // Refused, not ignored: somebody meant one of the two.
+            if !config.split_secs.is_empty() || config.topics.marker.is_some() {
+                return Err(CaptureError::Split {
+                    reason: format!(
+                        "a split was asked for, but {} recordings were given, one per state",
+                        paths.len()
+                    ),
+                });
+            }
+            each_a_state(paths, config, stop)
+        }
+        Source::Both(path) => {
+            let (recording, of_states) = Recording::open_divided(path, config, stop)?;
+            Ok(vec![RecordedStates { recording, states: of_states.into_iter().enumerate().collect() }])
+        }
+        Source::Keyframes(_) | Source::StartEnd(_) => Ok(Vec::new()),
+    }
+}
+
+/// The recordings of all states, one a state.
+pub(super) fn each_a_state(
+    paths: &[PathBuf],
+    config: &CaptureConfig,
+    stop: &Stop,
+) -> Result<Vec<RecordedStates>, CaptureError> {
+    let mut recordings = Vec::new();
+    for (state, path) in paths.iter().enumerate() {
+        recordings.push(Recording::open(path, config, state, stop)?);
+    }
+    // All states or none: poses of one say nothing of another state's map.
+    let is_tracked = recordings.iter().any(|r| r.views.are_untracked());
+    let mut recorded = Vec::new();
+    for (state, mut recording) in recordings.into_iter().enumerate() {
+        if is_tracked && !recording.views.are_untracked() {
+            recording = recording.without_poses(config, state, stop)?;
+        }
+        let states = vec![(state, recording.all())];
+        recorded.push(RecordedStates { recording, states });
+    }
+    Ok(recorded)
+}
+
+/// Decodes the frames of the views that are kept.
+///
+/// # Errors
+/// Frames that take too much memory or cannot be used; states in other worlds than state 0.
+pub(super) fn frames_of(
+    capture: &mut Capture,
+    recorded: Vec<RecordedStates>,
+    config: &CaptureConfig,
+    steps: &mut Steps<'_>,
+) -> Result<(), CaptureError> {
+    let mut found = Vec::new();
+    for RecordedStates { recording, states } in recorded {
+        let mut chosen = Vec::new();
+        let mut notes = Vec::new();
+        for (state, of_state) in states {
+            let kept = recording.spread(&of_state, config);
+            notes.push(views_kept(state, kept.len(), of_state.len()));
+            chosen.extend(kept.into_iter().map(|v| (state, v)));
+        }
+        found.push((recording, chosen, notes));
+    }
+    // Before anything is decoded.
+    let sizes: Vec<_> = found.iter().map(|(r, chosen, _)| r.views.sizes(chosen.len())).collect();
+    config.check_memory(&sizes)?;
+    let kept: usize = found.iter().map(|(_, chosen, _)| chosen.len()).sum();
+    steps.expects((1 + super::STEPS_OF_FRAMES) * kept);
+    let worlds: Vec<String> = found.iter().map(|(r, ..)| r.views.world_frame.clone()).collect();
+    for (recording, chosen, notes) in found {
+        capture.notes.extend(notes);
+        add_frames(capture, recording, &chosen, config, &steps.stop)?;
+        steps.did(chosen.len());
+    }
+    match (1..worlds.len()).find(|&k| worlds[k] != worlds[0]) {
+        Some(state) => {
+            Err(CaptureError::WorldFrames { world0: worlds[0].clone(), state, world1: worlds[state].clone() })
+        }
+        None => Ok(()),
+    }
+}
+
+fn add_frames(
+    capture: &mut Capture,
+    recording: Recording,
+    chosen: &[(usize, usize)],
+    config: &CaptureConfig,
+    stop: &Stop,
+) -> Result<(), CaptureError> {
+    let Decoded { frames, lost } = recording.decode(chosen, config, stop)?;
+    for (state, frame) in frames {
+        push_frame(capture, state, frame);
+    }
+    if let Some(first) = lost.first() {
+        capture.warnings.push(Note::new(
+            NoteCode::FramesBroken,
+            format!("{} frames are broken and not used (first: {first})", lost.len()),
+        ));
+    }
+    for state in chosen.iter().map(|(state, _)| *state) {
+        if capture.states[state].is_empty() {
+            let reason =
+                format!("all {} are broken (first: {})", lost.len(), lost.first().map_or("", String::as_str));
+            return Err(CaptureError::NoFrames { state, reason });
+        }
+    }
+    capture.notes.extend(recording.views.notes);
+    capture.warnings.extend(recording.views.warnings);
+    Ok(())
+}
+
+fn push_frame(capture: &mut Capture, state: usize, mut frame: RgbdFrame) {
+    frame.id = format!("{state}_{:04}", capture.states[state].len());
+    capture.states[state].push(frame);
+}
+
+/// Refuses one recording given for two states: noise makes images of two recordings differ. Poses that were
+/// tracked differ by what brings the states together.
+pub(super) fn check_states_differ(capture: &Capture) -> Result<(), CaptureError> {
+    let tracked = !capture.tracking.is_empty();
+    let same = |(a, b): (&RgbdFrame, &RgbdFrame)| {
+        let posed_alike = tracked || a.world_from_camera == b.world_from_camera;
+        posed_alike && a.depth_m == b.depth_m && a.rgb == b.rgb
+    };
+    let twice = |a: &[RgbdFrame], b: &[RgbdFrame]| a.len() == b.len() && a.iter().zip(b).all(same);
+    let states = &capture.states;
+    let mut pairs = (0..states.len()).flat_map(|second| (0..second).map(move |first| (first, second)));
+    match pairs.find(|&(first, second)| twice(&states[first], &states[second])) {
+        Some((first, second)) => Err(CaptureError::SameRecording { first, second }),
+        None => Ok(()),
+    }
+}
+
+/// Scales the noise model to the recording.
+pub(super) fn measure_noise(
+    capture: &mut Capture,
+    config: &CaptureConfig,
+    stop: &Stop,
+) -> Result<(), CaptureError> {
+    capture.noise = config.noise;
+    if let Some(factor) = measured_noise(capture.states.iter().flatten(), config, stop)? {
+        capture.noise = config.noise.scaled(factor);
+        capture.notes.push(Note::new(
+            NoteCode::NoiseMeasured,
+            format!(
+                "depth noise is {factor:.2} times the model of the settings: {:.1} mm at 1 m",
+                1e3 * capture.noise.sigma_m(1.0)
+            ),
+        ));
+    }
+    Ok(())
+}
+
+/// Refuses a state without any depth reading.
+pub(super) fn check_depth(capture: &Capture, config: &CaptureConfig) -> Result<(), CaptureError> {
+    for (state, frames) in capture.states.iter().enumerate() {
+        if frames.is_empty() {
+            return Err(CaptureError::NoFrames { state, reason: "the recording has none".into() });
+        }
+        if !frames.iter().any(|f| f.depth_m.iter().any(|d| *d > 0.0)) {
+            return Err(CaptureError::NoDepth {
+                state,
+                frames: frames.len(),
+                min_m: config.depth_min_m,
+                max_m: config.depth_max_m,
+            });
+        }
+    }
+    Ok(())
+}
