@@ -50,7 +50,8 @@ mod xacro;
 pub use board_page::board_page;
 pub use camera_poses::{CameraPosesReport, CameraTrackingReport, DepthSensorReport, WorldFrameReport};
 pub use check::{
-    CheckFinding, Folder, Level, UnsoundUrdf, check_folder, named_files, require_numbers, require_sound,
+    CheckFinding, Description, Folder, Geometry, INERTIA, InertialText, JointText, Level, LimitText,
+    LinkText, ShapeText, UnsoundUrdf, check_folder, named_files,
 };
 pub use config::ExportConfig;
 pub use config::{Base, UrdfScrew};

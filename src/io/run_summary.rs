@@ -9,10 +9,9 @@ use std::{
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
-use super::robot::{Robot, RobotJoint};
 use common::files;
 use common::limits::{FileLimit, REPORT, URDF};
-use export::{SINGLE_JOINT, require_numbers};
+use export::{Description, JointText, LimitText, SINGLE_JOINT};
 use geometry::Pose;
 use model::{JointKind, escape_xml};
 
@@ -199,9 +198,8 @@ pub fn read_run_summary(folder: &Path) -> Result<RunSummary, RunSummaryError> {
         serde_json::from_str(&read(&path, REPORT)?).map_err(|e| fail(&path, e.to_string()))?;
     let path = single_joint_urdf(folder, &report.name);
     let urdf = read(&path, URDF)?;
-    // Before the reader, which takes `nan` and `inf` for numbers.
-    require_numbers(&urdf).map_err(|e| fail(&path, e.to_string()))?;
-    let robot = Robot::parse(&urdf).map_err(|e| fail(&path, e.to_string()))?;
+    let robot = Description::parse(&urdf).and_then(Description::require_numbers);
+    let robot = robot.map_err(|e| fail(&path, e.to_string()))?;
     let children: Vec<&str> = robot.joints.iter().map(|j| j.child.as_str()).collect();
     let root = robot.links.iter().find(|l| !children.contains(&l.name.as_str())).map(|l| l.name.clone());
     let root = root.ok_or_else(|| fail(&path, "it has no root link".into()))?;
@@ -218,7 +216,7 @@ pub fn read_run_summary(folder: &Path) -> Result<RunSummary, RunSummaryError> {
     Ok(RunSummary { folder: folder.to_owned(), name, urdf, root, joints, object_box_m })
 }
 
-fn joint(j: &RobotJoint, report: &ReportFile) -> Option<SummaryJoint> {
+fn joint(j: &JointText, report: &ReportFile) -> Option<SummaryJoint> {
     let reported = report.joints.iter().find(|r| r.name == j.name)?;
     // The URDF of a screw holds the nearest joint; the report holds its pitch.
     let kind = match (j.kind.as_str(), reported.pitch_m_per_rad) {
@@ -234,8 +232,8 @@ fn joint(j: &RobotJoint, report: &ReportFile) -> Option<SummaryJoint> {
         child: j.child.clone(),
         kind,
         parent_from_joint: j.parent_from_joint,
-        axis: Unit::try_new(j.axis, 1e-9)?,
-        limits: j.limits,
+        axis: Unit::try_new(j.axis.unwrap_or_else(Vector3::x), 1e-9)?,
+        limits: j.limit.as_ref().map_or([0.0; 2], LimitText::range),
         states: states?,
         // `null` in the report: not determined. NaN keeps that apart from a deviation of 0.
         axis_std_rad: reported.axis_std_deg.unwrap_or(f64::NAN).to_radians(),

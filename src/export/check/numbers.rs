@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use roxmltree::Node;
 
-use super::rule::Rule;
+use super::{description::INERTIA, rule::Rule};
 
 /// Larger numbers stand for no length, mass or inertia of a model, and what follows from them overflows: with
 /// this bound the tenth power of a number is finite, and nothing that is derived takes a higher one.
@@ -43,7 +43,7 @@ use Range::{Any, Bound, Direction, NotNegative, Place, Positive, Scale};
 const ATTRIBUTES: [(&str, &[&str], usize, Range, Rule); 16] = [
     ("origin", &["xyz", "rpy"], 3, Place, Rule::Origin),
     ("mass", &["value"], 1, NotNegative, Rule::Inertia),
-    ("inertia", &["ixx", "ixy", "ixz", "iyy", "iyz", "izz"], 1, Any, Rule::Inertia),
+    ("inertia", &INERTIA, 1, Any, Rule::Inertia),
     ("box", &["size"], 3, Positive, Rule::Geometry),
     ("cylinder", &["radius", "length"], 1, Positive, Rule::Geometry),
     ("capsule", &["radius", "length"], 1, Positive, Rule::Geometry),
@@ -66,6 +66,7 @@ const ATTRIBUTES: [(&str, &[&str], usize, Range, Rule); 16] = [
 ];
 
 /// A number that is none or cannot be.
+#[derive(Clone, Debug)]
 pub(super) struct BadNumber {
     pub rule: Rule,
     /// Link, joint or material.
