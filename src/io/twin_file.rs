@@ -43,7 +43,8 @@ pub fn twin_path(path: &Path) -> Result<PathBuf, UrdfError> {
 /// Reads a twin, and gives its text too; `gravity` is given in the root's frame, m/s^2.
 ///
 /// # Errors
-/// [`UrdfError`] where the file cannot be read, is no URDF, or describes no bodies ([`Description::require_sound`]).
+/// [`UrdfError`] where the file cannot be read, is no URDF, or describes no bodies
+/// ([`Description::require_sound`]).
 pub fn read_twin(path: &Path, gravity: [f64; 3]) -> Result<(TwinTree, String), UrdfError> {
     let (description, text) = read_description(path)?;
     Ok((twin_tree(description, gravity).map_err(|e| UrdfError::of(path, e))?, text))

@@ -1,9 +1,10 @@
 //! The reader of URDF texts. What is missing stays missing, so that rules can say so.
 //!
-//! It is not built on urdf-rs, which tests use as a second reader. Of the 52 files in `tests/conformance/urdf.tar.zst`
-//! that a diagnosis reads, urdf-rs 0.10 refuses 17 (a limit without velocity, a mass without inertia, a visual
-//! without geometry); of the 20 to be refused it reads 9 (links that are twice or not there, loops, no robot).
-//! `1 x 2 3` is (1, 2, 3) to it, a limit that is missing is one from 0 to 0, and a screw loses its pitch.
+//! It is not built on urdf-rs, which tests use as a second reader. Of the 52 files in
+//! `tests/conformance/urdf.tar.zst` that a diagnosis reads, urdf-rs 0.10 refuses 17 (a limit without
+//! velocity, a mass without inertia, a visual without geometry); of the 20 to be refused it reads 9 (links
+//! that are twice or not there, loops, another root). `1 x 2 3` is (1, 2, 3) to it, a missing limit is one
+//! from 0 to 0, and a screw loses its pitch.
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use roxmltree::Node;
