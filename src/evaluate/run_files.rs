@@ -7,10 +7,10 @@ use std::{
 };
 
 use nalgebra::{Point3, Unit, Vector3};
-use serde::Deserialize;
 
 use super::{EvaluateError, components::large_components, truth::read_text};
 use common::limits::REPORT;
+use export::ReadReport;
 use geometry::Pose;
 use io::read_urdf;
 use model::{JointType, Tree};
@@ -24,16 +24,6 @@ pub struct RunFiles {
     pub states: Vec<BTreeMap<String, f64>>,
     /// Links of each rigid part; the first holds the root.
     pub parts: Vec<Vec<usize>>,
-}
-
-#[derive(Deserialize)]
-struct ReportFile {
-    states: Vec<StateEntry>,
-}
-
-#[derive(Deserialize)]
-struct StateEntry {
-    joints: BTreeMap<String, f64>,
 }
 
 impl RunFiles {
@@ -51,7 +41,7 @@ impl RunFiles {
         }
         let path = folder.join("report.json");
         let text = read_text(&path, REPORT)?;
-        let report: ReportFile = serde_json::from_str(&text)
+        let report: ReadReport = serde_json::from_str(&text)
             .map_err(|source| EvaluateError::Json { path: path.clone(), source })?;
         let states: Vec<BTreeMap<String, f64>> = report.states.into_iter().map(|s| s.joints).collect();
         if states.len() < 2 {

@@ -37,6 +37,7 @@ mod picture;
 mod preview;
 mod report_html;
 mod report_json;
+mod report_read;
 mod ros_package;
 mod scene;
 mod sdf;
@@ -50,7 +51,8 @@ mod xacro;
 pub use board_page::board_page;
 pub use camera_poses::{CameraPosesReport, CameraTrackingReport, DepthSensorReport, WorldFrameReport};
 pub use check::{
-    CheckFinding, Folder, Level, UnsoundUrdf, check_folder, named_files, require_numbers, require_sound,
+    CheckFinding, Description, Folder, Geometry, INERTIA, InertialText, JointText, Level, LimitText,
+    LinkText, ShapeText, UnsoundUrdf, check_folder, named_files,
 };
 pub use config::ExportConfig;
 pub use config::{Base, UrdfScrew};
@@ -68,6 +70,7 @@ pub use part_count::PartCountReport;
 pub use picture::{Picture, PictureKind, Window, axis_arrows, cutout_png, part_color};
 pub use report_html::{PhotoAndTwin, ReportPictures, report_html};
 pub use report_json::{InputFacts, RecordedCamera, Rendering, Report, RunFacts, StageTime};
+pub use report_read::{ReadJoint, ReadReport};
 pub use start::InitialMotion;
 pub use start::{compare_starts, nearest_starts};
 pub use urdf::{SINGLE_JOINT, roll_pitch_yaw};

@@ -1,6 +1,6 @@
 //! Limits of a joint in the report, and where they come from.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::number::round_significant;
 use model::{ArticulatedModel, LimitSource};
@@ -9,7 +9,7 @@ use model::{ArticulatedModel, LimitSource};
 const DIGITS: usize = 10;
 
 /// An interval of joint positions.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LimitReport {
     /// Lowest position, radians or meters.
     pub lower: f64,
@@ -24,21 +24,17 @@ pub struct LimitReport {
     /// solids let it go.
     pub source: String,
     /// Inner bound: lowest and highest observed position.
-    #[serde(default)]
     pub observed: [f64; 2],
-    /// States at these two positions.
-    #[serde(default)]
+    /// States that show these two.
     pub observed_in: [usize; 2],
     /// Outer bound: the interval without collision; none where it was not swept.
-    #[serde(default)]
     pub swept: Option<[f64; 2]>,
     /// Where a face of the part meets its seat; none where no end shows it.
-    #[serde(default)]
     pub closed: Option<SeatReport>,
 }
 
 /// The closed end of a joint.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SeatReport {
     /// Position, radians or meters.
     pub position: f64,

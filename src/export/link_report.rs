@@ -1,6 +1,6 @@
 //! A link in a report.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::{
     drawn::visuals,
@@ -15,7 +15,7 @@ use model::{Grasp, Link};
 const DIGITS: usize = 10;
 
 /// A link.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LinkReport {
     /// Name.
     pub name: String,
@@ -24,33 +24,27 @@ pub struct LinkReport {
     /// How mass and inertia were computed.
     pub assumption: String,
     /// Lowest and highest mass under that assumption, kg.
-    #[serde(default)]
     pub mass_range_kg: [f64; 2],
     /// Convex collision solids.
-    #[serde(default)]
     pub solids: usize,
     /// Area of the surface, square meters.
     pub area_m2: f64,
-    /// Area of it in small holes, closed without a view of them, square meters.
-    #[serde(default)]
+    /// Area of it that no view saw, in small holes that were closed, square meters.
     pub assumed_area_m2: f64,
-    /// Area of unseen walls, drawn as `meshes/assumed`, square meters.
-    #[serde(default)]
+    /// Area of walls that no view saw and that are drawn as `meshes/assumed`, square meters.
     pub assumed_walls_m2: f64,
     /// Vertices of the mesh.
     pub vertices: usize,
     /// Triangles of the mesh.
     pub triangles: usize,
     /// Triangles of its files.
-    #[serde(default)]
     pub file_triangles: FileTriangles,
     /// Where a parallel gripper can take it, best first.
-    #[serde(default)]
     pub grasps: Vec<GraspReport>,
 }
 
 /// Triangles of the files of a link.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct FileTriangles {
     /// Of `meshes/visual`: the mesh above, decimated.
     pub visual: usize,
@@ -81,7 +75,7 @@ fn file_triangles(files: &[ExportFile], path: &str) -> usize {
 }
 
 /// A place to grasp a link.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GraspReport {
     /// Name of its site or frame.
     pub name: String,

@@ -1,12 +1,12 @@
 //! One word for a whole result, and why.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::{difference_report::StateDifference, page::count};
 use common::note::Note;
 
-/// Fitness of a twin for use.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+/// What can be done with a twin.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum OverallWord {
     /// There is no warning.
@@ -19,7 +19,7 @@ pub enum OverallWord {
 }
 
 /// A word with its reason.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Overall {
     /// The word.
     pub word: OverallWord,

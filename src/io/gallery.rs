@@ -6,12 +6,13 @@ use std::{
     path::{Component, Path, PathBuf},
 };
 
-use serde::Deserialize;
+use serde::de::DeserializeOwned;
 
 use super::manifest::{MANIFEST, Manifest, ResultKind};
 use common::files;
 use common::limits::{FileLimit, REPORT};
-use export::{GalleryCard, count};
+use export::{GalleryCard, ReadJoint, ReadReport, count};
+use gap::judge::report_json::ReadDiagnosis;
 
 /// Folders within folders that are looked through: objects in dates in labs.
 const MAX_DEPTH: usize = 6;
@@ -73,57 +74,32 @@ fn find(folder: &Path, depth: usize, seen: &mut usize, results: &mut Vec<PathBuf
     Ok(())
 }
 
-#[derive(Default, Deserialize)]
-#[serde(default)]
-struct ReportFile {
-    name: String,
-    joints: Vec<Joint>,
-    links: Vec<serde::de::IgnoredAny>,
-    warnings: Vec<serde::de::IgnoredAny>,
-    verdict: Option<String>,
-    findings: Vec<Finding>,
-}
-
-#[derive(Deserialize)]
-struct Joint {
-    child: String,
-    motion: Quantity,
-}
-
-#[derive(Deserialize)]
-struct Quantity {
-    value: f64,
-    unit: String,
-}
-
-#[derive(Deserialize)]
-struct Finding {
-    joint: String,
-    effect: String,
-}
-
 /// The card of a result; `None` of what a gallery does not show.
 fn card(folder: &Path, at: &Path) -> Result<Option<GalleryCard>, String> {
     let manifest = Manifest::read(folder).ok_or_else(|| format!("{MANIFEST} cannot be read"))?;
-    if !matches!(manifest.command, ResultKind::Reconstruct | ResultKind::Diagnose) {
-        return Ok(None);
-    }
-    let failed = |why: String| format!("report.json: {why}");
-    let text = files::read_text(&folder.join("report.json"), REPORT).map_err(|e| failed(e.to_string()))?;
-    let report: ReportFile = serde_json::from_str(&text).map_err(|e| failed(e.to_string()))?;
     let own = folder.file_name().unwrap_or(OsStr::new("result")).to_string_lossy().into_owned();
-    let (verdict, found) = match &report.verdict {
-        Some(verdict) => {
-            let found =
-                report.findings.iter().map(|f| format!("{}: {}", f.joint, f.effect.replace('_', " ")));
-            ((verdict.clone(), verdict == "none" || verdict == "named"), found.collect())
+    let mut name = own.clone();
+    let (verdict, found) = match manifest.command {
+        ResultKind::Reconstruct => {
+            let report: ReadReport = report_of(folder)?;
+            if !report.name.is_empty() {
+                name.clone_from(&report.name);
+            }
+            (twin_verdict(&report, &own), report.joints.iter().filter_map(motion).collect())
         }
-        None => (twin_verdict(&report, &own), report.joints.iter().map(motion).collect()),
+        ResultKind::Diagnose => {
+            let report: ReadDiagnosis = report_of(folder)?;
+            let is_good = report.verdict == "none" || report.verdict == "named";
+            let found = report.findings.iter();
+            let found = found.map(|f| format!("{}: {}", f.joint, f.effect.replace('_', " "))).collect();
+            ((report.verdict, is_good), found)
+        }
+        _ => return Ok(None),
     };
     let pages = [("report", "report.html"), ("viewer", "viewer.html")];
     let links = pages.iter().filter(|(_, file)| folder.join(file).is_file());
     Ok(Some(GalleryCard {
-        name: if report.name.is_empty() { own } else { report.name },
+        name,
         folder: at.display().to_string(),
         picture: files::read(&folder.join("preview/thumbnail.png"), PICTURE).ok(),
         verdict,
@@ -132,7 +108,13 @@ fn card(folder: &Path, at: &Path) -> Result<Option<GalleryCard>, String> {
     }))
 }
 
-fn twin_verdict(report: &ReportFile, folder: &str) -> (String, bool) {
+fn report_of<T: DeserializeOwned>(folder: &Path) -> Result<T, String> {
+    let failed = |why: String| format!("report.json: {why}");
+    let text = files::read_text(&folder.join("report.json"), REPORT).map_err(|e| failed(e.to_string()))?;
+    serde_json::from_str(&text).map_err(|e| failed(e.to_string()))
+}
+
+fn twin_verdict(report: &ReadReport, folder: &str) -> (String, bool) {
     let parts = count(report.links.len(), "part");
     if folder.ends_with("_rejected") {
         return (format!("{parts}, rejected"), false);
@@ -143,13 +125,14 @@ fn twin_verdict(report: &ReportFile, folder: &str) -> (String, bool) {
     }
 }
 
-fn motion(joint: &Joint) -> String {
-    let Quantity { value, unit } = &joint.motion;
-    if unit == "rad" {
+fn motion(joint: &ReadJoint) -> Option<String> {
+    let motion = joint.motion.as_ref()?;
+    let value = motion.value?;
+    Some(if motion.unit == "rad" {
         format!("{} turns {:.1}\u{b0}", joint.child, value.to_degrees())
     } else {
         format!("{} slides {:.1} mm", joint.child, 1e3 * value)
-    }
+    })
 }
 
 /// A path as seen from a folder; both are absolute.

@@ -26,7 +26,6 @@ mod obj;
 mod place;
 mod plain_file;
 mod ply;
-mod robot;
 mod run_dir;
 mod run_dir_error;
 mod run_summary;

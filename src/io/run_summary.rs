@@ -7,12 +7,10 @@ use std::{
 };
 
 use nalgebra::{Unit, UnitQuaternion, Vector3};
-use serde::Deserialize;
 
-use super::robot::{Robot, RobotJoint};
 use common::files;
 use common::limits::{FileLimit, REPORT, URDF};
-use export::{SINGLE_JOINT, require_numbers};
+use export::{Description, JointText, LimitText, ReadReport, SINGLE_JOINT};
 use geometry::Pose;
 use model::{JointKind, escape_xml};
 
@@ -146,44 +144,8 @@ fn single_joint_urdf(folder: &Path, name: &str) -> PathBuf {
 /// result.
 #[must_use]
 pub fn read_result_fingerprint(folder: &Path) -> Option<String> {
-    #[derive(Default, Deserialize)]
-    #[serde(default)]
-    struct Made {
-        fingerprint: String,
-    }
     let report = files::read_text(&folder.join("report.json"), REPORT).ok()?;
-    let made: Made = serde_json::from_str(&report).unwrap_or_default();
-    Some(made.fingerprint)
-}
-
-#[derive(Deserialize)]
-struct ReportFile {
-    name: String,
-    states: Vec<ReportState>,
-    joints: Vec<ReportJoint>,
-    #[serde(default)]
-    object_box_m: Option<[[f64; 3]; 2]>,
-}
-
-#[derive(Deserialize)]
-struct ReportState {
-    joints: BTreeMap<String, f64>,
-}
-
-#[derive(Deserialize)]
-struct ReportJoint {
-    name: String,
-    #[serde(default)]
-    pitch_m_per_rad: Option<f64>,
-    axis_std_deg: Option<f64>,
-    origin_std_mm: Option<f64>,
-    motion_std: Option<ReportQuantity>,
-    residual_rms_mm: Option<f64>,
-}
-
-#[derive(Deserialize)]
-struct ReportQuantity {
-    value: Option<f64>,
+    Some(serde_json::from_str::<ReadReport>(&report).unwrap_or_default().fingerprint)
 }
 
 /// Reads a finished run folder.
@@ -195,13 +157,15 @@ pub fn read_run_summary(folder: &Path) -> Result<RunSummary, RunSummaryError> {
     let read =
         |path: &Path, limit: FileLimit| files::read_text(path, limit).map_err(|e| fail(path, e.to_string()));
     let path = folder.join("report.json");
-    let report: ReportFile =
+    let report: ReadReport =
         serde_json::from_str(&read(&path, REPORT)?).map_err(|e| fail(&path, e.to_string()))?;
+    if report.name.is_empty() || report.states.is_empty() {
+        return Err(fail(&path, "it is no report of a twin".into()));
+    }
     let path = single_joint_urdf(folder, &report.name);
     let urdf = read(&path, URDF)?;
-    // Before the reader, which takes `nan` and `inf` for numbers.
-    require_numbers(&urdf).map_err(|e| fail(&path, e.to_string()))?;
-    let robot = Robot::parse(&urdf).map_err(|e| fail(&path, e.to_string()))?;
+    let robot = Description::parse(&urdf).and_then(Description::require_numbers);
+    let robot = robot.map_err(|e| fail(&path, e.to_string()))?;
     let children: Vec<&str> = robot.joints.iter().map(|j| j.child.as_str()).collect();
     let root = robot.links.iter().find(|l| !children.contains(&l.name.as_str())).map(|l| l.name.clone());
     let root = root.ok_or_else(|| fail(&path, "it has no root link".into()))?;
@@ -214,11 +178,11 @@ pub fn read_run_summary(folder: &Path) -> Result<RunSummary, RunSummaryError> {
         )
     })?;
     let joints = sorted(joints, &root).ok_or_else(|| fail(&path, "its links are no tree".into()))?;
-    let ReportFile { name, object_box_m, .. } = report;
+    let ReadReport { name, object_box_m, .. } = report;
     Ok(RunSummary { folder: folder.to_owned(), name, urdf, root, joints, object_box_m })
 }
 
-fn joint(j: &RobotJoint, report: &ReportFile) -> Option<SummaryJoint> {
+fn joint(j: &JointText, report: &ReadReport) -> Option<SummaryJoint> {
     let reported = report.joints.iter().find(|r| r.name == j.name)?;
     // The URDF of a screw holds the nearest joint; the report holds its pitch.
     let kind = match (j.kind.as_str(), reported.pitch_m_per_rad) {
@@ -234,8 +198,8 @@ fn joint(j: &RobotJoint, report: &ReportFile) -> Option<SummaryJoint> {
         child: j.child.clone(),
         kind,
         parent_from_joint: j.parent_from_joint,
-        axis: Unit::try_new(j.axis, 1e-9)?,
-        limits: j.limits,
+        axis: Unit::try_new(j.axis.unwrap_or_else(Vector3::x), 1e-9)?,
+        limits: j.limit.as_ref().map_or([0.0; 2], LimitText::range),
         states: states?,
         // `null` in the report: not determined. NaN keeps that apart from a deviation of 0.
         axis_std_rad: reported.axis_std_deg.unwrap_or(f64::NAN).to_radians(),
@@ -284,7 +248,7 @@ mod tests {
         // Either way in, the links are where the model has them; the pair by the positions of the report.
         let tree = read_urdf(&folder.join("cabinet.urdf")).unwrap();
         let text = fs::read_to_string(folder.join("report.json")).unwrap();
-        let report: ReportFile = serde_json::from_str(&text).unwrap();
+        let report: ReadReport = serde_json::from_str(&text).unwrap();
         for (k, state) in model.states.iter().enumerate() {
             let poses = summary.link_poses(&summary.positions(k));
             for (i, link) in model.links.iter().enumerate() {

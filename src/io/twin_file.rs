@@ -1,22 +1,21 @@
 //! The dynamics of a twin from a URDF: masses, axes, damping, friction, limits. Meshes are not read.
 
 use std::{
-    collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
 };
 
-use nalgebra::{Point3, Unit, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::{
     UrdfError,
-    robot::{Robot, RobotJoint, RobotLink},
-    urdf::read_urdf_text,
+    urdf::{read_description, tree_joints},
     urdf_fault::UrdfFault,
 };
 use common::limits::CHAIN_WORK;
-use export::require_sound;
+use export::{Description, INERTIA, InertialText, JointText, LimitText, LinkText};
 use gap::twin_tree::{Motion, TwinJoint, TwinLink, TwinTree};
+use model::{JointType, TreeJoint};
 
 /// The URDF that a path leads to: of a folder the only one beside those for ROS (`*.ros.urdf`).
 ///
@@ -37,19 +36,18 @@ pub fn twin_path(path: &Path) -> Result<PathBuf, UrdfError> {
     }
     match &found[..] {
         [one] => Ok(one.clone()),
-        all => Err(UrdfError::Format { path: path.to_owned(), problem: UrdfFault::NotOneUrdf(all.len()) }),
+        all => Err(UrdfError::of(path, UrdfFault::NotOneUrdf(all.len()))),
     }
 }
 
 /// Reads a twin, and gives its text too; `gravity` is given in the root's frame, m/s^2.
 ///
 /// # Errors
-/// [`UrdfError`] where the file cannot be read, is no URDF, or describes no bodies ([`require_sound`]).
+/// [`UrdfError`] where the file cannot be read, is no URDF, or describes no bodies
+/// ([`Description::require_sound`]).
 pub fn read_twin(path: &Path, gravity: [f64; 3]) -> Result<(TwinTree, String), UrdfError> {
-    let text = read_urdf_text(path)?;
-    let format = |problem| UrdfError::Format { path: path.to_owned(), problem };
-    let tree = twin_of(&text, gravity).map_err(format)?;
-    Ok((tree, text))
+    let (description, text) = read_description(path)?;
+    Ok((twin_tree(description, gravity).map_err(|e| UrdfError::of(path, e))?, text))
 }
 
 /// Files that a twin consists of: the URDF, whose text is given, the SDF and USD that stand beside it, and
@@ -80,20 +78,20 @@ pub fn twin_files(path: &Path, text: &str) -> Vec<PathBuf> {
 /// # Errors
 /// [`UrdfFault`].
 pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, UrdfFault> {
-    require_sound(text)?;
-    let robot = Robot::parse(text)?;
-    let index: BTreeMap<&str, usize> =
-        robot.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
-    let mut joints: Vec<TwinJoint> = Vec::with_capacity(robot.joints.len());
-    for j in &robot.joints {
-        joints.push(joint(j, &index)?);
-    }
+    twin_tree(Description::parse(text)?, gravity)
+}
+
+fn twin_tree(description: Description, gravity: [f64; 3]) -> Result<TwinTree, UrdfFault> {
+    let description = description.require_sound()?;
+    let links: Vec<TwinLink> = description.links.iter().map(link).collect::<Result<_, _>>()?;
+    let placed = tree_joints(&description)?;
+    let joints: Vec<TwinJoint> = description.joints.iter().zip(placed).map(|(j, at)| joint(j, at)).collect();
     // The work of a diagnosis grows with this product, whatever the recordings.
     let moving = joints.iter().filter(|j| j.motion != Motion::Fixed).count();
-    if moving * robot.links.len() > CHAIN_WORK {
-        return Err(UrdfFault::Chain { moving, links: robot.links.len() });
+    if moving * links.len() > CHAIN_WORK {
+        return Err(UrdfFault::Chain { moving, links: links.len() });
     }
-    let mut is_child = vec![false; robot.links.len()];
+    let mut is_child = vec![false; links.len()];
     for j in &joints {
         is_child[j.child] = true;
     }
@@ -103,7 +101,7 @@ pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, UrdfFault> {
     };
     // Parents first. Each pass keeps the order of the file, so that results do not depend on names.
     let mut sorted: Vec<TwinJoint> = Vec::with_capacity(joints.len());
-    let mut reached = vec![false; robot.links.len()];
+    let mut reached = vec![false; links.len()];
     reached[root] = true;
     while sorted.len() < joints.len() {
         let before = sorted.len();
@@ -117,56 +115,61 @@ pub fn twin_of(text: &str, gravity: [f64; 3]) -> Result<TwinTree, UrdfFault> {
             return Err(UrdfFault::Loop);
         }
     }
-    Ok(TwinTree {
-        name: robot.name.clone(),
-        links: robot.links.iter().map(link).collect(),
-        joints: sorted,
-        root,
-        gravity: Vector3::from(gravity),
-    })
+    Ok(TwinTree { name: description.name, links, joints: sorted, root, gravity: Vector3::from(gravity) })
 }
 
-fn link(link: &RobotLink) -> TwinLink {
-    let r = link.link_from_inertial.rotation.to_rotation_matrix();
-    TwinLink {
+/// A link; without `<inertial>` its mass and inertia are 0.
+fn link(link: &LinkText) -> Result<TwinLink, UrdfFault> {
+    let Some(inertial) = &link.inertial else {
+        return Ok(TwinLink {
+            name: link.name.clone(),
+            mass_kg: 0.0,
+            center_of_mass: Point3::origin(),
+            inertia: Matrix3::zeros(),
+        });
+    };
+    let r = inertial.link_from_inertial.rotation.to_rotation_matrix();
+    Ok(TwinLink {
         name: link.name.clone(),
-        mass_kg: link.mass_kg,
-        center_of_mass: Point3::from(link.link_from_inertial.translation.vector),
+        mass_kg: inertial.mass.unwrap_or(0.0),
+        center_of_mass: Point3::from(inertial.link_from_inertial.translation.vector),
         // URDF gives the inertia in the inertial frame; a twin holds it in that of the link.
-        inertia: r.matrix() * link.inertia * r.matrix().transpose(),
-    }
+        inertia: r.matrix() * tensor(inertial)? * r.matrix().transpose(),
+    })
 }
 
-fn joint(joint: &RobotJoint, index: &BTreeMap<&str, usize>) -> Result<TwinJoint, UrdfFault> {
-    let name = &joint.name;
-    let of = |link: &str| {
-        index
-            .get(link)
-            .copied()
-            .ok_or_else(|| UrdfFault::NoLink { joint: name.clone(), link: link.to_owned() })
+/// The inertia in its frame; zeros where it has none.
+fn tensor(inertial: &InertialText) -> Result<Matrix3<f64>, UrdfFault> {
+    if inertial.inertia.iter().all(Option::is_none) {
+        return Ok(Matrix3::zeros());
+    }
+    // A tensor of which a part is guessed is that of no body.
+    let of = |k: usize| inertial.inertia[k].ok_or(UrdfFault::Inertia(INERTIA[k]));
+    let [xx, xy, xz, yy, yz, zz] = [of(0)?, of(1)?, of(2)?, of(3)?, of(4)?, of(5)?];
+    Ok(Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz))
+}
+
+fn joint(text: &JointText, placed: TreeJoint) -> TwinJoint {
+    let motion = match placed.kind {
+        JointType::Fixed => Motion::Fixed,
+        JointType::Revolute | JointType::Continuous => Motion::Turn,
+        JointType::Prismatic => Motion::Slide,
     };
-    let motion = match joint.kind.as_str() {
-        "fixed" => Motion::Fixed,
-        "revolute" | "continuous" => Motion::Turn,
-        "prismatic" => Motion::Slide,
-        other => return Err(UrdfFault::JointType { joint: name.clone(), kind: other.to_owned() }),
-    };
-    let axis = Unit::try_new(joint.axis, 1e-9).ok_or_else(|| UrdfFault::NoAxis(name.clone()));
     // A joint without limits reads as 0 to 0; those of a continuous joint hold effort and velocity only.
-    let [lower, upper] = joint.limits;
-    let limited = joint.kind != "continuous" && upper > lower;
-    Ok(TwinJoint {
-        name: name.clone(),
+    let [lower, upper] = text.limit.as_ref().map_or([0.0; 2], LimitText::range);
+    let limited = placed.kind != JointType::Continuous && upper > lower;
+    TwinJoint {
+        name: placed.name,
         motion,
-        parent: of(&joint.parent)?,
-        child: of(&joint.child)?,
-        parent_from_joint: joint.parent_from_joint,
-        axis: if motion == Motion::Fixed { Vector3::z_axis() } else { axis? },
-        damping: joint.damping,
-        friction: joint.friction,
+        parent: placed.parent,
+        child: placed.child,
+        parent_from_joint: placed.parent_from_joint,
+        axis: if motion == Motion::Fixed { Vector3::z_axis() } else { placed.axis },
+        damping: text.damping,
+        friction: text.friction,
         limit: limited.then_some((lower, upper)),
-        is_mimic: joint.mimic.is_some(),
-    })
+        is_mimic: placed.mimic.is_some(),
+    }
 }
 
 #[cfg(test)]
@@ -259,6 +262,7 @@ mod tests {
             ("lower='-1' upper='1'", "lower='nan' upper='inf'", "(and 1 more: see `artitwin check`)"),
             ("lower='-1'", "lower='2'", "lower 2 is above upper 1"),
             ("ixx='1'", "ixx='-1'", "not positive"),
+            ("ixy='0'", "", "an <inertia> has no ixy"),
             ("<parent link='a'/>", "<parent link='b'/>", "in a loop of joints (b)"),
             ("<link name='a'/>", "<link name='a'/><link name='a'/>", "more than one of the links"),
         ] {

@@ -8,16 +8,11 @@ use std::{
 
 use nalgebra::{Unit, Vector3};
 
-use super::{
-    MeshFileError,
-    mesh_files::read_mesh_within,
-    robot::{Robot, RobotJoint, RobotLink, RobotMesh},
-    urdf_fault::UrdfFault,
-};
+use super::{MeshFileError, mesh_files::read_mesh_within, urdf_fault::UrdfFault};
 use common::files;
 use common::limits::{MESH, URDF, with_declaration};
-use export::require_numbers;
-use model::{JointType, Mimic, Tree, TreeError, TreeJoint, TreeLink};
+use export::{Description, Geometry, JointText, LinkText};
+use model::{JointType, Tree, TreeError, TreeJoint, TreeLink};
 use surface::{TriangleMesh, merge};
 
 /// Why a URDF could not be read.
@@ -52,6 +47,13 @@ pub enum UrdfError {
     Mesh(#[from] MeshFileError),
 }
 
+impl UrdfError {
+    /// What is wrong with the text of a file.
+    pub(super) fn of(path: &Path, problem: impl Into<UrdfFault>) -> Self {
+        Self::Format { path: path.to_owned(), problem: problem.into() }
+    }
+}
+
 /// Reads a URDF and its visual meshes (relative paths, or `package://` with the URDF's folder as the
 /// package); scales and origins of visuals are applied. Visuals that are not meshes are left out.
 ///
@@ -59,38 +61,44 @@ pub enum UrdfError {
 /// A file that cannot be read or is larger than 16 MiB; a joint type other than fixed, revolute, continuous
 /// and prismatic; links that are no tree; a mesh that is absolute, remote, missing or damaged.
 pub fn read_urdf(path: &Path) -> Result<Tree, UrdfError> {
-    let format = |problem| UrdfError::Format { path: path.to_owned(), problem };
-    let text = read_urdf_text(path)?;
-    require_numbers(&text).map_err(|e| format(e.into()))?;
-    let robot = Robot::parse(&text).map_err(format)?;
+    let (description, _) = read_description(path)?;
+    let description = description.require_numbers().map_err(|e| UrdfError::of(path, e))?;
+    tree_of(&description, path)
+}
+
+/// The links of a URDF at `path` with their visual meshes, in their tree. Its numbers are sound.
+///
+/// # Errors
+/// As [`read_urdf`].
+pub(super) fn tree_of(description: &Description, path: &Path) -> Result<Tree, UrdfError> {
     let folder = path.parent().unwrap_or(Path::new("."));
-    let mut links = Vec::with_capacity(robot.links.len());
+    let mut links = Vec::with_capacity(description.links.len());
     // One budget for all meshes: a short URDF may name a large file ten thousand times.
     let mut left = MESH.bytes;
-    for link in &robot.links {
+    for link in &description.links {
         links.push(TreeLink {
             name: link.name.clone(),
             visual: visuals(link, folder, &mut left).map_err(|e| e.at(path))?,
         });
     }
-    let index: BTreeMap<&str, usize> =
-        robot.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
-    let joints: Result<Vec<_>, _> = robot.joints.iter().map(|j| joint(j, &index)).collect();
-    Tree::new(links, joints.map_err(format)?)
-        .map_err(|source| UrdfError::Tree { path: path.to_owned(), source })
+    let joints = tree_joints(description).map_err(|e| UrdfError::of(path, e))?;
+    Tree::new(links, joints).map_err(|source| UrdfError::Tree { path: path.to_owned(), source })
 }
 
-/// The text of a URDF file, with a declaration that readers of XML take ([`with_declaration`]).
+/// A URDF file, and its text, with a declaration that readers of XML take
+/// ([`with_declaration`]).
 ///
 /// # Errors
-/// What the disk says; more than 16 MiB; what is no UTF-8.
-pub(super) fn read_urdf_text(path: &Path) -> Result<String, UrdfError> {
+/// What the disk says; more than 16 MiB; what is no UTF-8 or no URDF.
+pub(super) fn read_description(path: &Path) -> Result<(Description, String), UrdfError> {
     let text = files::read_text(path, URDF);
     let text = text.map_err(|source| UrdfError::Disk { path: path.to_owned(), source })?;
-    Ok(match with_declaration(&text) {
+    let text = match with_declaration(&text) {
         Cow::Owned(mended) => mended,
         Cow::Borrowed(_) => text,
-    })
+    };
+    let description = Description::parse(&text).map_err(|e| UrdfError::of(path, e))?;
+    Ok((description, text))
 }
 
 /// What is wrong with a visual: its mesh, or the path to it.
@@ -103,22 +111,23 @@ impl VisualError {
     fn at(self, urdf: &Path) -> UrdfError {
         match self {
             Self::Mesh(e) => UrdfError::Mesh(e),
-            Self::Path(problem) => UrdfError::Format { path: urdf.to_owned(), problem },
+            Self::Path(problem) => UrdfError::of(urdf, problem),
         }
     }
 }
 
 /// All visual meshes of a link in one, in the link frame. `left`: bytes that the files may still have.
-fn visuals(link: &RobotLink, folder: &Path, left: &mut u64) -> Result<TriangleMesh, VisualError> {
+fn visuals(link: &LinkText, folder: &Path, left: &mut u64) -> Result<TriangleMesh, VisualError> {
     let mut all = Vec::new();
-    for RobotMesh { link_from_mesh, file, scale } in &link.meshes {
-        let mut mesh = read_mesh_within(&folder.join(relative(file).map_err(VisualError::Path)?), left)
+    for shape in &link.visuals {
+        let Geometry::Mesh { path, scale } = &shape.geometry else { continue };
+        let mut mesh = read_mesh_within(&folder.join(relative(path).map_err(VisualError::Path)?), left)
             .map_err(VisualError::Mesh)?;
         // URDF scales a mesh in the mesh's own frame, before the visual's origin moves it.
         for p in &mut mesh.vertices {
             p.coords.component_mul_assign(&scale.cast());
         }
-        all.push(mesh.transformed(link_from_mesh));
+        all.push(mesh.transformed(&shape.link_from_shape));
     }
     Ok(merge(&all.iter().collect::<Vec<_>>()))
 }
@@ -141,7 +150,17 @@ fn relative(filename: &str) -> Result<&Path, UrdfFault> {
     }
 }
 
-fn joint(joint: &RobotJoint, index: &BTreeMap<&str, usize>) -> Result<TreeJoint, UrdfFault> {
+/// The joints of a URDF, each between the indices of its links.
+///
+/// # Errors
+/// A type that is not read, a link that is not there, an axis without length.
+pub(super) fn tree_joints(description: &Description) -> Result<Vec<TreeJoint>, UrdfFault> {
+    let index: BTreeMap<&str, usize> =
+        description.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
+    description.joints.iter().map(|j| tree_joint(j, &index)).collect()
+}
+
+fn tree_joint(joint: &JointText, index: &BTreeMap<&str, usize>) -> Result<TreeJoint, UrdfFault> {
     let kind = match joint.kind.as_str() {
         "fixed" => JointType::Fixed,
         "revolute" => JointType::Revolute,
@@ -155,27 +174,20 @@ fn joint(joint: &RobotJoint, index: &BTreeMap<&str, usize>) -> Result<TreeJoint,
             .copied()
             .ok_or_else(|| UrdfFault::NoLink { joint: joint.name.clone(), link: name.to_owned() })
     };
-    let axis = match Unit::try_new(joint.axis, 1e-9) {
+    let axis = match Unit::try_new(joint.axis.unwrap_or_else(Vector3::x), 1e-9) {
         Some(axis) => axis,
         // A fixed joint has no axis; writers leave it out or put zeros there.
         None if kind == JointType::Fixed => Vector3::x_axis(),
         None => return Err(UrdfFault::NoAxis(joint.name.clone())),
     };
-    let mimic = joint.mimic.as_ref().map(|m| Mimic {
-        joint: m.joint.clone(),
-        multiplier: m.multiplier,
-        offset: m.offset,
-    });
-    let parent = link(&joint.parent)?;
-    let child = link(&joint.child)?;
     Ok(TreeJoint {
         name: joint.name.clone(),
         kind,
-        parent,
-        child,
+        parent: link(&joint.parent)?,
+        child: link(&joint.child)?,
         parent_from_joint: joint.parent_from_joint,
         axis,
-        mimic,
+        mimic: joint.mimic.clone(),
     })
 }
 

@@ -182,3 +182,33 @@ fn cameras_are_given_what_is_whole_and_has_meshes() {
         assert!(why.contains(words), "{name}: {why}");
     }
 }
+
+/// urdf-rs, which shares no code with the reader, finds the same numbers in what it reads.
+#[test]
+fn a_second_reader_finds_the_same_and_refuses_more() {
+    let (temp, names) = unpacked();
+    let mut refused = 0;
+    for name in &names {
+        let Ok((tree, text)) = read_twin(&file(&temp, name), [0.0, 0.0, -9.81]) else { continue };
+        let Ok(robot) = urdf_rs::read_from_string(&text) else {
+            refused += 1;
+            continue;
+        };
+        assert_eq!((tree.links.len(), tree.joints.len()), (robot.links.len(), robot.joints.len()), "{name}");
+        for (link, other) in tree.links.iter().zip(&robot.links) {
+            assert_eq!((&link.name, link.mass_kg), (&other.name, other.inertial.mass.value), "{name}");
+            assert_eq!(link.center_of_mass.coords.as_slice(), &other.inertial.origin.xyz[..], "{name}");
+        }
+        for joint in &tree.joints {
+            let other = robot.joints.iter().find(|j| j.name == joint.name).unwrap();
+            let place = joint.parent_from_joint.translation.vector;
+            assert_eq!(place.as_slice(), &other.origin.xyz[..], "{name}");
+            let is_continuous = other.joint_type == urdf_rs::JointType::Continuous;
+            let limit = Some((other.limit.lower, other.limit.upper));
+            assert_eq!(joint.limit, limit.filter(|(low, high)| !is_continuous && high > low), "{name}");
+            let dynamics = other.dynamics.as_ref().map_or((0.0, 0.0), |d| (d.damping, d.friction));
+            assert_eq!((joint.damping, joint.friction), dynamics, "{name}");
+        }
+    }
+    assert_eq!(refused, 17);
+}

@@ -1,23 +1,17 @@
 //! What is wrong with the text of a URDF.
 
-use common::limits::{CHAIN_WORK, LINKS, XmlError};
+use common::limits::CHAIN_WORK;
 use export::UnsoundUrdf;
 
 /// What is wrong with the text of a URDF.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum UrdfFault {
-    /// No XML that is read.
-    #[error(transparent)]
-    Xml(#[from] XmlError),
     /// It describes no bodies.
     #[error(transparent)]
     Unsound(#[from] UnsoundUrdf),
-    /// It is no robot, or a number is none.
-    #[error("{0}")]
-    Robot(String),
-    /// More than are read.
-    #[error("{0} links or joints; {LINKS} are the limit: split the model")]
-    Links(usize),
+    /// A tensor of which a part would have to be guessed.
+    #[error("an <inertia> has no {0}")]
+    Inertia(&'static str),
     /// A joint of a type that is not read.
     #[error("joint '{joint}' is of type '{kind}'; fixed, revolute, continuous and prismatic are read")]
     JointType {

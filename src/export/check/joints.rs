@@ -68,8 +68,7 @@ fn moving(joint: &JointText, found: &mut Findings) {
     if joint.kind == "continuous" {
         return;
     }
-    let lower = limit.lower.unwrap_or(0.0);
-    let upper = limit.upper.unwrap_or(0.0);
+    let [lower, upper] = limit.range();
     if lower == upper {
         found.error(Rule::Limit, name, format!("both limits are {lower}: nothing moves; use a fixed joint"));
     } else if lower > 0.0 || upper < 0.0 {
@@ -85,8 +84,7 @@ fn moving(joint: &JointText, found: &mut Findings) {
 pub(super) fn sound(description: &Description, found: &mut Findings) {
     for joint in description.joints.iter().filter(|j| ["revolute", "prismatic"].contains(&j.kind.as_str())) {
         let Some(limit) = &joint.limit else { continue };
-        let lower = limit.lower.unwrap_or(0.0);
-        let upper = limit.upper.unwrap_or(0.0);
+        let [lower, upper] = limit.range();
         if lower > upper {
             found.error(Rule::Limit, &joint.name, format!("lower {lower} is above upper {upper}"));
         }

@@ -22,7 +22,9 @@ mod welds;
 
 use std::borrow::Cow;
 
-use description::{Description, DescriptionError};
+pub use description::{
+    Description, Geometry, INERTIA, InertialText, JointText, LimitText, LinkText, ShapeText, UnsoundUrdf,
+};
 use finding::Findings;
 pub use finding::{CheckFinding, Folder, Level};
 pub use named::named_files;
@@ -97,50 +99,32 @@ fn numbers(description: &Description, found: &mut Findings) {
     }
 }
 
-/// Why a URDF describes no bodies.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum UnsoundUrdf {
-    /// The text is none.
-    #[error(transparent)]
-    Text(#[from] DescriptionError),
-    /// Its names, links or numbers.
-    #[error("'{}': {}{}", first.subject.escape_debug(), first.message, further(*more))]
-    Broken {
-        /// The first fault.
-        first: CheckFinding,
-        /// Number of further faults.
-        more: usize,
-    },
-}
+impl Description {
+    /// Refuses a URDF that describes no bodies: names that stand for two things, links that are no tree,
+    /// numbers that are none or cannot be. What only some importer refuses is left out.
+    ///
+    /// # Errors
+    /// [`UnsoundUrdf::Broken`].
+    pub fn require_sound(self) -> Result<Self, UnsoundUrdf> {
+        let mut found = Findings::of("");
+        sound(&self, &mut found);
+        self.without(found)
+    }
 
-fn further(more: usize) -> String {
-    if more > 0 { format!(" (and {more} more: see `artitwin check`)") } else { String::new() }
-}
+    /// Refuses a URDF with numbers that are none or cannot be.
+    ///
+    /// # Errors
+    /// [`UnsoundUrdf::Broken`].
+    pub fn require_numbers(self) -> Result<Self, UnsoundUrdf> {
+        let mut found = Findings::of("");
+        numbers(&self, &mut found);
+        self.without(found)
+    }
 
-/// Refuses a URDF without a meaning: broken XML, ambiguous names, links without a tree, malformed or
-/// impossible numbers. Faults for some importers alone are left out.
-///
-/// # Errors
-/// [`UnsoundUrdf`].
-pub fn require_sound(urdf: &str) -> Result<(), UnsoundUrdf> {
-    let mut found = Findings::of("");
-    sound(&Description::parse(urdf)?, &mut found);
-    first_of(found)
-}
-
-/// Refuses a URDF with malformed or impossible numbers.
-///
-/// # Errors
-/// [`UnsoundUrdf`].
-pub fn require_numbers(urdf: &str) -> Result<(), UnsoundUrdf> {
-    let mut found = Findings::of("");
-    numbers(&Description::parse(urdf)?, &mut found);
-    first_of(found)
-}
-
-fn first_of(found: Findings) -> Result<(), UnsoundUrdf> {
-    let more = found.all.len().saturating_sub(1);
-    found.all.into_iter().next().map_or(Ok(()), |first| Err(UnsoundUrdf::Broken { first, more }))
+    fn without(self, found: Findings) -> Result<Self, UnsoundUrdf> {
+        let more = found.all.len().saturating_sub(1);
+        found.all.into_iter().next().map_or(Ok(self), |first| Err(UnsoundUrdf::Broken { first, more }))
+    }
 }
 
 #[cfg(test)]

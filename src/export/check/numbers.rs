@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use roxmltree::Node;
 
-use super::rule::Rule;
+use super::{description::INERTIA, rule::Rule};
 
 /// Larger numbers stand for no length, mass or inertia of a model, and computations with them overflow: with
 /// this bound the tenth power of a number is finite, and no computation takes a higher one.
@@ -42,7 +42,7 @@ use Range::{Any, Bound, Direction, NotNegative, Place, Positive, Scale};
 const ATTRIBUTES: [(&str, &[&str], usize, Range, Rule); 16] = [
     ("origin", &["xyz", "rpy"], 3, Place, Rule::Origin),
     ("mass", &["value"], 1, NotNegative, Rule::Inertia),
-    ("inertia", &["ixx", "ixy", "ixz", "iyy", "iyz", "izz"], 1, Any, Rule::Inertia),
+    ("inertia", &INERTIA, 1, Any, Rule::Inertia),
     ("box", &["size"], 3, Positive, Rule::Geometry),
     ("cylinder", &["radius", "length"], 1, Positive, Rule::Geometry),
     ("capsule", &["radius", "length"], 1, Positive, Rule::Geometry),
@@ -64,7 +64,8 @@ const ATTRIBUTES: [(&str, &[&str], usize, Range, Rule); 16] = [
     ("thread", &["pitch_m_per_rad"], 1, Any, Rule::Joint),
 ];
 
-/// A malformed or impossible number.
+/// A number that is none or cannot be.
+#[derive(Clone, Debug)]
 pub(super) struct BadNumber {
     pub rule: Rule,
     /// Link, joint or material.

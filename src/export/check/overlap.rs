@@ -147,7 +147,7 @@ fn rest_position(joint: &JointText) -> f64 {
 
 fn interval(joint: &JointText) -> Option<[f64; 2]> {
     let limit = joint.limit.as_ref()?;
-    let bounds = [limit.lower.unwrap_or(0.0), limit.upper.unwrap_or(0.0)];
+    let bounds = limit.range();
     (["revolute", "prismatic"].contains(&joint.kind.as_str()) && bounds[0] < bounds[1]).then_some(bounds)
 }
 

@@ -249,6 +249,10 @@ const MIMICS: &str = "<link name=\"l\"/><link name=\"m\"/>\
     <joint name=\"c\" type=\"fixed\"><parent link=\"l\"/><child link=\"m\"/><mimic \
     joint=\"b\"/></joint></robot>";
 
+fn require_sound(urdf: &str) -> Result<Description, UnsoundUrdf> {
+    Description::parse(urdf)?.require_sound()
+}
+
 #[test]
 fn what_no_reader_can_make_sense_of_is_found_and_refused_by_all() {
     require_sound(URDF).unwrap();

@@ -3,12 +3,10 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Matrix3, Point3, SymmetricEigen, UnitQuaternion, Vector3};
-use roxmltree::Node;
+use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
-use common::limits::parse_xml;
+use crate::check::{Description, Geometry, ShapeText};
 use gap::twin_tree::TwinLink;
-use geometry::Pose;
 
 /// Sides of a drawn cylinder.
 const SIDES: usize = 24;
@@ -28,54 +26,30 @@ pub(super) struct Solid {
     pub has_edges: bool,
 }
 
-/// Visual shapes of all links, by name; meshes are not read. Empty for malformed XML.
+/// Visual shapes of all links, by name; meshes are not read. Nothing of a text that is no URDF.
 #[must_use]
 pub(super) fn visuals(urdf: &str) -> BTreeMap<String, Vec<Solid>> {
-    let Ok(document) = parse_xml(urdf) else { return BTreeMap::new() };
+    let Ok(description) = Description::parse(urdf) else { return BTreeMap::new() };
     let mut all = BTreeMap::new();
-    for link in document.root_element().children().filter(|n| n.has_tag_name("link")) {
-        let shapes: Vec<Solid> = link
-            .children()
-            .filter(|n| n.has_tag_name("visual"))
-            .filter_map(visual)
-            .take(MAX_SHAPES)
-            .collect();
-        if let Some(name) = link.attribute("name") {
-            all.insert(name.to_owned(), shapes);
-        }
+    for link in description.links {
+        let shapes = link.visuals.iter().filter_map(solid).take(MAX_SHAPES).collect();
+        all.insert(link.name, shapes);
     }
     all
 }
 
-fn child<'a, 'i>(node: Node<'a, 'i>, name: &str) -> Option<Node<'a, 'i>> {
-    node.children().find(|n| n.has_tag_name(name))
-}
-
-fn visual(node: Node) -> Option<Solid> {
-    let pose = child(node, "origin").map_or(Some(Pose::identity()), |o| {
-        let xyz = o.attribute("xyz").map_or(Some([0.0; 3]), numbers)?;
-        let [r, p, y] = o.attribute("rpy").map_or(Some([0.0; 3]), numbers)?;
-        Some(Pose::from_parts(Vector3::from(xyz).into(), UnitQuaternion::from_euler_angles(r, p, y)))
-    })?;
-    let shape = child(node, "geometry")?.children().find(Node::is_element)?;
-    let solid = match shape.tag_name().name() {
-        "box" => cuboid(Vector3::from(numbers::<3>(shape.attribute("size")?)?)),
-        "cylinder" => cylinder(number(shape, "radius")?, number(shape, "length")?),
-        "sphere" => ball(number(shape, "radius")?),
+fn solid(shape: &ShapeText) -> Option<Solid> {
+    let mut solid = match shape.geometry {
+        Geometry::Cuboid(sides) => cuboid(sides),
+        Geometry::Cylinder { radius, length } => cylinder(radius, length),
+        Geometry::Sphere(radius) => ball(radius),
         _ => return None,
     };
-    let faces = solid.faces.into_iter().map(|face| face.into_iter().map(|p| pose * p).collect()).collect();
-    Some(Solid { faces, ..solid })
-}
-
-fn number(shape: Node, name: &str) -> Option<f64> {
-    shape.attribute(name).and_then(numbers::<1>).map(|[x]| x)
-}
-
-/// So many finite numbers.
-fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
-    let all: Vec<f64> = text.split_whitespace().map(str::parse).collect::<Result<_, _>>().ok()?;
-    all.try_into().ok().filter(|n: &[f64; N]| n.iter().all(|x| x.is_finite()))
+    for p in solid.faces.iter_mut().flatten() {
+        *p = shape.link_from_shape * *p;
+    }
+    // What is no number was read as NaN.
+    solid.faces.iter().flatten().all(|p| p.iter().all(|x| x.is_finite())).then_some(solid)
 }
 
 /// The box with the mass and the inertia of a link; `None` without mass.

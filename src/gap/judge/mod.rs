@@ -36,6 +36,7 @@ pub mod regression;
 #[cfg(test)]
 mod remainder_tests;
 pub mod report;
+pub mod report_json;
 pub mod screen;
 pub mod search;
 #[cfg(test)]

@@ -10,6 +10,7 @@ use crate::{
         format_model::FormatModel,
         law::Law,
         proof::{Gap, RunSeries, left_of},
+        report_json::{AlternativeJson, FindingJson, GapJson, ParameterJson, RunJson},
         verdict::{Diagnosis, Verdict},
     },
     model::effect::Coverage,
@@ -184,30 +185,6 @@ struct NearestJson {
 }
 
 #[derive(Debug, Serialize)]
-struct FindingJson {
-    joint: String,
-    effect: String,
-    parameters: Vec<ParameterJson>,
-    weight: f64,
-    alternatives: Vec<AlternativeJson>,
-}
-
-#[derive(Debug, Serialize)]
-struct AlternativeJson {
-    effect: String,
-    weight: f64,
-    experiment: String,
-}
-
-#[derive(Debug, Serialize)]
-struct ParameterJson {
-    name: String,
-    value: f64,
-    unit: String,
-    interval: [f64; 2],
-}
-
-#[derive(Debug, Serialize)]
 struct WhereJson {
     joint: String,
     variable: String,
@@ -215,27 +192,7 @@ struct WhereJson {
     p: f64,
 }
 
-#[derive(Debug, Serialize)]
-struct GapJson {
-    before: Option<f64>,
-    after: Option<f64>,
-    noise_floor: Option<f64>,
-    unit: Option<String>,
-    runs: Vec<RunJson>,
-}
-
-#[derive(Debug, Serialize)]
-struct RunJson {
-    run: String,
-    joint: String,
-    unit: String,
-    before: f64,
-    after: f64,
-    full_length_before: Option<f64>,
-    full_length_after: Option<f64>,
-}
-
-/// The verdict over all joints: findings at any joint count before their absence.
+/// The verdict over all joints: what was found anywhere counts before what was not.
 #[must_use]
 pub fn overall(joints: &[JointReport]) -> Verdict {
     let order = [Verdict::Unknown, Verdict::Ambiguous, Verdict::Named, Verdict::Insufficient];
@@ -284,8 +241,8 @@ pub fn report(joints: &[JointReport], exports: Vec<ExportNote>) -> Report {
 }
 
 fn parameter(p: &ParameterEstimate) -> ParameterJson {
-    let interval = [p.interval.0, p.interval.1];
-    ParameterJson { name: p.name.clone(), value: p.value, unit: p.unit.clone(), interval }
+    let interval = [Some(p.interval.0), Some(p.interval.1)];
+    ParameterJson { name: p.name.clone(), value: Some(p.value), unit: p.unit.clone(), interval }
 }
 
 fn actuator(joint: &JointReport) -> Option<ActuatorJson> {
@@ -381,7 +338,7 @@ fn finding(joint: &JointReport, f: &Finding) -> FindingJson {
         joint: joint.joint.clone(),
         effect: f.effect.clone(),
         parameters: f.parameters.iter().map(parameter).collect(),
-        weight: f.weight,
+        weight: Some(f.weight),
         alternatives: alternatives.collect(),
     }
 }

@@ -1,0 +1,81 @@
+//! Findings and gaps as they stand in `report.json`, and what is read of it again. `null` is a number that is
+//! not finite, or not known.
+
+use serde::{Deserialize, Serialize};
+
+/// What is read of a `report.json`, of this version or an earlier one. Other keys may hold anything.
+#[derive(Debug, Deserialize)]
+pub struct ReadDiagnosis {
+    /// The verdict over all joints.
+    pub verdict: String,
+    /// What was named.
+    #[serde(default)]
+    pub findings: Vec<FindingJson>,
+    /// Before and after.
+    #[serde(default)]
+    pub gap: GapJson,
+}
+
+/// An effect of a joint.
+#[derive(Debug, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct FindingJson {
+    /// Joint.
+    pub joint: String,
+    /// Effect.
+    pub effect: String,
+    /// Its parameters.
+    pub parameters: Vec<ParameterJson>,
+    /// Its weight among its rivals.
+    pub weight: Option<f64>,
+    #[serde(skip_deserializing)]
+    pub(super) alternatives: Vec<AlternativeJson>,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct AlternativeJson {
+    pub effect: String,
+    pub weight: f64,
+    pub experiment: String,
+}
+
+/// A parameter of an effect.
+#[derive(Debug, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ParameterJson {
+    /// Name.
+    pub name: String,
+    /// Value.
+    pub value: Option<f64>,
+    /// Unit.
+    pub unit: String,
+    /// Lower and upper bound.
+    pub interval: [Option<f64>; 2],
+}
+
+/// Root mean square residuals of the held-out runs, rad or m.
+#[derive(Debug, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct GapJson {
+    /// Of the twin.
+    pub before: Option<f64>,
+    /// With what was found.
+    pub after: Option<f64>,
+    /// Of the readings alone.
+    pub noise_floor: Option<f64>,
+    /// `rad` or `m`.
+    pub unit: Option<String>,
+    #[serde(skip_deserializing)]
+    pub(super) runs: Vec<RunJson>,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct RunJson {
+    pub run: String,
+    pub joint: String,
+    pub unit: String,
+    pub before: f64,
+    pub after: f64,
+    pub full_length_before: Option<f64>,
+    pub full_length_after: Option<f64>,
+}
